@@ -10,7 +10,7 @@ from cmr.estimation.commanded_speeds import in_words_of
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.observer import Observations
+from cmr.model.observer.observer import Observations
 from cmr.recordings.signal import Floats
 
 # Relative standard deviations beyond which a parameter is in doubt: more than a drive at two speeds leaves usually.

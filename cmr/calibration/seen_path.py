@@ -8,7 +8,7 @@ from cmr.calibration.segments import Segment
 from cmr.estimation.prediction import FREE
 from cmr.model.commands import Commands
 from cmr.model.motion import Trajectory
-from cmr.model.observer import FOLLOWED, RESTART, Observations, observe
+from cmr.model.observer.observer import FOLLOWED, RESTART, Observations, observe
 from cmr.model.parameters import RobotParameters
 
 STEP = 0.01  # s

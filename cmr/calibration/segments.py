@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cmr.estimation.encoders import moved_on, tick_of, within_tick
 from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters
+from cmr.recordings.encoders import moved_on, tick_of, within_tick
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal, Times, hold, no_times
 from cmr.recordings.wheel_angles import wheel_angles

@@ -11,8 +11,8 @@ import numpy as np
 
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
+from cmr.model.extended.statements import changed_by
 from cmr.model.parameters import ParameterDefinition, Quantity
-from cmr.model.statements import changed_by
 from cmr.parameters.file import MOTOR
 
 # The robot that typical sizes stand for; those of others are scaled by dimension.

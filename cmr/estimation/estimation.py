@@ -30,10 +30,9 @@ from threadpoolctl import threadpool_limits
 from cmr.estimation.candidates import size
 from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_use_held_out, with_lags_found
 from cmr.estimation.criterion import look
-from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.estimates import Estimate, EstimationError, inexactness
+from cmr.estimation.gain import Measured, NominalMeasured, measure_nominal
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, NominalMeasured, measure_nominal
-from cmr.estimation.model_error import inexactness
 from cmr.estimation.preparation import Ready, prepare
 from cmr.estimation.search.late_wheels import with_late_wheels
 from cmr.estimation.search.selection import Search

@@ -10,7 +10,7 @@ import numpy as np
 
 from cmr.estimation.noise import predicted
 from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Predictor
-from cmr.model.observer import Gains, Observer
+from cmr.model.observer.observer import Gains, Observer
 from cmr.recordings.signal import Floats
 
 USUAL_ANGLE, USUAL_POSE = 0.2, 0.15

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cmr.estimation.prediction import WHEELS, Predictor, errors_of
-from cmr.model.observer import RESTART, Gains, Observations
+from cmr.model.observer.observer import RESTART, Gains, Observations
 from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats
 

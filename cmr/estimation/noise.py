@@ -15,8 +15,8 @@ import numpy as np
 
 from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Indices, Predictor
 from cmr.model.compiled import compiled
-from cmr.model.drives import ends_of
-from cmr.model.observer import MOTION
+from cmr.model.observer.drives import ends_of
+from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 # The past of a signal in spans of growing length [samples]: few numbers reach back far (Corsi, J. Financial

@@ -8,8 +8,8 @@ from itertools import groupby
 import numpy as np
 
 from cmr.estimation.segments import Segment, continued
-from cmr.model.drives import Drives, ends_of
-from cmr.model.observer import RESTART, Gains, Observer
+from cmr.model.observer.drives import Drives, ends_of
+from cmr.model.observer.observer import RESTART, Gains, Observer
 from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats, Mask
 

@@ -17,7 +17,7 @@ from cmr.estimation.thinning import part_of, thinned, thinning_of
 from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.command_kinds import DUTY
-from cmr.model.observer import MOTION, Gains
+from cmr.model.observer.observer import MOTION, Gains
 from cmr.parameters.file import MOTOR, ParameterFile
 from cmr.recordings.faults.findings import Finding
 

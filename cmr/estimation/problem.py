@@ -27,7 +27,7 @@ from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
-from cmr.model.observer import MOTION, Gains, Observer
+from cmr.model.observer.observer import MOTION, Gains, Observer
 from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats, Mask
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.encoders import moved_on, tick_of, within_tick
 from cmr.model.commands import Commands
-from cmr.model.observer import FOLLOWED, RESTART, Observations
+from cmr.model.observer.observer import FOLLOWED, RESTART, Observations
+from cmr.recordings.encoders import moved_on, tick_of, within_tick
 from cmr.recordings.faults.time_checks import held_up
 from cmr.recordings.faults.wheel_checks import motion_of
 from cmr.recordings.recording import Recording

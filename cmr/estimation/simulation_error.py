@@ -19,7 +19,7 @@ from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import FOREIGN, SPANS, Noise, SignalNoise, size_found
 from cmr.estimation.prediction import SIGNALS, WHEELS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem, nearer_to_neutral
-from cmr.model.observer import MOTION, Gains, Observer
+from cmr.model.observer.observer import MOTION, Gains, Observer
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats, Mask

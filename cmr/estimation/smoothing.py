@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.estimation.prediction import FREE
-from cmr.model.drives import ends_of
 from cmr.model.motion import RobotState, Trajectory, roll
-from cmr.model.observer import FOLLOWED, LONGEST_LATENCY, MOTION, RESTART, Observations, observe
+from cmr.model.observer.drives import ends_of
+from cmr.model.observer.observer import FOLLOWED, LONGEST_LATENCY, MOTION, RESTART, Observations, observe
 from cmr.model.parameters import RobotParameters
 from cmr.model.sensors import pose_seen
 from cmr.recordings.signal import Floats

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.estimation.segments import Segment
-from cmr.model.observer import RESTART
+from cmr.model.observer.observer import RESTART
 
 ENOUGH = 50_000  # readings, of two minutes at 100 Hz: of more, no sensor's need come faster than in USEFUL
 # Of half an hour at 100 Hz; some 60 candidates are tested at once, with a few numbers for each reading.

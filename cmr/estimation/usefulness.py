@@ -18,9 +18,8 @@ import numpy as np
 
 from cmr.estimation.averaging import Posterior, averaged
 from cmr.estimation.candidates import can_be_small
-from cmr.estimation.gain import Gain
+from cmr.estimation.gain import Gain, Measured, left_out_gains, measure
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import Measured, left_out_gains, measure
 from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, left_out_errors
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search

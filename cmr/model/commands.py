@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.compiled import compiled, inlined
-from cmr.model.compose import late
-from cmr.model.evaluating import evaluated
+from cmr.model.extended.compose import late
+from cmr.model.extended.evaluating import evaluated
 
 Floats = NDArray[np.float64]
 # Of a step: the share of it after which a command comes, 0 where none does; duties before that, and behind.

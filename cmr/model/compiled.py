@@ -138,9 +138,12 @@ def _sources(folder: Path) -> str:
     """Return a name for the state of the model's source files, and of those in a folder of this package.
 
     Numba compiles a function again when its own file changes; what is inlined into it comes from other files.
+    Those of effects do not count: their equations are composed into files of their own.
     """
     here = Path(__file__).parent
-    folders = [here, folder] if folder.is_relative_to(here.parent) and folder != here else [here]
+    folders = [here, here / "extended"]
+    if folder.is_relative_to(here.parent) and folder not in folders:
+        folders.append(folder)
     files = [file for folder in folders for file in sorted(folder.glob("*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
 

@@ -11,7 +11,7 @@ from cmr.model.motion import LARGEST_HALF_TURN, RobotState, half_turn
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 
 if TYPE_CHECKING:
-    from cmr.model.extended_group import ExtendedGroup
+    from cmr.model.extended.group import ExtendedGroup
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -153,12 +153,12 @@ class Fleet:
         values = {name: numbers[:n] for name, numbers in self._effects.items()}
         extended = _turning_too_fast(self.dt, self._parameters[:, :n], self._state[3:, :n])
         if values:
-            from cmr.model.extended import model_of  # composing it takes time that the paper's model need not
+            from cmr.model.extended.model import model_of  # composing it takes time that the paper's model need not
 
             extended |= model_of(values).on(values, (n,))
         robots = np.flatnonzero(extended)
         if len(robots):
-            from cmr.model.extended_group import ExtendedGroup
+            from cmr.model.extended.group import ExtendedGroup
 
             values |= zip(DEFINITIONS, self._parameters[:, :n], strict=True)
             self._extended = ExtendedGroup(self.dt, self._seed, robots, values, self._state[:, :n])

@@ -144,19 +144,19 @@ def _drive_mixed(
     seed: int,
 ) -> Floats:
     """Drive candidates, those with effects by the extended model and the others by the paper's."""
-    from cmr.model import extended
     from cmr.model.catalogue import definition
-    from cmr.model.compose import RECORDED
+    from cmr.model.extended import model as extended_model
+    from cmr.model.extended.compose import RECORDED
 
     values = {definition(name).name: row for name, row in zip(effects, _lanes(effects.values(), shape), strict=True)}
-    model = extended.model_of(values)
+    model = extended_model.model_of(values)
     on = model.on(values, paper.shape[1:])
     if not np.any(on):
         return _drive_paper(spans, paper, start, at)
     values.update(zip(DEFINITIONS, paper, strict=True))
     chosen = {name: values[name][on] for name in model.definitions if name in values}
     recorded = np.empty((RECORDED, len(at), paper.shape[1]))
-    recorded[:, :, on] = extended.drive(*spans, chosen, start[:, on], at, time, seed, model)
+    recorded[:, :, on] = extended_model.drive(*spans, chosen, start[:, on], at, time, seed, model)
     if not np.all(on):
         off = ~on
         recorded[:, :, off] = _drive_paper(spans, _columns(paper, off), _columns(start, off), at)

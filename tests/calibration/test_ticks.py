@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmr.calibration.segments import Segment, segments_of
-from cmr.estimation.encoders import tick_of, within_tick
+from cmr.recordings.encoders import tick_of, within_tick
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal
 

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from cmr.diagnosis.diagnose import diagnose
-from cmr.model.compose import LANES
-from cmr.model.drives import Drives
-from cmr.model.observer import Innovations, Observer
+from cmr.model.extended.compose import LANES
+from cmr.model.observer.drives import Drives
+from cmr.model.observer.observer import Innovations, Observer
 from tests.hidden_effects import hidden_recording
 
 pytestmark = pytest.mark.slow

@@ -22,7 +22,7 @@ from cmr.estimation.free_runs import (
 from cmr.estimation.gain import gain_of, path_rmse
 from cmr.estimation.segments import Segment, segments_of
 from cmr.estimation.smoothing import smoothed_poses
-from cmr.model.observer import RESTART
+from cmr.model.observer.observer import RESTART
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 from cmr.recordings.wheel_angles import wheel_angles

@@ -8,7 +8,7 @@ import pytest
 from cmr.estimation import thinning
 from cmr.estimation.segments import Segment, segments_of
 from cmr.estimation.thinning import ALL, PerSensor, Thinning, part_of, thinned, thinning_of
-from cmr.model.observer import RESTART
+from cmr.model.observer.observer import RESTART
 from tests.hidden_effects import hidden_recording
 
 EVERY = PerSensor(2, 3, 4)

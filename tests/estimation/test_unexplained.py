@@ -29,7 +29,7 @@ from cmr.estimation.unexplained.scores import Remainder, Score
 from cmr.estimation.unexplained.share import coloured, share_predicted
 from cmr.estimation.unexplained.terms import Term, drives_of, terms_for
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
-from cmr.model.observer import MOTION, Gains
+from cmr.model.observer.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats

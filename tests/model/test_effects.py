@@ -18,9 +18,9 @@ from cmr.model.catalogue import (
     typical,
     with_effects,
 )
-from cmr.model.compose import compose
 from cmr.model.effect import Effect
-from cmr.model.extended import drive as drive_extended
+from cmr.model.extended.compose import compose
+from cmr.model.extended.model import drive as drive_extended
 from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import ParameterDefinition, RobotParameters
 from cmr.model.sensitivity import sensitivities
@@ -162,7 +162,7 @@ COMPARE_WITHOUT = """
 import sys
 import numpy as np
 from cmr.model.catalogue import CATALOGUE, typical
-from cmr.model.extended import ExtendedModel, drive
+from cmr.model.extended.model import ExtendedModel, drive
 motion = [effect for effect in CATALOGUE.values() if not effect.is_sensor]
 values = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.161}
 for effect in motion:

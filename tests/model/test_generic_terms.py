@@ -7,7 +7,7 @@ import pytest
 
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, with_effects
 from cmr.model.effect import GENERIC
-from cmr.model.extended import model_of
+from cmr.model.extended.model import model_of
 from cmr.model.fleet import Fleet
 from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters

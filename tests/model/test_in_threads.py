@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from cmr.model.observer import in_two_threads
+from cmr.model.observer.observer import in_two_threads
 
 
 @pytest.mark.parametrize("cores", [{0}, {0, 1}])

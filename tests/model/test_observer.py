@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.model import observer as observing
 from cmr.model.commands import Commands
 from cmr.model.motion import RobotState, drive
-from cmr.model.observer import MOTION, RESTART, Gains, Innovations, Observations, Observer, observe
+from cmr.model.observer import observer as observing
+from cmr.model.observer.observer import MOTION, RESTART, Gains, Innovations, Observations, Observer, observe
 from cmr.model.parameters import Quantity, RobotParameters
 from cmr.recordings.signal import Floats
 

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from cmr.estimation.gain import measure
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import measure
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, with_small_effects
 from cmr.estimation.search.trace import with_removed

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.gain import Gain
+from cmr.estimation.gain import Gain, measure
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.measured_gain import measure
 from cmr.estimation.problem import Problem
 from cmr.model.catalogue import GENERIC_TERMS, definition
 from cmr.model.effects.generic import BODY

@@ -16,7 +16,7 @@ from cmr.estimation.prediction import SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.problem import BLOCK, LARGE, Problem
 from cmr.estimation.unexplained.terms import Column, Drive, Term, terms_for
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
-from cmr.model.observer import MOTION
+from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats, Mask
 
 MOST_NUMBERS = 4_000_000  # white errors times columns that are held at once

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from cmr.estimation.prediction import Errors, Predictor
-from cmr.model.observer import MOTION
+from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 SPACING, FEWEST, MOST = 0.4, 3, 10  # m between the knots of what depends on the place; how many knots

@@ -14,7 +14,7 @@ import numpy as np
 
 from cmr.estimation.prediction import POSE_SIGNALS, SIGNALS, Errors, Predictor
 from cmr.model.compiled import compiled, inlined
-from cmr.model.observer import MOTION, Gains
+from cmr.model.observer.observer import MOTION, Gains
 from cmr.recordings.signal import Floats
 
 # What can be disturbed: the wheels' accelerations [rad/s^2]; the yaw rate [rad/s] and the forward and sideways speed

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
-from cmr.model.statements import OF_A_SIDE, SIDES, Statements, changed_by
+from cmr.model.extended.statements import OF_A_SIDE, SIDES, Statements, changed_by
 
 Floats = NDArray[np.float64]
 Evaluated = Callable[[Mapping[str, ArrayLike | None]], dict[str, Floats]]

@@ -1,6 +1,6 @@
-"""The compiled observer as text: the composed step, corrected by what the sensors say; see `cmr.model.observer`."""
+"""The compiled observer as text: the composed step, corrected by what the sensors say; see `observer`."""
 
-IMPORTS = '''"""Composed by cmr.model.observer: do not edit, it is written again whenever an effect changes."""
+IMPORTS = '''"""Composed by cmr.model.observer.observer: do not edit, it is written again whenever an effect changes."""
 
 from math import inf, pi
 
@@ -8,14 +8,14 @@ import numpy as np
 from numpy import floor
 
 from cmr.model.compiled import call, compiled, inlined
-from cmr.model.compose import (
+from cmr.model.extended.compose import (
     ABREAST, ANGLE_LEFT, ANGLE_RIGHT, COEFFICIENTS_END, COMMAND_LEFT, COMMAND_RIGHT, DT, KEPT_END, LANES, LEFT_BEFORE,
     PSI_LEFT, PSI_RIGHT, RIGHT_BEFORE, THETA, TIME, X, Y,
 )
 from cmr.model.elementary import cos, exp, sin
 from cmr.model.stages import FILTER_AGES, FILTER_WEIGHTS
-from cmr.model.step_helpers import sign, where
-from cmr.model.stepping import EQUATIONS, LAYOUT, ROBOTS, prepare, prepare_each, send
+from cmr.model.extended.step_helpers import sign, where
+from cmr.model.extended.stepping import EQUATIONS, LAYOUT, ROBOTS, prepare, prepare_each, send
 '''
 
 LOOPS = '''
@@ -31,7 +31,7 @@ def observe(
     given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
-    """Observe K drives, one after another; see `cmr.model.observer.observe`, which prepares the arguments.
+    """Observe K drives, one after another; see `cmr.model.observer.observer.observe`, which prepares the arguments.
 
     Observed are the robots below number `count` from `first_block` on, by effects whose `equations` are compiled
     elsewhere. `at_rest` are the blocks with all rows, from which each drive starts; rows of memory at `lasting` outlast

@@ -12,18 +12,18 @@ The step, for a robot on a span of constant commands:
 There is no branch in it: choices become selections, and the loops over LANES robots are vectorised.
 
 Only this, and what else effects say, is composed: `step`, `begin` and `packet`. The loops around it are ordinary
-functions, in cmr.model.stepping; they know the rows that every robot has by the numbers below. The one over blocks is
-composed too: in a function of its own, the compiler makes the step slower by an eighth.
+functions, in `stepping`; they know the rows that every robot has by the numbers below. The one over blocks is composed
+too: in a function of its own, the compiler makes the step slower by an eighth.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from cmr.model.effect import Effect
-from cmr.model.loops import loops
+from cmr.model.extended.loops import loops
+from cmr.model.extended.statements import SIDES, Statements, memories
 from cmr.model.parameters import DEFINITIONS as _PAPER
 from cmr.model.parameters import ParameterDefinition
-from cmr.model.statements import SIDES, Statements, memories
 
 LANES = 16  # robots side by side; the distance between rows is known to the compiler, so it sees that none overlap
 ABREAST = 8  # robots that a processor's widest registers take at once
@@ -45,13 +45,13 @@ COEFFICIENTS_END = WHEEL_RADIUS
 RECORDED = 7  # rows from X on that a drive records
 FIRST, SECOND = 0.21132486540518713, 0.7886751345948129  # Gauss-Legendre points, as shares of a step
 
-IMPORTS = f'''"""Composed by cmr.model.compose: do not edit, it is written again whenever an effect changes."""
+IMPORTS = f'''"""Composed by cmr.model.extended.compose: do not edit, it is written again whenever an effect changes."""
 
 from math import sqrt
 
 from cmr.model.compiled import compiled, select
 from cmr.model.elementary import cos, exp, expm1, sin, sincos
-from cmr.model.step_helpers import after, random_number, share, sign
+from cmr.model.extended.step_helpers import after, random_number, share, sign
 
 FIRST, SECOND = {FIRST}, {SECOND}
 first_BY_FIRST, first_BY_SECOND = 0.25, -0.038675134594812866

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cmr.model.commands import PROFILE, fill_profiles
 
 if TYPE_CHECKING:
-    from cmr.model.observer import Observations
+    from cmr.model.observer.observer import Observations
 
 S = TypeVar("S", bound=np.generic)
 Floats = NDArray[np.float64]

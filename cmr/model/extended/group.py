@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model import stepping
-from cmr.model.compose import LANES
-from cmr.model.extended import START, model_of
-from cmr.model.statements import memories
+from cmr.model.extended import stepping
+from cmr.model.extended.compose import LANES
+from cmr.model.extended.model import START, model_of
+from cmr.model.extended.statements import memories
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

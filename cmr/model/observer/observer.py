@@ -20,17 +20,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model import observer_helpers, observer_loops
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
-from cmr.model.compose import CHANGED, LANES
-from cmr.model.drives import Drives
-from cmr.model.evaluating import mean_radii, slip_time
-from cmr.model.extended import START, Candidates, aligned, composed_module, model_of
+from cmr.model.extended.compose import CHANGED, LANES
+from cmr.model.extended.evaluating import mean_radii, slip_time
+from cmr.model.extended.model import START, Candidates, aligned, composed_module, model_of
+from cmr.model.extended.statements import SIDES, Statements, memories
+from cmr.model.observer import helpers, loops
+from cmr.model.observer.drives import Drives
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import Quantity
-from cmr.model.statements import SIDES, Statements, memories
 
 Floats = NDArray[np.float64]
 MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
@@ -295,9 +295,9 @@ def _module() -> ModuleType:
 
 def _source() -> str:
     """Return the source of the observer with all effects of sensors of the catalogue."""
-    loops = observer_helpers.HELPERS + observer_loops.LOOPS
+    text = helpers.HELPERS + loops.LOOPS
     for place, lines in _sensor_lines().items():
-        loops = loops.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
+        text = text.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
     rows = (*CHANGING, *GIVEN, *_sensor_parameters())
     constants = {
         "CHANGED_FIELDS": len(MOTION) - 1,
@@ -306,9 +306,9 @@ def _source() -> str:
     }
     return "\n".join(
         [
-            observer_loops.IMPORTS,
+            loops.IMPORTS,
             *(f"{name} = {value}" for name, value in constants.items()),
-            loops,
+            text,
         ]
     )
 

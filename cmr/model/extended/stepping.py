@@ -1,7 +1,7 @@
 """The loops around the composed step: over blocks of robots, commands under way and spans of a drive.
 
 They are compiled once, whatever effects there are, and call what those do: the functions of `Equations`, which
-`cmr.model.compose` composes.
+`compose` composes.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model.compiled import call, compiled, inlined, structure
-from cmr.model.compose import (
+from cmr.model.elementary import expm1
+from cmr.model.extended.compose import (
     COMMAND_LEFT,
     COMMAND_RIGHT,
     DT,
@@ -37,7 +38,6 @@ from cmr.model.compose import (
     Layout,
     X,
 )
-from cmr.model.elementary import expm1
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -52,7 +52,7 @@ class Equations(NamedTuple):
 
 
 class Robots(NamedTuple):
-    """Robots in blocks of LANES, as `cmr.model.extended.Blocks` puts them.
+    """Robots in blocks of LANES, as `cmr.model.extended.model.Blocks` puts them.
 
     In `rows` a block has what each robot has for itself, and then the rows of `varying`, by their place in `work`,
     where a block is computed. It holds the other parameters, which all robots share.

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.cache import cache_folder
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, MODELLED
-from cmr.model.compose import LANES, RECORDED, compose, late, layout_of, rows_of
 from cmr.model.effect import Effect
+from cmr.model.extended.compose import LANES, RECORDED, compose, late, layout_of, rows_of
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition
 
 if TYPE_CHECKING:
-    from cmr.model.stepping import Equations
+    from cmr.model.extended.stepping import Equations
 
 Floats = NDArray[np.float64]
 START = ("x", "y", "theta", "psi_left", "psi_right")
@@ -44,14 +44,14 @@ class ExtendedModel:
 
     @property
     def step(self) -> Any:
-        """The compiled step of robots, as `cmr.model.compose` says, to be called from Python."""
+        """The compiled step of robots, as `cmr.model.extended.compose` says, to be called from Python."""
         return self._module.step
 
     @cached_property
     def equations(self) -> "Equations":
         """What the effects do, compiled."""
         from cmr.model.compiled import address
-        from cmr.model.stepping import Equations
+        from cmr.model.extended.stepping import Equations
 
         return Equations(*(address(getattr(self._module, name)) for name in Equations._fields))
 
@@ -105,7 +105,7 @@ class Candidates:
 
     def begun(self, start: Sequence[Floats] | Floats, time: float) -> "Blocks":
         """Return the robots at these states: x, y, theta and both psi, each (count,)."""
-        from cmr.model.stepping import start as start_all
+        from cmr.model.extended.stepping import start as start_all
 
         rows = self._rows.copy()
         for name, numbers in zip(START, start, strict=True):
@@ -124,7 +124,7 @@ class Blocks:
     """
 
     def __init__(self, model: ExtendedModel, rows: Floats, places: NDArray[np.int64]) -> None:
-        from cmr.model.stepping import Robots
+        from cmr.model.extended.stepping import Robots
 
         own = model.layout.own // LANES
         self._row = model.row
@@ -186,8 +186,8 @@ def drive(
     `values` by name and `start` (x, y, theta, psi_left, psi_right) have shape (C,). `time` [s] is that of the first
     border; `seed` fixes the random numbers, the same for all candidates.
     """
-    from cmr.model.stepping import Spans
-    from cmr.model.stepping import drive as drive_all
+    from cmr.model.extended.stepping import Spans
+    from cmr.model.extended.stepping import drive as drive_all
 
     model = model or model_of(values)
     count = len(start[0])
@@ -225,5 +225,5 @@ def composed_module(compose: Callable[[], str], parts: object) -> ModuleType:
 @cache
 def _sources() -> bytes:
     """Return a digest of the model's source files."""
-    folder = Path(__file__).parent
+    folder = Path(__file__).parents[1]
     return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(folder.rglob("*.py")))).digest()
