@@ -9,7 +9,7 @@ import numpy as np
 from cmr.bus.channel_statistics import ChannelStatistics
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import M, M_co, Message
-from cmr.bus.streams import PARAMETERS, Stream, identify
+from cmr.bus.streams import Stream, identify
 from cmr.msg import (
     calibration_status_t,
     camera_image_t,
@@ -21,6 +21,7 @@ from cmr.msg import (
     waypoints_t,
     world_state_t,
 )
+from cmr.parameters.versions import Versions
 from cmr.view.data.drives import Drives
 from cmr.view.data.robots import GONE_AFTER, Robots, RobotTable
 from cmr.view.data.trails import Trails
@@ -64,6 +65,7 @@ class ViewState:
         self.calibrations: dict[int, deque[Heard[calibration_status_t]]] = {}
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
         self.drives = Drives()
+        self._versions: dict[int, Versions] = {}
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message that came at `utime` [us]."""
@@ -71,7 +73,7 @@ class ViewState:
         if stream is None:
             return
         name = stream.name
-        if robot_id is not None and name in self.latest and not self._is_outdated(robot_id, message):
+        if robot_id is not None and name in self.latest and not self._is_outdated(utime, robot_id, message):
             self.latest[name][robot_id] = Heard(utime, message)
         self.estop.handle(utime, channel, message)
         if isinstance(message, world_state_t):
@@ -142,10 +144,11 @@ class ViewState:
         heard = self.latest[stream.name].get(robot_id)
         return heard.message if heard is not None and isinstance(heard.message, stream.message_type) else None
 
-    def _is_outdated(self, robot_id: int, message: Message) -> bool:
-        """Return whether these are parameters of which a newer version is known: who says them has not heard of it."""
-        known = self.newest(PARAMETERS, robot_id) if isinstance(message, parameters_t) else None
-        return known is not None and isinstance(message, parameters_t) and message.sequence < known.sequence
+    def _is_outdated(self, utime: int, robot_id: int, message: Message) -> bool:
+        """Return whether these are parameters of which a newer version is known."""
+        if not isinstance(message, parameters_t):
+            return False
+        return self._versions.setdefault(robot_id, Versions()).is_outdated(message, utime)
 
     def _take_calibration(self, robot_id: int, heard_last: Heard[calibration_status_t]) -> None:
         history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))
