@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from cmr.bus.messages import Received, RejectedMessage, decode
 from cmr.bus.streams import SELF_TESTS
+from cmr.files import open_regular
 
 SYNC = b"\xed\xa1\xda\x01"  # every event begins with it
 HEADER = struct.Struct(">4sqqII")  # sync word, event number, time stamp, lengths of channel name and of data
@@ -59,7 +60,7 @@ class EventReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        with self.path.open("rb") as stream:
+        with open_regular(self.path) as stream:
             self.size = os.fstat(stream.fileno()).st_size
         self._begin(0)
 

@@ -36,7 +36,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.geometry": {"cmr.model"},
     "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.plain_text"},
     "cmr.parameters": {*BUS, "cmr.documents", "cmr.files", "cmr.model"},
-    "cmr.recordings": {*BUS, "cmr.model", "cmr.parameters"},
+    "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
     # What is found out about robots, and the world in which they are.
     "cmr.camera": {"cmr.msg", "cmr.documents", "cmr.files"},
     "cmr.estimation": {*RECORDED, "cmr.geometry"},
