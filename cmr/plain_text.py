@@ -1,6 +1,7 @@
 """Text of strangers, from the bus or a file, as a terminal or a table shows it, to which it is no command."""
 
 CUT = "..."
+LINES = "\n\t"  # of texts that may have several lines
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")  # with which a cell begins that a spreadsheet computes
 
 

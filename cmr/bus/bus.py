@@ -7,6 +7,7 @@ from collections import Counter, deque
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
 from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test, warnings
+from cmr.bus.rejections import Rejections
 from cmr.bus.streams import WORLD_STATE, Stream
 
 DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
@@ -25,7 +26,7 @@ class Bus:
     def __init__(self, url: str | None = None) -> None:
         self.url = resolve_url(url)
         self.warnings = warnings(self.url)
-        self.rejected: Counter[tuple[str, str]] = Counter()
+        self.rejected = Rejections()
         self.unsent: Counter[str] = Counter()
         self._lcm = open_lcm(self.url)
         self_test(self._lcm, self.url)
@@ -106,7 +107,7 @@ class Bus:
         try:
             self._arrived.append(decode(channel, data))
         except RejectedMessage as rejected:
-            self.rejected[channel, rejected.reason] += 1
+            self.rejected.note(channel, rejected.reason)
 
 
 class _Repeated:

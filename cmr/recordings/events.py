@@ -5,12 +5,12 @@ LCM's own reader gives up the event before every damage and, where a length is d
 
 import os
 import struct
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from cmr.bus.messages import Received, RejectedMessage, decode
+from cmr.bus.rejections import Rejections
 from cmr.bus.streams import SELF_TESTS
 from cmr.files import open_regular
 
@@ -197,7 +197,7 @@ class LogReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.rejected: Counter[tuple[str, str]] = Counter()
+        self.rejected = Rejections()
         self._events = EventReader(path)
 
     def __iter__(self) -> Iterator[Received]:
@@ -207,4 +207,4 @@ class LogReader:
             try:
                 yield decode(event.channel, event.data)
             except RejectedMessage as rejected:
-                self.rejected[event.channel, rejected.reason] += 1
+                self.rejected.note(event.channel, rejected.reason)
