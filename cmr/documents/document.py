@@ -24,6 +24,7 @@ LARGEST = 1e6  # metres, seconds; larger than any laboratory
 LONGEST_QUOTE = 60  # characters of a wrong value that an error repeats
 LONGEST_KEYS = 200  # characters of keys that an error names
 LONGEST_NUMBER = 1000  # characters; YAML 1.1 has numbers that take the square of their length to be read
+MOST_NUMBER_KEYS = 200  # of a mapping; numbers can be chosen so that each is compared with all before it
 LONGEST_IN_PLAIN_WORDS = 5_000  # characters; the loader that is not in C takes a second for ten times as many
 KINDS = {yaml.MappingNode: "a mapping", yaml.SequenceNode: "a list", yaml.ScalarNode: "a single value"}
 NULL, BOOL, MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:bool", "tag:yaml.org,2002:merge"
@@ -49,7 +50,13 @@ class _Constructor(SafeConstructor):
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         if node.tag in NUMBERS and len(node.value) > LONGEST_NUMBER:
             raise ConstructorError(None, None, f"a number of {len(node.value)} characters", node.start_mark)
+        if isinstance(node, yaml.MappingNode) and len(node.value) > MOST_NUMBER_KEYS and _has_number_keys(node):
+            raise ConstructorError(None, None, f"more than {MOST_NUMBER_KEYS} numbers as keys", node.start_mark)
         return super().construct_object(node, deep)
+
+
+def _has_number_keys(node: yaml.MappingNode) -> bool:
+    return sum(key.tag in NUMBERS for key, _ in node.value) > MOST_NUMBER_KEYS
 
 
 class DocumentError(Exception):

@@ -15,8 +15,9 @@ from cmr.plain_text import plain
 
 POLL_PERIOD = 0.2  # s; a replaced file is in use within a second, with room to spare
 LONGEST_PROBLEM = 200  # characters, each second on the bus
-COSTLY = 0.01  # s; after an announcement that took longer to be refused ...
-REST, LONGEST_REST = 10.0, 1.0  # ... none is read for so many times as long, and so many seconds at most
+COSTLY = 0.01  # s; after an announcement that took longer and was refused, or was ...
+LONG = 20_000  # ... characters long, ten times a usual one, ...
+REST, LONGEST_REST = 10.0, 1.0  # none is read for so many times as long, and so many seconds at most
 
 
 class ParameterFollower:
@@ -97,7 +98,7 @@ class ParameterFollower:
         began = time.thread_time()
         changed = self._take(channel, message, version)
         cost = time.thread_time() - began
-        if self._announcement_problem and cost > COSTLY:
+        if cost > COSTLY and (self._announcement_problem or len(message.yaml) > LONG):
             self._rests_until = time.monotonic() + min(REST * cost, LONGEST_REST)
         return changed
 
@@ -138,4 +139,5 @@ def _why_unread(path: Path, error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         place = path.absolute()
         return f"{place} cannot be read: there is no such file. To write one: cmr init --out {place.parent}"
-    return f"{path}: cannot be read: {error}"
+    why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+    return f"{path}: cannot be read: {why}"

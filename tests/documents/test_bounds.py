@@ -18,6 +18,8 @@ MULTIPLYING = "\n".join(
     + ["schema: *a8"]
 )
 
+COLLIDING = ", ".join(f"{(2**61 - 1) * k}: 1" for k in range(9_000))  # all with the same hash
+
 
 def refused(text: str, kind: type[DocumentError] = ParameterFileError) -> str:
     """Return how a text is refused, which costs little."""
@@ -34,8 +36,13 @@ def refused(text: str, kind: type[DocumentError] = ParameterFileError) -> str:
         (MULTIPLYING, 2, "aliases (*name) and tags (!name) are not read here"),
         ("schema: !!int 1\n", 1, "aliases (*name) and tags (!name) are not read here"),
         ("schema: &a {b: *a}\n", 1, "an alias (*) stands for what it is inside of"),
-        ("schema: 1\nprovenance: [" + "[]," * 80_000 + "]\n", 2, "holds more than 5000 values"),
-        ("schema: 1\nprovenance: [" + "[]," * 80_000, 2, "holds more than 5000 values"),
+        ("schema: 1\nprovenance: [" + "[]," * 80_000 + "]\n", 2, "holds more than 20000 values"),
+        ("schema: 1\nprovenance: [" + "[]," * 80_000, 2, "holds more than 20000 values"),
+        (
+            "schema: {" + ", ".join(f"{(2**61 - 1) * k}: 1" for k in range(9_000)) + "}\n",
+            1,
+            "more than 200 numbers as keys",
+        ),
         ("schema: " + "x" * 300_000, 1, "is larger than 0.256 MB"),
         ("schema: 0x" + "f" * 200_000, 1, "a number of 200002 characters"),
         ("schema: 1" + ":59" * 80_000, 1, "a number of 240001 characters"),
