@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+PIECE_BYTES = 1 << 16
 NO_FILE = "it is no regular file, such as can be read to its end"
 
 
@@ -33,8 +34,10 @@ def read_text(path: Path, largest: int) -> str:
 
     Raises OSError when it cannot be read or is larger, UnicodeDecodeError when it is not UTF-8.
     """
+    data = bytearray()
     with open_regular(path) as stream:
-        data = stream.read(largest + 1)
+        while len(data) <= largest and (piece := stream.read(PIECE_BYTES)):  # as much at once would be set aside
+            data += piece
     if len(data) > largest:
         raise OSError(errno.EFBIG, f"it is larger than {largest / 1e6:g} MB, which is the most that is read", str(path))
     return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
