@@ -3,17 +3,25 @@
 import io
 import json
 import sys
+import time
 from contextlib import redirect_stderr
 from typing import Any
 
+import lcm
 import pytest
 
+from cmr.bus.bus import Bus
+from cmr.bus.messages import make
 from cmr.bus.process import LONGEST_MESSAGE, Process
 from cmr.bus.rejections import MOST_NAMED, OTHERS, Rejections
+from cmr.bus.streams import ESTOP, PARAMETERS
+from cmr.bus.texts import LONGEST_TEXT
 from cmr.cli.command_line import guarded, print_json
 from cmr.cli.errors import CommandError
 from cmr.cli.news import say
 from cmr.cli.progress import Progress
+from cmr.msg import estop_t, parameters_t
+from cmr.parameters.file import announcement
 from cmr.plain_text import cell, plain
 
 HOSTILE = "ready\x1b[2J\x1b]0;owned\x07\r\x9b31m\u202e\x7f"
@@ -78,3 +86,21 @@ def test_the_report_of_a_process_is_short_and_plain_whatever_came() -> None:
     assert len(sent[0][1].message) <= LONGEST_MESSAGE + 3
     assert sent[0][1].message.isprintable()
     assert len(sent[0][1].encode()) < 10_000
+
+
+def test_texts_from_the_bus_are_plain_and_short_but_for_parameter_files(url: str) -> None:
+    bus, sender = Bus(url), lcm.LCM(url)
+    stop = make(estop_t, utime=1, engaged=True, source=HOSTILE, reason=HOSTILE * 1000)
+    file = announcement(0, f"schema: 1\n# {HOSTILE}", 1)
+    bus.subscribe(ESTOP)
+    bus.subscribe(PARAMETERS, 0)
+    sender.publish("ESTOP", stop.encode())
+    sender.publish("PARAMETERS_0", file.encode())
+    messages: list[Any] = []
+    end = time.monotonic() + 10.0
+    while len(messages) < 2 and time.monotonic() < end:
+        messages += [received.message for received in bus.receive(0.1)]
+    heard = {type(message): message for message in messages}
+    assert (heard[estop_t].source + heard[estop_t].reason).isprintable()
+    assert len(heard[estop_t].reason) <= LONGEST_TEXT + 3
+    assert heard[parameters_t].yaml == file.yaml

@@ -9,6 +9,7 @@ from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
 from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test, warnings
 from cmr.bus.rejections import Rejections
 from cmr.bus.streams import WORLD_STATE, Stream
+from cmr.bus.texts import make_plain
 
 DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
 MOST_OWN = 64  # messages of a process that it knows again when the bus brings them back
@@ -105,9 +106,12 @@ class Bus:
             self._own.remove(data)
             return
         try:
-            self._arrived.append(decode(channel, data))
+            received = decode(channel, data)
         except RejectedMessage as rejected:
             self.rejected.note(channel, rejected.reason)
+        else:
+            make_plain(received.message)
+            self._arrived.append(received)
 
 
 class _Repeated:
