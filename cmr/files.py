@@ -2,10 +2,45 @@
 
 import errno
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
+
+PIECE_BYTES = 1 << 16
+NO_FILE = "it is no regular file, such as can be read to its end"
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file that is one: a pipe would be waited for, and a device such as /dev/zero has no end.
+
+    Raises OSError when it cannot be opened, or is none.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL, NO_FILE, str(path))
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_text(path: Path, largest: int) -> str:
+    """Return the text of a regular file of `largest` bytes at most.
+
+    Raises OSError when it cannot be read or is larger, UnicodeDecodeError when it is not UTF-8.
+    """
+    data = bytearray()
+    with open_regular(path) as stream:
+        while len(data) <= largest and (piece := stream.read(PIECE_BYTES)):  # as much at once would be set aside
+            data += piece
+    if len(data) > largest:
+        raise OSError(errno.EFBIG, f"it is larger than {largest / 1e6:g} MB, which is the most that is read", str(path))
+    return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
 @contextmanager

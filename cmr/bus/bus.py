@@ -7,7 +7,9 @@ from collections import Counter, deque
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
 from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test, warnings
+from cmr.bus.rejections import Rejections
 from cmr.bus.streams import WORLD_STATE, Stream
+from cmr.bus.texts import make_plain
 
 DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
 MOST_OWN = 64  # messages of a process that it knows again when the bus brings them back
@@ -25,7 +27,7 @@ class Bus:
     def __init__(self, url: str | None = None) -> None:
         self.url = resolve_url(url)
         self.warnings = warnings(self.url)
-        self.rejected: Counter[tuple[str, str]] = Counter()
+        self.rejected = Rejections()
         self.unsent: Counter[str] = Counter()
         self._lcm = open_lcm(self.url)
         self_test(self._lcm, self.url)
@@ -104,9 +106,12 @@ class Bus:
             self._own.remove(data)
             return
         try:
-            self._arrived.append(decode(channel, data))
+            received = decode(channel, data)
         except RejectedMessage as rejected:
-            self.rejected[channel, rejected.reason] += 1
+            self.rejected.note(channel, rejected.reason)
+        else:
+            make_plain(received.message)
+            self._arrived.append(received)
 
 
 class _Repeated:

@@ -9,9 +9,11 @@ from collections import deque
 from typing import NamedTuple
 
 from cmr.bus.messages import MICROSECONDS
+from cmr.bus.rejections import OTHERS
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, identify
 from cmr.bus.wire import ROBOT_ID_AT, utime_of
 
+MOST_CHANNELS = 16_384  # that are counted each for itself: those of a thousand robots
 GAP_INTERVALS = 3.0  # usual intervals: a longer silence is a gap
 LEAST_INTERVALS = 2  # of a slow channel that are taken together, however old
 MARKS_APART_US = 250_000
@@ -129,12 +131,17 @@ class ChannelStatistics:
         """Count a message that arrived at `utime` [us]."""
         state = self._channels.get(channel)
         if state is None:
-            state = self._channels[channel] = _Channel(channel, utime)
+            state = self._new(channel, utime)
         state.arrive(utime, data, self._window)
+
+    def _new(self, channel: str, utime: int) -> _Channel:
+        """Return the state of a channel that is heard for the first time, or that of all that are too many."""
+        name = channel if len(self._channels) < MOST_CHANNELS else OTHERS
+        return self._channels.setdefault(name, _Channel(name, utime))
 
     def reject(self, channel: str) -> None:
         """Count the last message of a channel as one that is not what the channel promises."""
-        self._channels[channel].errors += 1
+        self._channels[channel if channel in self._channels else OTHERS].errors += 1
 
     def ages(self, now: int) -> list[tuple[str, int]]:
         """Return all channels, by name, with the time since the last message of each [us]."""

@@ -14,11 +14,13 @@ from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, Stream
 from cmr.cli.news import say
 from cmr.msg import process_status_t
+from cmr.plain_text import plain
 
 LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
 NAP = 0.01  # s; what arrives meanwhile is taken at once, as waking up for a message costs more than taking it
 STATUS_PERIOD = 1.0  # s
 EXIT_INTERRUPTED = 130
+LONGEST_MESSAGE = 2_000  # characters of a report; whatever is wrong, it is sent each second
 Outgoing: TypeAlias = tuple[Stream[Message], int | None, Message]  # a message, and the robot whose channel it goes on
 SignalHandler: TypeAlias = Callable[[int, FrameType | None], object] | int | None  # as `signal` returns and takes it
 
@@ -159,7 +161,7 @@ class Process:
         unsent = [f"{why} {count}" for why, count in self.bus.unsent.items()]
         if unsent:
             sentences.append(f"Messages not sent: {', '.join(unsent)}.")
-        return " ".join(sentences)
+        return plain(" ".join(sentences), LONGEST_MESSAGE)
 
     def news(self, text: str) -> None:
         """Say on the terminal what happened, with the time of day."""

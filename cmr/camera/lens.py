@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from cmr.documents.document import DocumentError, Item, read_file
+from cmr.documents.document import DocumentError, Item, quoted, read_file
 from cmr.files import write_atomically
 
 Floats = NDArray[np.float64]
@@ -105,7 +105,7 @@ class Lens:
                 **numbers,
             )
         except (KeyError, TypeError, ValueError) as error:
-            raise CameraFileError(f"{path} is no lens file of cmr-camera calibrate: {error!r}") from error
+            raise CameraFileError(f"{path} is no lens file of cmr-camera calibrate: {quoted(error)}") from error
         if lens.width <= 0 or lens.height <= 0 or not (lens.fx > 0.0 and lens.fy > 0.0):
             raise root.place.error("sizes and focal lengths are more than 0.")
         return lens

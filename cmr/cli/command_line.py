@@ -4,6 +4,7 @@ import argparse
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from cmr.cli.errors import CommandError, ExpectedError
 from cmr.cli.news import be_quiet
 from cmr.distribution import version
 from cmr.files import why_not_writable
+from cmr.plain_text import LINES, plain
 
 EXIT_CODES = """\
 exit codes:
@@ -22,6 +24,7 @@ exit codes:
   1    failed, or something was found: one line on stderr says what, and what to do
   2    wrong usage
   130  interrupted by Ctrl-C, SIGTERM or SIGHUP"""
+UNPRINTED = re.compile("[\x7f-\x9f\xad\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]")  # that JSON leaves as they are
 HELP_WIDTH = 79  # characters; a terminal's usual 80 leave room for no more
 
 
@@ -147,7 +150,8 @@ def print_json(result: object, indent: int | None = 2) -> None:
 
     Without `indent` it is one line, which is there at once for whoever reads.
     """
-    print(json.dumps(_finite(result), indent=indent, ensure_ascii=False, default=str), flush=indent is None)
+    text = json.dumps(_finite(result), indent=indent, ensure_ascii=False, default=str)
+    print(UNPRINTED.sub(lambda found: f"\\u{ord(found[0]):04x}", text), flush=indent is None)
 
 
 def _finite(value: object) -> object:
@@ -197,7 +201,7 @@ def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except ExpectedError as error:
-        print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
+        print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {plain(str(error), kept=LINES)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130

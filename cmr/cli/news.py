@@ -3,6 +3,8 @@
 import sys
 import time
 
+from cmr.plain_text import plain
+
 _quiet = False
 
 
@@ -20,4 +22,4 @@ def is_quiet() -> bool:
 def say(process: str, news: str) -> None:
     """Print what happened to a process on stderr: `cmr-driver: 14:03:12 ready`."""
     if not _quiet:
-        print(f"{process}: {time.strftime('%H:%M:%S')} {news}", file=sys.stderr, flush=True)
+        print(f"{process}: {time.strftime('%H:%M:%S')} {plain(news)}", file=sys.stderr, flush=True)

@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from cmr.cli.news import is_quiet
+from cmr.plain_text import LINES, plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,7 +60,7 @@ class Progress:
         if done is not None:
             self._done = done
         if text is not None:
-            self._text = text
+            self._text = plain(text)
         if self._rich is not None:
             self._rich.update(self._rich.task_ids[0], description=self._text, completed=self._done)
         elif self._has_lines and time.monotonic() - self._last_line >= BETWEEN_LINES:
@@ -80,6 +81,7 @@ class Progress:
         self._write(text, style="yellow")
 
     def _write(self, text: str, style: str | None = None) -> None:
+        text = plain(text, kept=LINES)
         if self._rich is not None or (style and sys.stderr.isatty()):
             console = self._rich.console if self._rich is not None else _console()
             console.print(text, highlight=False, markup=False, soft_wrap=True, style=style)

@@ -1,6 +1,7 @@
 """cmr-sim: the world. Estimates real robots, simulates virtual ones and twins, and publishes all."""
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +36,7 @@ from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.view import world_messages
-from cmr.world.world import VirtualRobot, World
+from cmr.world.world import MOST_STRANGERS, VirtualRobot, World
 
 __all__ = ["command_parser", "main"]
 
@@ -45,6 +46,11 @@ if TYPE_CHECKING:
 
 HEARD: tuple[Stream[Message], ...] = (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE)
 STEP_RATE = 100.0  # Hz
+MOST_TOLD = 5  # robots that have the same problem
+CROWDED = (
+    f"More than {MOST_STRANGERS} robots are heard of, and no more are taken in. If some of them are none: --real names "
+    "those that are."
+)
 DEFAULT_PARAMETERS = Path(__file__).parents[1] / "experiments" / "scenario" / "shipped" / "parameters" / "robot_0.yaml"
 
 
@@ -212,6 +218,13 @@ def _missing(follower: ParameterFollower) -> str:
     return f"There is no {where}; cmr init writes one."
 
 
+def _first(sentences: Iterable[str]) -> list[str]:
+    """Return what is to be said of robots, in few sentences where it is much the same of many."""
+    said = [sentence for sentence in sentences if sentence]
+    more = len(said) - MOST_TOLD
+    return [*said[:MOST_TOLD], f"So it is with {more} more robots."] if more > 1 else said
+
+
 def _announce(world: World, loader: Loader, process: Process, lateness: Lateness) -> None:
     """Repeat the parameters in use of all real robots, and report what keeps any from being used."""
     for robot_id in world.real_robots:
@@ -220,10 +233,12 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
             process.repeat(PARAMETERS, announcement, robot_id, period=1.0)
     followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
-    reported = [*(follower.message for follower in followers), loader.message, *world.others.problems(world.utime)]
+    reported = [CROWDED] if world.crowded else []
+    reported += [*_first(follower.message for follower in followers), loader.message]
+    reported += world.others.problems(world.utime)
     late = lateness.problem(world.utime, world.late_steps)
     reported += ["" if loader.is_starting else late, world.noise_problem]  # to compile makes steps late
-    reported += [_by_default(world, robot_id) for robot_id in world.real_robots]
+    reported += _first(_by_default(world, robot_id) for robot_id in world.real_robots)
     problems = [message for message in reported if message]
     if loader.is_starting:
         process.state = process_status_t.STARTING

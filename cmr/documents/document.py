@@ -5,27 +5,58 @@ files and the configuration. Each has a subclass of `DocumentError`. `cmr.docume
 values.
 """
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import ClassVar, NamedTuple, TypeVar
 
 import yaml
-from yaml.constructor import SafeConstructor
+from yaml.constructor import ConstructorError, SafeConstructor
+
+from cmr.documents import bounds
+from cmr.documents.bounds import Bounds, Exceeded
+from cmr.files import read_text
+from cmr.plain_text import plain
 
 Number = TypeVar("Number", int, float)
 
-# The loader in C, where it is installed, takes a tenth of the time; on deep nesting it would overrun its stack.
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-DEEPEST = 50  # mappings and lists inside one another
-TOO_DEEP_FOR_C = "exceeded maximum nesting depth"
-
 LARGEST = 1e6  # metres, seconds; larger than any laboratory
 LONGEST_QUOTE = 60  # characters of a wrong value that an error repeats
+LONGEST_KEYS = 200  # characters of keys that an error names
+LONGEST_NUMBER = 1000  # characters; YAML 1.1 has numbers that take the square of their length to be read
+MOST_NUMBER_KEYS = 200  # of a mapping; numbers can be chosen so that each is compared with all before it
+LONGEST_IN_PLAIN_WORDS = 5_000  # characters; the loader that is not in C takes a second for ten times as many
 KINDS = {yaml.MappingNode: "a mapping", yaml.SequenceNode: "a list", yaml.ScalarNode: "a single value"}
 NULL, BOOL, MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:bool", "tag:yaml.org,2002:merge"
+NUMBERS = frozenset({"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"})
 TRUE = frozenset({"true", "yes", "on"})  # the words of YAML 1.1, in any case
 # What PyYAML raises for a value that is not what its tag or its look says: `!!int no`, `2026-13-31T12:00:00Z`.
 UNREADABLE = (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError)
+
+
+def is_finite(value: float) -> bool:
+    """Return whether a number is one that a float can be; `math.isfinite` raises for large whole numbers."""
+    return abs(value) <= sys.float_info.max
+
+
+def quoted(value: object) -> str:
+    """Return a wrong value as an error repeats it."""
+    return plain(repr(value), LONGEST_QUOTE)
+
+
+class _Constructor(SafeConstructor):
+    """Makes values of nodes; numbers of any length are none, because some take the square of their length."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
+        if node.tag in NUMBERS and len(node.value) > LONGEST_NUMBER:
+            raise ConstructorError(None, None, f"a number of {len(node.value)} characters", node.start_mark)
+        if isinstance(node, yaml.MappingNode) and len(node.value) > MOST_NUMBER_KEYS and _has_number_keys(node):
+            raise ConstructorError(None, None, f"more than {MOST_NUMBER_KEYS} numbers as keys", node.start_mark)
+        return super().construct_object(node, deep)
+
+
+def _has_number_keys(node: yaml.MappingNode) -> bool:
+    return sum(key.tag in NUMBERS for key, _ in node.value) > MOST_NUMBER_KEYS
 
 
 class DocumentError(Exception):
@@ -41,6 +72,7 @@ class DocumentError(Exception):
     section: ClassVar[str] = "mapping"  # what a mapping inside the file is called
     not_yaml: ClassVar[str] = "is not YAML"
     empty: ClassVar[str] = "is empty"
+    bounds: ClassVar[Bounds] = Bounds()
 
     def __init__(self, words: str, *keys: str, inside: tuple[str, ...] = ()) -> None:
         super().__init__(_said(self, "", keys, words))
@@ -75,7 +107,8 @@ class Place(NamedTuple):
 
 
 def _said(kind: type[DocumentError] | DocumentError, where: str, keys: Sequence[str], words: str) -> str:
-    return f"{where}{kind.between.join(keys)}{kind.after if keys else ''}{words}"
+    named = plain(kind.between.join(keys), LONGEST_KEYS)
+    return f"{where}{named}{kind.after if keys else ''}{words}"
 
 
 class Item:
@@ -108,12 +141,12 @@ class Item:
     def value(self) -> object:
         """The value as YAML has it, with all that is inside."""
         try:
-            return SafeConstructor().construct_document(self._node)
+            return _Constructor().construct_document(self._node)
         except UNREADABLE as error:
             mark = error.problem_mark if isinstance(error, yaml.MarkedYAMLError) else None
             place = self.place._replace(line=mark.line + 1) if mark else self.place
             words = error.problem if isinstance(error, yaml.MarkedYAMLError) else str(error)
-            raise place.error(f"cannot be read: {' '.join(str(words).split())}") from error
+            raise place.error(f"cannot be read: {plain(' '.join(str(words).split()), LONGEST_KEYS)}") from error
 
     def over(self, below: "Item") -> "Item":
         """Return the same mapping with the values of another one where it says nothing."""
@@ -134,7 +167,8 @@ class Item:
 
     def check_keys(self) -> None:
         """Raise the document's error if a mapping has a key twice, at any depth; `value` takes the last of them."""
-        for _, item in self.entries() if self.is_mapping else ():
+        items = self.items() if self.is_list else [item for _, item in self.entries()] if self.is_mapping else []
+        for item in items:
             item.check_keys()
 
     def items(self) -> "list[Item]":
@@ -202,11 +236,10 @@ class Item:
 
     def _unlike(self, expected: str) -> DocumentError:
         is_scalar = isinstance(self._node, yaml.ScalarNode)
-        found = repr(self._node.value) if is_scalar else KINDS.get(type(self._node), "something else")
+        found = quoted(self._node.value) if is_scalar else KINDS.get(type(self._node), "something else")
         if self.is_list:
             found += f" of {len(self._node.value)}"
-        shown = found if len(found) <= LONGEST_QUOTE else f"{found[:LONGEST_QUOTE]}..."
-        return self.place.error(f"must be {expected}, not {shown}")
+        return self.place.error(f"must be {expected}, not {found}")
 
 
 class Section:
@@ -253,7 +286,7 @@ def read_file(path: Path, kind: type[DocumentError], *, may_be_empty: bool = Fal
     Raises the error of this kind when it cannot be read or is not YAML, or empty.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, kind.bounds.size)
     except OSError as error:
         raise kind(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -268,17 +301,18 @@ def read(text: str, source: str, kind: type[DocumentError], *, may_be_empty: boo
     """
     place = Place(source, 1, "", kind)
     try:
-        if _depth(text) > DEEPEST:
-            raise place.error(f"{kind.not_yaml}: nested too deeply, more than {DEEPEST} mappings and lists")
-        node = yaml.compose(text, Loader=LOADER)
+        says_something = bounds.check(text, kind.bounds)
+        node = yaml.compose(text, Loader=bounds.LOADER)
+    except Exceeded as exceeded:
+        raise place._replace(line=exceeded.line).error(f"{kind.not_yaml}: {exceeded}") from None
     except yaml.MarkedYAMLError as error:
-        plain = _in_plain_words(text) or error
-        mark = plain.problem_mark or plain.context_mark
+        plainer = _in_plain_words(text) or error
+        mark = plainer.problem_mark or plainer.context_mark
         at = place._replace(line=mark.line + 1 if mark else 1)
-        raise at.error(f"{kind.not_yaml}: {plain.problem or plain.context}") from error
+        raise at.error(f"{kind.not_yaml}: {plain(str(plainer.problem or plainer.context), LONGEST_KEYS)}") from error
     except (yaml.YAMLError, ValueError) as error:
-        raise place.error(f"{kind.not_yaml}: {' '.join(str(error).split())}") from error
-    if may_be_empty and (node.tag == NULL if node is not None else not text.strip() or not _depth(text)):
+        raise place.error(f"{kind.not_yaml}: {plain(' '.join(str(error).split()), LONGEST_KEYS)}") from error
+    if may_be_empty and (node.tag == NULL if node is not None else not says_something):
         node = yaml.MappingNode("tag:yaml.org,2002:map", [], yaml.Mark(source, 0, 0, 0, "", 0))
     if node is None:
         raise place.error(kind.empty)
@@ -287,6 +321,8 @@ def read(text: str, source: str, kind: type[DocumentError], *, may_be_empty: boo
 
 def _in_plain_words(text: str) -> yaml.MarkedYAMLError | None:
     """Return what the loader that is not in C finds wrong with a text; it names the character and what it expected."""
+    if len(text) > LONGEST_IN_PLAIN_WORDS:
+        return None
     try:
         for _ in yaml.parse(text, Loader=yaml.SafeLoader):
             pass
@@ -295,25 +331,6 @@ def _in_plain_words(text: str) -> yaml.MarkedYAMLError | None:
     except yaml.YAMLError:
         pass
     return None
-
-
-def _depth(text: str) -> int:
-    """Return how many mappings and lists are inside one another at most; what is too deep is not read to its end.
-
-    Of more than a thousand the loader in C says that they are too many, and the one in Python nothing for a minute.
-    """
-    depth = deepest = 0
-    try:
-        for event in yaml.parse(text, Loader=LOADER):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            deepest = max(deepest, depth)
-            if deepest > DEEPEST:
-                break
-    except yaml.MarkedYAMLError as error:
-        if error.problem != TOO_DEEP_FOR_C:
-            raise
-        return DEEPEST + 1
-    return deepest
 
 
 def _place(node: yaml.Node, above: Place, key: str) -> Place:

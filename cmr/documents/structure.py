@@ -10,7 +10,6 @@ Keys that the dataclass lacks, values of other types, and missing fields without
 dataclass itself refuses is placed, too, where it raises the document's error with the keys of the value.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, is_dataclass
 from functools import cache
@@ -21,7 +20,7 @@ from cattrs import Converter
 from cattrs.gen import make_dict_structure_fn
 
 from cmr.documents.declared import Between, Word, fields_of, help_of
-from cmr.documents.document import DocumentError, Item, Number
+from cmr.documents.document import DocumentError, Item, Number, is_finite, quoted
 
 Made = TypeVar("Made")
 
@@ -101,15 +100,15 @@ def _text(item: Item) -> str:
 def _flag(item: Item) -> bool:
     value = item.value
     if not isinstance(value, bool):
-        raise item.place.error(f"must be true or false, not {value!r}")
+        raise item.place.error(f"must be true or false, not {quoted(value)}")
     return value
 
 
 def _number(item: Item, kind: type[Number]) -> Number:
     value = item.value
     accepted = int if kind is int else (int, float)
-    if isinstance(value, bool) or not isinstance(value, accepted) or not math.isfinite(value):
-        raise item.place.error(f"must be a {'whole' if kind is int else 'finite'} number, not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, accepted) or not is_finite(value):
+        raise item.place.error(f"must be a {'whole' if kind is int else 'finite'} number, not {quoted(value)}")
     return kind(value)
 
 
@@ -119,6 +118,6 @@ def _numbers(item: Item, known: Sequence[str]) -> dict[str, float]:
     for name in section:
         value = section[name].value
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise section[name].place.error(f"must be a number, not {value!r}")
+            raise section[name].place.error(f"must be a number, not {quoted(value)}")
         numbers[name] = float(value)
     return numbers

@@ -12,7 +12,8 @@ import yaml
 
 from cmr.bus.messages import make, now_utime
 from cmr.cli.configuration import LARGEST_ROBOT_ID
-from cmr.documents.document import DocumentError, Item, read, read_file
+from cmr.documents.bounds import Bounds
+from cmr.documents.document import DocumentError, Item, quoted, read, read_file
 from cmr.files import write_atomically
 from cmr.model.parameters import DEFINITIONS, ParameterDefinition, RobotParameters
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, NEEDED, VelocityController, motor_of
@@ -31,6 +32,8 @@ class ParameterFileError(DocumentError):
     between = ": "
     not_yaml = "cannot be read"
     empty = NO_MAPPING
+    # It also comes from the bus. An import of a recording in a thousand pieces has 4,000 values.
+    bounds = Bounds(size=256_000, values=20_000, is_simple=True)
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class ParameterFile:
     def __post_init__(self) -> None:
         if type(self.robot_id) is not int or not 0 <= self.robot_id <= LARGEST_ROBOT_ID:
             raise ParameterFileError(
-                f"must be a whole number of 0 to {LARGEST_ROBOT_ID}, not {self.robot_id!r}", "robot_id"
+                f"must be a whole number of 0 to {LARGEST_ROBOT_ID}, not {quoted(self.robot_id)}", "robot_id"
             )
         for name, value in self.values.items():
             _check_value(name, value)
@@ -164,12 +167,12 @@ def _parsed(root: Item) -> ParameterFile:
     try:
         if content.get("schema") != SCHEMA:
             raise ParameterFileError(
-                f"schema is {content.get('schema')!r}; this version reads schema {SCHEMA}", inside=("schema",)
+                f"schema is {quoted(content.get('schema'))}; this version reads schema {SCHEMA}", inside=("schema",)
             )
         unknown = set(content) - {"schema", "robot_id", "written", "parameters", "effects", "provenance"}
         if unknown:
             key = min(map(str, unknown))
-            raise ParameterFileError(f"unknown key {key!r}", inside=(key,))
+            raise ParameterFileError(f"unknown key {quoted(key)}", inside=(key,))
         robot_id = cast(int, content.get("robot_id"))  # of the right type or not: ParameterFile says so
         return ParameterFile(
             robot_id=robot_id,
@@ -202,16 +205,23 @@ def sha256_of(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+class _Dumper(yaml.SafeDumper):
+    """Writes what is in two places twice: a parameter file has no aliases."""
+
+    def ignore_aliases(self, _data: object) -> bool:
+        return True
+
+
 def _flow(content: object) -> str:
     """Return YAML on one line, as in `{value: 118.0, unit: rad/s^2}`."""
-    return yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=float("inf")).strip()
+    return yaml.dump(content, Dumper=_Dumper, default_flow_style=True, sort_keys=False, width=float("inf")).strip()
 
 
 def _part(content: Mapping[str, object], key: str, kind: type[Part]) -> Part:
     """Return a part that may be absent or empty."""
     part = content.get(key) or kind()
     if not isinstance(part, kind):
-        raise ParameterFileError(f"must be a {'mapping' if kind is dict else 'list'}, not {part!r}", key)
+        raise ParameterFileError(f"must be a {'mapping' if kind is dict else 'list'}, not {quoted(part)}", key)
     return part
 
 
@@ -224,7 +234,9 @@ def _parse_values(entries: object) -> dict[str, Value]:
         if not isinstance(entry, dict) or "value" not in entry or not set(entry) <= {"value", "unit", "std"}:
             raise ParameterFileError(f"must be {{value: number, unit: {definition.unit}}}", "parameters", name)
         if entry.get("unit", definition.unit) != definition.unit:
-            raise ParameterFileError(f"unit is {entry['unit']!r}, must be {definition.unit!r}", "parameters", name)
+            raise ParameterFileError(
+                f"unit is {quoted(entry['unit'])}, must be {definition.unit!r}", "parameters", name
+            )
         values[name] = Value(entry["value"], entry.get("std"))
     return values
 
@@ -236,7 +248,7 @@ def _parse_time(written: object) -> datetime:
         except ValueError as error:
             raise ParameterFileError(f"cannot be read: {error}", "written") from error
     if not isinstance(written, datetime):
-        raise ParameterFileError(f"must be a time such as 2026-01-31T12:00:00Z, not {written!r}", "written")
+        raise ParameterFileError(f"must be a time such as 2026-01-31T12:00:00Z, not {quoted(written)}", "written")
     return written if written.tzinfo else written.replace(tzinfo=timezone.utc)
 
 
@@ -256,7 +268,7 @@ def _definition(name: str) -> ParameterDefinition:
     except KeyError:
         known = ", ".join((*catalogue.DEFINITIONS, *CONTROLLER_DEFINITIONS))
         raise ParameterFileError(
-            f"unknown name {name!r}; known are {known}", "parameters", inside=(str(name),)
+            f"unknown name {quoted(name)}; known are {known}", "parameters", inside=(str(name),)
         ) from None
 
 
@@ -279,7 +291,7 @@ def _check_effects(effects: tuple[str, ...], values: Mapping[str, Value]) -> Non
 
     for name in effects:
         if not isinstance(name, str) or name not in MODELLED:
-            raise ParameterFileError(f"unknown effect {name!r}; known are {', '.join(MODELLED)}", "effects")
+            raise ParameterFileError(f"unknown effect {quoted(name)}; known are {', '.join(MODELLED)}", "effects")
         if effects.count(name) > 1:
             raise ParameterFileError(f"{name} is there more than once", "effects")
     for name, effect in MODELLED.items():
@@ -301,13 +313,13 @@ def _check_value(name: str, value: Value) -> None:
     definition = _definition(name)
     if not _is_number(value.value) or not definition.allows(value.value):
         raise ParameterFileError(
-            f"value is {value.value!r}, must be a number between {definition.lower:g} and {definition.upper:g} "
+            f"value is {quoted(value.value)}, must be a number between {definition.lower:g} and {definition.upper:g} "
             f"{definition.unit}",
             "parameters",
             name,
         )
     if value.std is not None and not (_is_number(value.std) and 0.0 <= value.std < math.inf):
-        raise ParameterFileError(f"std is {value.std!r}, must be a number of 0 or more", "parameters", name)
+        raise ParameterFileError(f"std is {quoted(value.std)}, must be a number of 0 or more", "parameters", name)
 
 
 def _is_number(value: object) -> bool:

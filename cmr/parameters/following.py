@@ -7,10 +7,17 @@ from pathlib import Path
 from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import PARAMETERS
+from cmr.files import read_text
 from cmr.msg import parameters_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, announcement, parse, sha256_of
+from cmr.parameters.versions import Versions
+from cmr.plain_text import plain
 
 POLL_PERIOD = 0.2  # s; a replaced file is in use within a second, with room to spare
+LONGEST_PROBLEM = 200  # characters, each second on the bus
+COSTLY = 0.01  # s; after an announcement that took longer and was refused, or was ...
+LONG = 20_000  # ... characters long, ten times a usual one, ...
+REST, LONGEST_REST = 10.0, 1.0  # none is read for so many times as long, and so many seconds at most
 
 
 class ParameterFollower:
@@ -32,6 +39,8 @@ class ParameterFollower:
         self._content_problem = ""  # of the file as last read; it may be missing or unreadable by now
         self._announcement_problem = ""
         self.by_default = False
+        self._versions = Versions()
+        self._rests_until = 0.0
         self._seen: tuple[int, int, int] | None = None
         self._text = ""
         self._poll_due = 0.0
@@ -63,7 +72,7 @@ class ParameterFollower:
             if signature == self._seen:
                 self._file_problem = self._content_problem
                 return False
-            text = self.path.read_text(encoding="utf-8")
+            text = read_text(self.path, ParameterFileError.bounds.size)
         except (OSError, UnicodeDecodeError) as error:
             # A file that never was is no fault where the parameters came by announcement, from another host.
             announced = self.parameters is not None and self._seen is None and isinstance(error, FileNotFoundError)
@@ -81,13 +90,26 @@ class ParameterFollower:
         """Take an announcement (parameters_t); tell whether the parameters in use changed."""
         if not isinstance(message, parameters_t) or channel != PARAMETERS.channel(self.robot_id):
             return False
+        if time.monotonic() < self._rests_until:
+            return False  # it will be repeated
+        version = self._versions.of(message, now_utime())
+        if version <= self.sequence and not self._announcement_problem:
+            return False
+        began = time.thread_time()
+        changed = self._take(channel, message, version)
+        cost = time.thread_time() - began
+        if cost > COSTLY and (self._announcement_problem or len(message.yaml) > LONG):
+            self._rests_until = time.monotonic() + min(REST * cost, LONGEST_REST)
+        return changed
+
+    def _take(self, channel: str, message: parameters_t, version: int) -> bool:
         if sha256_of(message.yaml) != message.sha256:
             self._announcement_problem = self._kept(f"{channel}: the announced sha256 does not fit the content")
             return False
-        if message.sequence <= self.sequence:
+        if version <= self.sequence:
             self._announcement_problem = ""
             return False
-        changed, self._announcement_problem = self._adopt(message.yaml, message.sha256, message.sequence, channel)
+        changed, self._announcement_problem = self._adopt(message.yaml, message.sha256, version, channel)
         return changed
 
     def announcement(self) -> parameters_t | None:
@@ -108,7 +130,8 @@ class ParameterFollower:
         return changed, ""
 
     def _kept(self, problem: str) -> str:
-        return f"{problem}. Parameters in use were kept." if self.parameters else f"{problem}."
+        said = plain(problem, LONGEST_PROBLEM)
+        return f"{said}. Parameters in use were kept." if self.parameters else f"{said}."
 
 
 def _why_unread(path: Path, error: Exception) -> str:
@@ -116,4 +139,5 @@ def _why_unread(path: Path, error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         place = path.absolute()
         return f"{place} cannot be read: there is no such file. To write one: cmr init --out {place.parent}"
-    return f"{path}: cannot be read: {error}"
+    why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+    return f"{path}: cannot be read: {why}"

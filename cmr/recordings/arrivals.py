@@ -24,6 +24,8 @@ from cmr.bus.streams import (
 from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 from cmr.msg import motor_command_t, parameters_t, velocity_command_t, wheel_speed_command_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, parse
+from cmr.parameters.versions import Versions
+from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
 
 Command: TypeAlias = motor_command_t | wheel_speed_command_t | velocity_command_t
@@ -155,20 +157,22 @@ class Announcements:
     def __init__(self) -> None:
         self.utime, self.number = array("q"), array("q")
         self.taken: list[tuple[int, ParameterFile]] = []
-        self._sequence = -1
+        self._versions = Versions()
+        self._newest = -1
 
     def take(self, number: int, channel: str, message: parameters_t) -> None:
         """Take one announcement, a parameters_t."""
         self.utime.append(message.utime)
         self.number.append(number)
-        if message.sequence <= self._sequence:
+        version = self._versions.of(message, message.utime if 0 <= message.utime < LATEST_UTIME else 0)
+        if version <= self._newest:
             return
         try:
             parameters = parse(message.yaml, channel)
         except ParameterFileError:
             return  # a broken announcement does not make the recording useless
         self.taken.append((number, parameters))
-        self._sequence = message.sequence
+        self._newest = version
 
     def newest(self, number: int) -> ParameterFile | None:
         """Return the newest parameter file that had come by the message of this number, None without one."""

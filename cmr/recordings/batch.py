@@ -1,7 +1,7 @@
 """Read an event log into arrays: the messages of a channel are decoded all at once."""
 
 from array import array
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.older import as_of_today
+from cmr.bus.rejections import Rejections
 from cmr.bus.streams import PARAMETERS, SELF_TESTS, identify
 from cmr.bus.wire import layout_of
 from cmr.recordings.arrivals import KEPT, Announcements, Arrivals, Kept, RobotMessages
@@ -18,7 +19,7 @@ from cmr.recordings.events import EventReader
 class SignalGatherer:
     """Gathers the messages of a channel that becomes a signal; decodes them in the end."""
 
-    def __init__(self, channel: str, kept: Kept, robot_id: int, rejected: Counter[tuple[str, str]]) -> None:
+    def __init__(self, channel: str, kept: Kept, robot_id: int, rejected: Rejections) -> None:
         self._channel, self._kept, self._robot_id = channel, kept, robot_id
         self._rejected = rejected
         self._layout = layout_of(kept.stream.message_type)
@@ -30,9 +31,9 @@ class SignalGatherer:
         """Take one encoded message; as in the generated decoder, bytes beyond the type's are of no account."""
         size, data = self._layout.itemsize, as_of_today(data)
         if not data.startswith(self._fingerprint):
-            self._rejected[self._channel, "foreign"] += 1
+            self._rejected.note(self._channel, "foreign")
         elif len(data) < size:
-            self._rejected[self._channel, "corrupt"] += 1
+            self._rejected.note(self._channel, "corrupt")
         else:
             self._numbers.append(number)
             self._data += data if len(data) == size else data[:size]
@@ -42,7 +43,7 @@ class SignalGatherer:
         messages = np.frombuffer(self._data, self._layout)
         own = messages["robot_id"] == self._robot_id
         if not own.all():
-            self._rejected[self._channel, "wrong_robot"] += int(np.count_nonzero(~own))
+            self._rejected.note(self._channel, "wrong_robot", int(np.count_nonzero(~own)))
             messages = messages[own]
         number = np.array(self._numbers, np.int64)[own]
         columns = {name: messages[name].astype(np.float64) for name in self._kept.columns}
@@ -54,7 +55,7 @@ class SignalGatherer:
 class AnnouncementGatherer:
     """Gathers the parameter files announced on a channel."""
 
-    def __init__(self, channel: str, rejected: Counter[tuple[str, str]]) -> None:
+    def __init__(self, channel: str, rejected: Rejections) -> None:
         self.announcements = Announcements()
         self._channel = channel
         self._rejected = rejected
@@ -64,7 +65,7 @@ class AnnouncementGatherer:
         try:
             message = decode(self._channel, data).message_of(PARAMETERS)
         except RejectedMessage as rejected:
-            self._rejected[self._channel, rejected.reason] += 1
+            self._rejected.note(self._channel, rejected.reason)
         else:
             if message is not None:
                 self.announcements.take(number, self._channel, message)
@@ -74,7 +75,7 @@ class LogGatherer:
     """Gathers what a log holds, event by event; `rejected` counts by (channel, reason) what was not taken."""
 
     def __init__(self) -> None:
-        self.rejected: Counter[tuple[str, str]] = Counter()
+        self.rejected = Rejections()
         self._takers: dict[str, Callable[[int, bytes], None]] = {}
         self._signals: dict[int, dict[str, SignalGatherer]] = defaultdict(dict)
         self._announced: dict[int, AnnouncementGatherer] = {}
@@ -106,7 +107,7 @@ class LogGatherer:
             return lambda _number, _data: None
         stream, robot_id = identify(channel) or (None, None)
         if stream is None:
-            return lambda _number, _data: self.rejected.update([(channel, "unknown_channel")])
+            return lambda _number, _data: self.rejected.note(channel, "unknown_channel")
         if robot_id is not None and stream is PARAMETERS:
             announced = self._announced[robot_id] = AnnouncementGatherer(channel, self.rejected)
             return announced.take

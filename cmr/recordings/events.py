@@ -5,13 +5,14 @@ LCM's own reader gives up the event before every damage and, where a length is d
 
 import os
 import struct
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from cmr.bus.messages import Received, RejectedMessage, decode
+from cmr.bus.rejections import Rejections
 from cmr.bus.streams import SELF_TESTS
+from cmr.files import open_regular
 
 SYNC = b"\xed\xa1\xda\x01"  # every event begins with it
 HEADER = struct.Struct(">4sqqII")  # sync word, event number, time stamp, lengths of channel name and of data
@@ -59,7 +60,7 @@ class EventReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        with self.path.open("rb") as stream:
+        with open_regular(self.path) as stream:
             self.size = os.fstat(stream.fileno()).st_size
         self._begin(0)
 
@@ -196,7 +197,7 @@ class LogReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.rejected: Counter[tuple[str, str]] = Counter()
+        self.rejected = Rejections()
         self._events = EventReader(path)
 
     def __iter__(self) -> Iterator[Received]:
@@ -206,4 +207,4 @@ class LogReader:
             try:
                 yield decode(event.channel, event.data)
             except RejectedMessage as rejected:
-                self.rejected[event.channel, rejected.reason] += 1
+                self.rejected.note(event.channel, rejected.reason)

@@ -37,6 +37,7 @@ MEASURED = (motor_feedback_t, pose_xyt_t, gyro_t)  # what only real robots send
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
 MOST_STEPS_AT_ONCE = 10  # made up in one turn, so that a world that was held up is seen while it catches up
 NO_BODIES = np.zeros((3, 0))
+MOST_STRANGERS = 1_000  # robots that are followed because they were heard of; strangers may speak for any number
 LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
 NOBODY = Robots.of([])
 USUAL_BASE_WIDTH = 0.16  # m; of real robots whose parameters nobody knows yet
@@ -108,6 +109,7 @@ class World:
         self.estop = EmergencyStop()
         self.parameters: dict[int, ParameterFollower] = {}
         self.others = Others(robot.robot_id for robot in virtual)
+        self.crowded = False  # whether more robots were heard of than are followed
         self._time = 0  # of the last turn [us]
         self.late_steps = 0  # made more than a step after they were due, or left out
         self._estimates = estimates
@@ -129,6 +131,7 @@ class World:
         self._models_changed = False
         for robot in virtual:
             self._parameters_of(robot.parameters_of)
+        self._most_followed = len(self.parameters) + MOST_STRANGERS
 
     @property
     def utime(self) -> int:
@@ -152,6 +155,8 @@ class World:
         if isinstance(message, world_state_t):
             self._take_others(message)
         if robot_id is None:
+            return
+        if isinstance(message, (parameters_t, *MEASURED)) and not self._takes_in(robot_id):
             return
         if isinstance(message, parameters_t):
             if self._parameters_of(robot_id).handle(utime, channel, message):
@@ -252,6 +257,15 @@ class World:
     def _standing(self) -> list[Robots]:
         """Return the virtual robots whose parameters are known but not ready yet: they stand where they start."""
         return [robots for robot_id, robots in self._absent.items() if robot_id in self._not_ready]
+
+    def _takes_in(self, robot_id: int) -> bool:
+        """Return whether a robot is followed, or may be from now on."""
+        if robot_id in self.parameters or robot_id in self._virtual or robot_id in self._real:
+            return True
+        if not self._estimates(robot_id):
+            return False
+        self.crowded = len(self.parameters) >= self._most_followed
+        return not self.crowded
 
     def _real_robot(self, robot_id: int) -> _RealRobot:
         if robot_id not in self._real:

@@ -8,7 +8,7 @@ from typing import Annotated
 import pytest
 import yaml
 
-from cmr.documents import document
+from cmr.documents import bounds
 from cmr.documents.declared import Between, Word
 from cmr.documents.document import DocumentError, Item, read, read_file
 from cmr.documents.structure import Names, structured
@@ -118,10 +118,10 @@ def test_what_is_wrong_with_a_parameter_file_is_named_with_its_line(before: str,
     assert str(error.value).startswith(f"robot_0.yaml: {said}")
 
 
-@pytest.mark.parametrize("loader", [document.LOADER, yaml.SafeLoader], ids=["C", "Python"])
+@pytest.mark.parametrize("loader", [bounds.LOADER, yaml.SafeLoader], ids=["C", "Python"])
 @pytest.mark.parametrize("text", ["[" * 10_000, "{" * 3_000, "[" * 3_000 + "]" * 3_000, "a: {b: [" * 300])
 def test_what_is_nested_too_deeply_is_refused_at_once(text: str, loader: type, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(document, "LOADER", loader)
+    monkeypatch.setattr(bounds, "LOADER", loader)
     began = time.process_time()
     with pytest.raises(DocumentError, match=r"robot\.yaml: line 1: is not YAML: nested too deeply, more than 50"):
         of(text)

@@ -14,6 +14,7 @@ from cmr.bus.messages import now_utime
 from cmr.msg import motor_command_t, parameters_t
 from cmr.parameters.file import ParameterFile, announcement, sha256_of
 from cmr.parameters.following import ParameterFollower
+from tests.documents.test_bounds import MULTIPLYING
 from tests.parameters.test_parameter_file import with_radius
 
 PROMISED = 1.0  # s from the replacement of a file to its use
@@ -235,3 +236,54 @@ def test_announcements_of_other_robots_and_other_messages_are_passed_over(path: 
     assert not take(follower, announced(with_radius(0.05, robot_id=1), now_utime()))
     assert not follower.handle(now_utime(), "MOTOR_COMMAND_0", motor_command_t())
     assert (radius_of(follower), follower.message) == (0.04, "")
+
+
+LAST = 2**63 - 1  # of what a version can say
+
+
+def test_an_announcement_of_the_last_possible_version_does_not_shut_out_what_follows(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    last = announced(with_radius(0.05), LAST)
+    assert take(follower, last)
+    assert follower.sequence <= now_utime()
+    assert take(follower, announced(with_radius(0.06), now_utime()))
+    assert not take(follower, last)  # it is repeated, and older than what came after it
+    assert radius_of(follower) == 0.06
+    with_radius(0.07).save(path)
+    poll_until(follower, lambda: radius_of(follower) == 0.07)
+    own = follower.announcement()
+    assert own is not None
+    assert own.sequence <= now_utime()
+
+
+def test_what_is_wrong_with_a_hostile_announcement_is_told_in_a_short_sentence(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    began = time.process_time()
+    assert not take(follower, announcement(0, f"schema: {{{'x' * 100_000}: 1}}\n{MULTIPLYING}", now_utime()))
+    assert not take(follower, announcement(0, f"schema: 1\n{'x' * 100_000}: [1]", now_utime()))
+    assert time.process_time() - began < 1.0
+    assert len(follower.message) < 300
+
+
+def test_announcements_that_cost_much_to_refuse_are_not_all_read(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    values = "schema: 1\nprovenance: [" + "[], " * 60_000
+    began, read = time.process_time(), 0
+    end = time.monotonic() + 2.0
+    while time.monotonic() < end:
+        take(follower, announcement(0, f"{values}{read}", now_utime()))
+        read += 1
+        time.sleep(0.005)
+    assert time.process_time() - began < 1.0
+    wait = time.monotonic() + 1.5
+    while not take(follower, announced(with_radius(0.05), now_utime())):
+        assert time.monotonic() < wait
+        time.sleep(0.05)
+
+
+def test_a_pipe_in_place_of_the_file_is_told_and_waited_for_by_nobody(path: Path) -> None:
+    follower = ParameterFollower(0, path)
+    path.unlink()
+    os.mkfifo(path)
+    poll_until(follower, lambda: "it is no regular file" in follower.message, patience=2.0)
+    assert radius_of(follower) == 0.04

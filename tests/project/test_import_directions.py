@@ -14,7 +14,7 @@ sys.path.insert(0, str(PROJECT / "scripts"))
 from documentation.imports import LATE, TOP, TYPING, Import, cycles, folder_of, imports, modules, package_of
 from documentation.layers import PICTURE, picture
 
-BUS = {"cmr.msg", "cmr.cli", "cmr.bus"}
+BUS = {"cmr.msg", "cmr.cli", "cmr.bus", "cmr.plain_text"}
 RECORDED = {*BUS, "cmr.model", "cmr.parameters", "cmr.recordings"}
 # Each package, from the ground to the top, with those that it may import: all of them are above it in this table.
 KNOWN: dict[str, set[str]] = {
@@ -22,20 +22,21 @@ KNOWN: dict[str, set[str]] = {
     "cmr.distribution": set(),
     "cmr": {"cmr.distribution"},  # and, by name at the first use, what `import cmr` offers
     "cmr.files": set(),
+    "cmr.plain_text": set(),
     "cmr.priority": set(),
     "cmr.threads": set(),
     "cmr.workers": {"cmr.threads"},
-    "cmr.documents": set(),
-    "cmr.cli": {"cmr.distribution", "cmr.documents", "cmr.files"},
+    "cmr.documents": {"cmr.files", "cmr.plain_text"},
+    "cmr.cli": {"cmr.distribution", "cmr.documents", "cmr.files", "cmr.plain_text"},
     "cmr.report": set(),
     # Robots: how they move, what they say.
     "cmr.msg": set(),
     "cmr.model": set(),
     "cmr.plant": set(),  # the judge of the model, with which it shares no code
     "cmr.geometry": {"cmr.model"},
-    "cmr.bus": {"cmr.msg", "cmr.cli"},
+    "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.plain_text"},
     "cmr.parameters": {*BUS, "cmr.documents", "cmr.files", "cmr.model"},
-    "cmr.recordings": {*BUS, "cmr.model", "cmr.parameters"},
+    "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
     # What is found out about robots, and the world in which they are.
     "cmr.camera": {"cmr.msg", "cmr.documents", "cmr.files"},
     "cmr.estimation": {*RECORDED, "cmr.geometry"},
@@ -54,11 +55,12 @@ KNOWN: dict[str, set[str]] = {
     "cmr.experiments.live": {
         *RECORDED,
         *("cmr.files", "cmr.geometry", "cmr.report", "cmr.world", "cmr.experiments.team", "cmr.experiments.scenario"),
+        "cmr.documents",
     },
     "cmr.experiments.sweep": {
         *RECORDED,
         *("cmr.distribution", "cmr.files", "cmr.report", "cmr.world", "cmr.experiments.team"),
-        "cmr.experiments.scenario",
+        *("cmr.documents", "cmr.experiments.scenario"),
     },
     "cmr.experiments.fidelity": {
         *RECORDED,

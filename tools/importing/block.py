@@ -1,9 +1,8 @@
 """A block of a mapping file, read key by key; whatever is missing, unknown or wrong is named with what is allowed."""
 
-import math
 from collections.abc import Iterable, Iterator
 
-from cmr.documents.document import DocumentError, Item, Place
+from cmr.documents.document import DocumentError, Item, Place, is_finite, quoted
 
 
 class MappingError(DocumentError):
@@ -20,7 +19,7 @@ class Block:
 
     def __init__(self, item: Item) -> None:
         if not item.is_mapping:
-            raise item.place.error(f"must be a block of keys, not {item.value!r}")
+            raise item.place.error(f"must be a block of keys, not {quoted(item.value)}")
         self._item = item
         self._items = dict(item.entries())
         self._asked: list[str] = []
@@ -46,7 +45,7 @@ class Block:
         """Return a text that must be there."""
         value = self.value(key)
         if not isinstance(value, str) or not value.strip():
-            raise self.error(key, f"must be a text, not {value!r}")
+            raise self.error(key, f"must be a text, not {quoted(value)}")
         return value.strip()
 
     def choice(self, key: str, allowed: Iterable[str], default: str | None = None) -> str:
@@ -54,17 +53,17 @@ class Block:
         value = self.value(key)
         value = default if value is None else value
         if value not in list(allowed):
-            raise self.error(key, f"is {value!r}; allowed are {', '.join(allowed)}")
+            raise self.error(key, f"is {quoted(value)}; allowed are {', '.join(allowed)}")
         return str(value)
 
     def number(self, key: str, default: float | None = None, *, positive: bool = False) -> float:
         """Return a finite number, which must be there unless it has a default."""
         value = self.value(key)
         value = default if value is None else value
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise self.error(key, f"must be a number, not {value!r}")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not is_finite(value):
+            raise self.error(key, f"must be a number, not {quoted(value)}")
         if positive and value <= 0:
-            raise self.error(key, f"must be greater than 0, not {value!r}")
+            raise self.error(key, f"must be greater than 0, not {quoted(value)}")
         return float(value)
 
     def count(self, key: str, default: int) -> int:
@@ -72,25 +71,25 @@ class Block:
         value = self.value(key)
         value = default if value is None else value
         if type(value) is not int or value < 0:
-            raise self.error(key, f"must be a whole number, 0 or more, not {value!r}")
+            raise self.error(key, f"must be a whole number, 0 or more, not {quoted(value)}")
         return value
 
     def switch(self, key: str) -> bool:
         """Return true or false, which it is where the file says nothing."""
         value = self.value(key)
         if value is not None and not isinstance(value, bool):
-            raise self.error(key, f"must be true or false, not {value!r}")
+            raise self.error(key, f"must be true or false, not {quoted(value)}")
         return bool(value)
 
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of texts, each another one, that must be there."""
         value = self.value(key)
         if not isinstance(value, list) or not value or not all(isinstance(one, str) and one.strip() for one in value):
-            raise self.error(key, f"must be a list of names, not {value!r}")
+            raise self.error(key, f"must be a list of names, not {quoted(value)}")
         texts = tuple(one.strip() for one in value)
         if len(set(texts)) < len(texts):
             twice = next(text for text in texts if texts.count(text) > 1)
-            raise self.error(key, f"names {twice!r} more than once")
+            raise self.error(key, f"names {quoted(twice)} more than once")
         return texts
 
     def block(self, key: str) -> "Block":

@@ -7,6 +7,7 @@ import zlib
 from array import array
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Dictionary
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from cmr.bus.messages import MICROSECONDS
 from cmr.cli.progress import BYTES, Progress
+from cmr.files import open_regular
 from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.tools.importing.mapping_types import File, Mapping, Pieces
 from cmr.tools.importing.sources import (
@@ -26,12 +28,16 @@ from cmr.tools.importing.sources import (
     in_time_order,
     require_moving_clocks,
 )
+from cmr.tools.importing.unpacking import most_unpacked, too_much
 
 LINES_BETWEEN_SHOWINGS = 1000
 SEPARATORS = ",;\t"  # the first of them that is in a file's first line separates its cells; else spaces do
 COMMENT = "#"  # a line that begins so holds no row; it may name the columns
 LEAST_GAP = 1.0  # s; estimates go on over shorter silences
 CLOSE = "pieces {gap:g} s apart are taken for one another's continuation; let the segment's gap be more than 1"
+PACKED_SUFFIX = ".gz"
+LOOK_BYTES = 1 << 20
+LONGEST_LINE = 1_000_000  # characters; what has no ends of lines is no table
 MOST_COLUMNS = 40  # that an error lists
 
 Label = tuple[str, int]  # of a piece: the cell that names it, and how many pieces before it had the same
@@ -80,6 +86,8 @@ def _table(name: str, file: _Columns, start: int, clock: NDArray[np.float64], so
 
 def _read_file(mapping: Mapping, name: str, path: Path, source: Source) -> _Columns:
     file = mapping.files[name]
+    if path.suffix == PACKED_SUFFIX:
+        _check_unpacked(path)
     first = next(iter(mapping.files.values())).start
     label = () if mapping.pieces is None else (mapping.pieces.column,)
     wanted = tuple(dict.fromkeys((file.time_column, *label, *mapping.columns(name))))
@@ -202,20 +210,33 @@ class _Cells:
 def _lines(path: Path, source: Source, progress: Progress) -> Iterator[str]:
     """Yield the lines of a file; of a truncated one those that are there."""
     before = 0
-    with path.open("rb") as file:
-        content = gzip.GzipFile(fileobj=file) if path.suffix == ".gz" else file
+    with open_regular(path) as file:
+        content = gzip.GzipFile(fileobj=file) if path.suffix == PACKED_SUFFIX else file
         text = io.TextIOWrapper(content, encoding="utf-8-sig", errors="replace", newline="")
         try:
-            for count, line in enumerate(text):
+            for count, line in enumerate(iter(lambda: text.readline(LONGEST_LINE), "")):
                 if count % LINES_BETWEEN_SHOWINGS == 0:
                     progress.advance(file.tell() - before)
                     before = file.tell()
+                if len(line) == LONGEST_LINE:
+                    source.notes.append(_damaged(path, f"line {count + 1} has {LONGEST_LINE} characters or more"))
+                    return
                 yield line
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             source.notes.append(_damaged(path, error))
 
 
-def _damaged(path: Path, error: Exception) -> str:
+def _check_unpacked(path: Path) -> None:
+    """Raise SourceError for a packed file that holds too much; looking takes a twentieth of reading its rows."""
+    packed = path.stat().st_size
+    with open_regular(path) as file, suppress(EOFError, zlib.error, gzip.BadGzipFile):
+        content = gzip.GzipFile(fileobj=file)
+        while content.read(LOOK_BYTES):
+            if content.tell() > most_unpacked(packed):
+                raise SourceError(too_much(path, packed, "gunzip"))
+
+
+def _damaged(path: Path, error: object) -> str:
     return f"{path} is truncated or damaged ({error}); the rows before that are used."
 
 

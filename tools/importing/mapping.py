@@ -8,7 +8,7 @@ from collections.abc import Mapping as Dictionary
 from datetime import datetime, timezone
 from pathlib import Path
 
-from cmr.documents.document import Place, read_file
+from cmr.documents.document import Place, quoted, read_file
 from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
 from cmr.tools.importing.block import Block, MappingError
@@ -153,13 +153,13 @@ class _Reader:
         time = block.block("time")
         column, start = time.text("column"), time.value("start")
         if not isinstance(start, datetime):
-            raise time.error("start", f"must be a time such as 2026-01-31T12:00:00Z, not {start!r}")
+            raise time.error("start", f"must be a time such as 2026-01-31T12:00:00Z, not {quoted(start)}")
         start = start if start.tzinfo else start.replace(tzinfo=timezone.utc)
         unit = TIME_UNITS[time.choice("unit", TIME_UNITS, "s")]
         time.finish()
         header = () if block.value("columns") is None else block.texts("columns")
         if header and column not in header:
-            raise time.error("column", f"is {column!r}; columns names {', '.join(header)}")
+            raise time.error("column", f"is {quoted(column)}; columns names {', '.join(header)}")
         return File(column, unit, start, header, block.count("skip_lines", 0))
 
     def _read_pieces(self, file: Block) -> Pieces | None:
@@ -257,7 +257,9 @@ class _Reader:
         elif only_changes in (None, False):
             columns = ()
         else:
-            raise block.error("only_changes", f"must be true (of the pose) or a column's name, not {only_changes!r}")
+            raise block.error(
+                "only_changes", f"must be true (of the pose) or a column's name, not {quoted(only_changes)}"
+            )
         first = block.choice("first_of_piece", FIRST_POSES, "left_out" if columns else "kept")
         block.finish()
         return Pose(table, signals, columns, first)
@@ -330,4 +332,4 @@ class _Reader:
         else:
             present = self._files[table].header or (column,)
         if column not in present:
-            raise block.error(key, f"is {column!r}; {table} has {', '.join(present)}")
+            raise block.error(key, f"is {quoted(column)}; {table} has {', '.join(present)}")

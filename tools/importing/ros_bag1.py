@@ -16,10 +16,10 @@ from cmr.tools.importing.ros_records import (
     BagReader,
     Message,
     Topic,
-    decompress,
     places,
     type_name,
 )
+from cmr.tools.importing.unpacking import LARGEST_RECORD, decompress
 
 MAGIC = b"#ROSBAG V"
 FIRST_LINE = b"#ROSBAG V2.0\n"
@@ -63,7 +63,7 @@ class Bag1Reader(BagReader):
 
     def _take(self, stream: BinaryIO, header: Header, start: int, length: int) -> Iterator[Message]:
         op = _operation(header)
-        if op not in (CHUNK, CONNECTION, MESSAGE):
+        if op not in (CHUNK, CONNECTION, MESSAGE) or self.is_too_large(length):
             return
         stream.seek(start)
         data = stream.read(length)
@@ -79,8 +79,10 @@ class Bag1Reader(BagReader):
         if compression not in COMPRESSIONS:
             self._spoil(f"a chunk of unknown compression {compression[:8]!r}")
             return
-        records = decompress(compression, data)
         size = _number(header, b"size", 4)
+        records = decompress(compression, data, LARGEST_RECORD if size is None else min(size, LARGEST_RECORD))
+        if self.is_too_large(len(records)):
+            return
         if size is not None and len(records) < size:
             self._spoil("a chunk that is not whole")
         place = 0
@@ -129,7 +131,7 @@ class Bag1Reader(BagReader):
             return
         while place < self.size and (record := _record_at(stream, place)) is not None:
             header, start, length = record
-            if _operation(header) == CONNECTION:
+            if _operation(header) == CONNECTION and not self.is_too_large(length):
                 stream.seek(start)
                 self._take_connection(header, stream.read(length))
             place = start + length

@@ -1,13 +1,14 @@
 """Which files make a bag, and which reader each needs: by its first bytes, since names of bags lie."""
 
-import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cmr.files import open_regular
 from cmr.tools.importing import ros_bag1, ros_mcap, ros_sqlite
 from cmr.tools.importing.ros_records import BagError, BagReader
+from cmr.tools.importing.unpacking import copy_unpacked, most_unpacked, too_much
 
 ZSTANDARD_SUFFIX = ".zstd"  # of files that rosbag2 compressed as a whole
 SUFFIXES = (".bag", ".active", ".mcap", ".db3")
@@ -61,7 +62,7 @@ def opened(path: Path, wanted: frozenset[str]) -> Iterator[BagReader]:
 
 
 def _reader_class(path: Path) -> type[BagReader]:
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         begin = stream.read(16)
     for magic, reader in _READERS:
         if begin.startswith(magic):
@@ -70,12 +71,14 @@ def _reader_class(path: Path) -> type[BagReader]:
 
 
 def _unpack(path: Path, unpacked: Path) -> bool:
-    """Unpack what can be unpacked; return whether that is all."""
+    """Unpack what can be unpacked; return whether that is all. Raises BagError where it is too much."""
     import zstandard
 
-    with path.open("rb") as source, unpacked.open("wb") as sink:
+    packed = path.stat().st_size
+    with open_regular(path) as source, unpacked.open("wb") as sink:
         try:
-            shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(source), sink)
+            if not copy_unpacked(source, sink, most_unpacked(packed)):
+                raise BagError(too_much(path, packed, "zstd -d"))
         except zstandard.ZstdError:
             return False
     return True

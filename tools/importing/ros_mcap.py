@@ -17,10 +17,10 @@ from cmr.tools.importing.ros_records import (
     BagReader,
     Message,
     Topic,
-    decompress,
     places,
     type_name,
 )
+from cmr.tools.importing.unpacking import LARGEST_RECORD, decompress
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -60,7 +60,9 @@ class McapReader(BagReader):
                 end = self.position + RECORD_HEAD.size + length
                 is_whole = kind != 0 and end <= self.size
                 self._is_intact = True
-                if kind == CHUNK:
+                if kind in (SCHEMA, CHANNEL, MESSAGE, CHUNK) and is_whole and self.is_too_large(length):
+                    pass
+                elif kind == CHUNK:
                     yield from self._take_chunk(stream.read(length if is_whole else min(length, LONGEST_CUT_CHUNK)))
                 elif kind in (SCHEMA, CHANNEL, MESSAGE) and is_whole:
                     yield from self._take(kind, stream.read(length))
@@ -82,7 +84,10 @@ class McapReader(BagReader):
             self._spoil(f"a chunk of unknown compression {compression[:8]!r}")
             return
         length = int.from_bytes(content[name_end : name_end + 8], "little")
-        records = decompress(compression, content[name_end + 8 : name_end + 8 + length])
+        packed = content[name_end + 8 : name_end + 8 + length]
+        records = decompress(compression, packed, min(size, LARGEST_RECORD))
+        if self.is_too_large(len(records)):
+            return
         if len(records) != size:
             self._spoil("a chunk that is not whole")
         elif checksum and zlib.crc32(records) != checksum:
@@ -162,7 +167,7 @@ class McapReader(BagReader):
             place += RECORD_HEAD.size + length
             if kind == 0:
                 return  # the footer points to what is no summary
-            if place <= self.size and kind in (SCHEMA, CHANNEL):
+            if place <= self.size and kind in (SCHEMA, CHANNEL) and not self.is_too_large(length):
                 for _ in self._take(kind, stream.read(length)):
                     pass
 

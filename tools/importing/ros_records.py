@@ -1,17 +1,18 @@
 """What a bag holds, whichever its format: topics and messages, and what of it is damaged."""
 
-import bz2
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
+
+from cmr.plain_text import plain
+from cmr.tools.importing.unpacking import LARGEST_RECORD
 
 COMPRESSIONS = ("", "none", "bz2", "lz4", "zstd")
 
 LONGEST_NAME = 256  # characters of a topic's or type's name, as in ROS
 
-_PIECE_BYTES = 65536  # what is decompressed at a time: all of it that is before the damage is kept
 _WINDOW_BYTES = 1 << 20
 
 
@@ -74,10 +75,18 @@ class BagReader(ABC):
     def announce(self, topic: Topic) -> Topic:
         """Note that a topic is in the bag; return it under names that can be shown."""
         shown = topic._replace(
-            name=plain(topic.name), message_type=plain(topic.message_type), encoding=plain(topic.encoding)
+            name=plain(topic.name, LONGEST_NAME),
+            message_type=plain(topic.message_type, LONGEST_NAME),
+            encoding=plain(topic.encoding, LONGEST_NAME),
         )
         self.topics.setdefault(shown.name, set()).add(shown.message_type)
         return shown
+
+    def is_too_large(self, size: int) -> bool:
+        """Return whether a record of so many bytes, packed or unpacked, is not read, and note that."""
+        if size > LARGEST_RECORD:
+            self.fault(f"a record of more than {LARGEST_RECORD / 1e6:.0f} MB, which is the most that is read at once")
+        return size > LARGEST_RECORD
 
     def damage(self, count: int) -> None:
         """Note that so many bytes in one place are no intact records."""
@@ -90,43 +99,10 @@ class BagReader(ABC):
         self._faults[what] = self._faults.get(what, 0) + 1
 
 
-def plain(text: str) -> str:
-    """Return a text out of a file as one that can be shown: of one line, without control characters, not too long."""
-    shown = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST_NAME])
-    return shown + ("..." if len(text) > LONGEST_NAME else "")
-
-
 def type_name(name: str) -> str:
     """Return a message type's name as ROS 2 writes it: nav_msgs/msg/Odometry."""
     package, _, last = name.partition("/")
     return f"{package}/msg/{last}" if last and "/" not in last else name
-
-
-def decompress(compression: str, data: bytes) -> bytes:
-    """Return what can be decompressed: of damaged data that before the damage."""
-    if compression in ("", "none"):
-        return data
-    decompressor = _decompressor(compression)
-    pieces = []
-    try:
-        for start in range(0, len(data), _PIECE_BYTES):
-            pieces.append(decompressor(data[start : start + _PIECE_BYTES]))
-    except Exception:  # the libraries' errors have no base in common; whatever they are, the data is damaged here
-        pass
-    return b"".join(pieces)
-
-
-def _decompressor(compression: str) -> Callable[[bytes], bytes]:
-    if compression == "bz2":
-        return bz2.BZ2Decompressor().decompress
-    if compression == "lz4":
-        import lz4.frame  # type: ignore[import-untyped]
-
-        decompressed: Callable[[bytes], bytes] = lz4.frame.LZ4FrameDecompressor().decompress
-        return decompressed
-    import zstandard
-
-    return zstandard.ZstdDecompressor().decompressobj().decompress
 
 
 def places(stream: BinaryIO, start: int, pattern: re.Pattern[bytes], longest: int) -> Iterator[int]:

@@ -12,7 +12,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
-from cmr.tools.importing.ros_records import BagError, BagReader, Message, Topic, decompress, plain
+from cmr.plain_text import plain
+from cmr.tools.importing.ros_records import LONGEST_NAME, BagError, BagReader, Message, Topic
+from cmr.tools.importing.unpacking import decompress
 
 MAGIC = b"SQLite format 3\0"
 ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -42,7 +44,8 @@ class SqliteReader(BagReader):
                     continue
                 if data.startswith(ZSTANDARD_MAGIC):
                     data = decompress("zstd", data)
-                yield Message(chosen[number], received, None, data)
+                if not self.is_too_large(len(data)):
+                    yield Message(chosen[number], received, None, data)
 
     @contextmanager
     def _readable(self) -> Iterator[str]:
@@ -80,7 +83,7 @@ class SqliteReader(BagReader):
             rows = connection.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
         except UNREADABLE as error:
             raise BagError(
-                f"{self.path}: holds no topics of a ROS 2 bag that can be read ({plain(str(error))})"
+                f"{self.path}: holds no topics of a ROS 2 bag that can be read ({plain(str(error), LONGEST_NAME)})"
             ) from error
         definitions = self._read_definitions(connection)
         topics = {}
@@ -112,7 +115,7 @@ class SqliteReader(BagReader):
                 return
             except UNREADABLE as error:
                 if steps_without_row == 0:
-                    self.fault(f"rows that cannot be read ({plain(str(error))})")
+                    self.fault(f"rows that cannot be read ({plain(str(error), LONGEST_NAME)})")
             steps_without_row += 1
             last += 1 << max(steps_without_row - ROWS_STEPPED_SINGLY, 0)
             if last >= LAST_ROW:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.files import open_regular
 from cmr.recordings.events import Event, EventReader
 from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.tools.events import progress_of, reading
@@ -65,7 +66,7 @@ def read_log(mapping: Mapping, path: Path) -> Source:
     Raises SourceError naming a channel that is missing and those that are there, or a clock that stands still;
     OSError when the file cannot be read.
     """
-    with path.open("rb"):
+    with open_regular(path):
         pass  # LCM's own error does not say why a file cannot be opened
     source = Source({})
     gathered: dict[str, _Messages] = {}

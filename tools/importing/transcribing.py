@@ -8,7 +8,7 @@ from pathlib import Path
 import lcm
 
 from cmr.bus.messages import MICROSECONDS
-from cmr.tools.importing.converting import Conversion, Event, convert
+from cmr.tools.importing.converting import Conversion, ConversionError, Event, convert
 from cmr.tools.importing.csv_source import read_csv
 from cmr.tools.importing.inputs import Recorded
 from cmr.tools.importing.mapping_types import Mapping
@@ -65,7 +65,10 @@ def import_recording(mapping: Mapping, recording: Recorded, out: Path, robot_id:
         source = read_log(mapping, recording.path)
     else:
         source = read_csv(mapping, recording.files)
-    conversion = convert(mapping, source, robot_id, _provenance(mapping, recording, source))
+    try:
+        conversion = convert(mapping, source, robot_id, _provenance(mapping, recording, source))
+    except ConversionError as error:
+        raise ConversionError(" ".join((f"{error}.", *source.notes)) if source.notes else str(error)) from error
     write_log(out, conversion, robot_id)
     return Imported(conversion, source, robot_id, out)
 

@@ -16,6 +16,7 @@ from cmr.bus.fields import BYTES, INDEX, Field, fields_of, text_of_bytes
 from cmr.bus.message import Message
 from cmr.bus.messages import RejectedMessage
 from cmr.bus.wire import WIRE_TYPES, Channel, channel_of, layout_of
+from cmr.plain_text import cell
 from cmr.recordings.events import Event
 from cmr.tools.logs.channels import FOREIGN_CHANNEL, LeftOut
 
@@ -195,7 +196,9 @@ class CsvFile:
 def _texts(column: Column) -> list[object]:
     """Return the values so that they are written in full, and no longer than that."""
     texts: list[object] = column.values.tolist()
-    if column.values.dtype == np.float32:
+    if column.values.dtype == object:
+        texts = [cell(str(text)) for text in texts]
+    elif column.values.dtype == np.float32:
         texts = [str(value) for value in column.values]
     if column.is_none is not None:
         texts = ["" if is_none else text for text, is_none in zip(texts, column.is_none, strict=True)]

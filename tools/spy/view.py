@@ -9,6 +9,7 @@ import numpy as np
 from cmr.bus.channel_statistics import Line
 from cmr.bus.fields import fields_of
 from cmr.bus.messages import MICROSECONDS, RejectedMessage, decode
+from cmr.plain_text import plain
 from cmr.tools.spy.statistics import type_name
 
 HEAD = f"{'CHANNEL':24} {'TYPE':20} {'RATE':>7} {'kB/s':>7} {'AGE':>7} {'JITTER':>8} {'ERRORS':>6}  LAST VALUES"
@@ -159,7 +160,7 @@ def table_row(line: Line) -> str:
     """Return one line of the table."""
     jitter = "" if math.isnan(line.jitter) else f"{1e3 * line.jitter:.1f} ms"
     return (
-        f"{_plain(line.channel):24} {type_name(line):20} {line.rate:7.1f} {line.bytes_per_second / 1e3:7.1f} "
+        f"{plain(line.channel):24} {type_name(line):20} {line.rate:7.1f} {line.bytes_per_second / 1e3:7.1f} "
         f"{_age(line.age):>7} {jitter:>8} {line.errors:6}  {_values(line)}"
     )
 
@@ -167,7 +168,7 @@ def table_row(line: Line) -> str:
 def details(line: Line) -> list[str]:
     """Return all that is known of a channel: statistics, and each field of the last message with its unit."""
     head = [
-        f"{_plain(line.channel)}   {type_name(line)}   {line.messages} messages, {line.errors} errors",
+        f"{plain(line.channel)}   {type_name(line)}   {line.messages} messages, {line.errors} errors",
         f"{line.rate:.2f} Hz, {line.bytes_per_second / 1e3:.2f} kB/s, the last one {len(line.data)} bytes, "
         f"{_age(line.age)} ago; jitter {1e3 * line.jitter:.2f} ms",
     ]
@@ -200,7 +201,7 @@ def _values(line: Line) -> str:
 
 def _text(value: object, most: int, longest: int) -> str:
     if isinstance(value, str):
-        return _plain(value)[:longest]
+        return plain(value, longest)
     if isinstance(value, bytes):
         return f"{len(value)} bytes"
     if isinstance(value, float):
@@ -210,11 +211,6 @@ def _text(value: object, most: int, longest: int) -> str:
     assert isinstance(value, Sequence | np.ndarray), "all others are arrays"
     shown = " ".join(f"{float(element):.5g}" for element in value[:most])
     return f"[{shown}{' ...' if len(value) > most else ''}]"
-
-
-def _plain(text: str) -> str:
-    """Return a text that a terminal shows as it is."""
-    return "".join(character if character.isprintable() else " " for character in text)
 
 
 def _age(seconds: float) -> str:

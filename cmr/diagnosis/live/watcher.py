@@ -20,6 +20,7 @@ from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.commanding import COMMANDS, duties_of
 
+MOST_WATCHED = 1_000  # robots; strangers may speak for any number of them
 LATEST = 1_000_000  # us by which messages may be late
 LONGEST_GAP = 3_000_000  # us without feedback, or in which its clock goes back, after which it is another drive
 SILENT = 3_000_000  # us
@@ -51,6 +52,8 @@ class Watcher:
         """Take one message from the bus or from a log."""
         stream, robot_id = identify(channel) or (None, None)
         if robot_id is None or self._robot_id not in (None, robot_id):
+            return
+        if robot_id not in self._robots and len(self._robots) >= MOST_WATCHED:
             return
         if isinstance(message, motor_feedback_t):
             self._robot(robot_id).roll(utime, message)

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import yaml
 
+from cmr.documents.document import DocumentError, read_file
 from cmr.experiments.live.jobs import SIM_SCENARIO
 from cmr.experiments.scenario.hardware import EmulatorPlan
 from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.experiments.scenario.writing import to_yaml
-from cmr.files import write_atomically
+from cmr.files import read_text, write_atomically
 from cmr.geometry.places import Pose
 from cmr.parameters.file import load as load_parameters
 
@@ -70,13 +71,13 @@ def _prepared(robot: RobotPlan, folder: Path, first_with: dict[Path, int]) -> Ro
 
 
 def _copied(path: Path, copy: Path) -> Path:
-    write_atomically(path.read_text(encoding="utf-8"), copy)
+    write_atomically(read_text(path, DocumentError.bounds.size), copy)
     return copy
 
 
 def _write_emulator(robot_id: int, emulator: EmulatorPlan, start: Pose, folder: Path) -> None:
     """Write the settings of an emulated robot that stands at `start`."""
-    text = emulator.settings.read_text(encoding="utf-8") if emulator.settings else ""
-    settings = yaml.safe_load(text) or {}
+    read = read_file(emulator.settings, DocumentError, may_be_empty=True).value if emulator.settings else {}
+    settings = dict(read) if isinstance(read, dict) else {}
     settings["robot"] = {**settings.get("robot", {}), **start._asdict()}
     write_atomically(yaml.safe_dump(settings, sort_keys=False), folder / f"emulator_{robot_id}.yaml")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cmr.bus.channel_statistics import per_second
 from cmr.bus.message import Message
+from cmr.bus.senders import keep
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.team.metrics import passed
@@ -78,7 +79,7 @@ class TeamWatch:
             if message.host == self._host:
                 self._take_status(message)
             else:
-                self.statuses_elsewhere[message.host, message.pid] = message
+                keep(self.statuses_elsewhere, (message.host, message.pid), message)
 
     def missing(self) -> list[int]:
         """Return the robots that are not in the world, or not any more."""
@@ -151,9 +152,9 @@ class TeamWatch:
         return status is not None and status.state == process_status_t.DEGRADED
 
     def _take_status(self, status: process_status_t) -> None:
-        self.statuses[status.pid] = status
+        keep(self.statuses, status.pid, status)
         if status.state != process_status_t.STOPPING:  # the last rate is that of a moment
-            self._fastest[status.pid] = max(self.loop_rate(status.pid), float(status.loop_rate_hz))
+            keep(self._fastest, status.pid, max(self.loop_rate(status.pid), float(status.loop_rate_hz)))
 
     def _take_world(self, utime: int, message: world_state_t) -> None:
         ids = np.asarray(message.robot_id, dtype=np.int64)

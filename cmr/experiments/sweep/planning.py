@@ -7,6 +7,7 @@ from pathlib import Path
 
 import yaml
 
+from cmr.documents.document import read_file
 from cmr.experiments.scenario.hardware import Hardware
 from cmr.experiments.scenario.plan import ScenarioError
 from cmr.experiments.scenario.reading import load, parse
@@ -34,7 +35,8 @@ def plan(path: Path, settings: Sequence[Setting], seeds: int, hardware: Hardware
     Raises ScenarioError naming file, line and key, SettingError naming the key that is set, or ExperimentError.
     """
     load(path, hardware)  # what is wrong with the file itself is reported with its lines
-    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    document = read_file(path, ScenarioError).value
+    assert isinstance(document, dict), "loading has looked at it"
     runs = []
     for values in combinations(settings):
         text = yaml.safe_dump(with_settings(document, values), sort_keys=False)

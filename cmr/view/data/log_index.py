@@ -20,6 +20,7 @@ from cmr.bus.streams import (
     identify,
 )
 from cmr.msg import calibration_status_t, estop_t, parameters_t, process_status_t
+from cmr.parameters.versions import Versions
 from cmr.recordings.events import CHUNK, HEADER, Event, EventReader
 from cmr.recordings.log_clock import Checkpoint, Checkpoints, LogClock, seconds_since, span_of, utime_after
 from cmr.view.data.drives import Calibrations
@@ -183,7 +184,7 @@ class _Watch:
         self._is_marked: dict[str, bool] = {}  # by channel
         self._bytes: dict[str, bytes] = {}
         self._shown: dict[str, str] = {}
-        self._versions: dict[int, int] = {}  # of each robot's parameters, the newest until now
+        self._versions: dict[int, Versions] = {}  # of each robot's parameters
 
     def take(self, utime: int, event: Event) -> None:
         """Look at one event."""
@@ -198,16 +199,17 @@ class _Watch:
             message = decode(event.channel, event.data).message
         except RejectedMessage:
             return
-        if isinstance(message, parameters_t):
-            if message.sequence < self._versions.setdefault(message.robot_id, message.sequence):
-                return  # said by a process that has not heard of the newer ones yet
-            self._versions[message.robot_id] = message.sequence
+        if isinstance(message, parameters_t) and self._is_outdated(utime, message):
+            return
         seen = _mark_of(message)
         if seen is None or seen[1] == self._shown.get(event.channel, ""):
             return
         self._shown[event.channel] = seen[1]
         if seen[0]:
             self._marks.append(Mark(utime, *seen))
+
+    def _is_outdated(self, utime: int, message: parameters_t) -> bool:
+        return self._versions.setdefault(message.robot_id, Versions()).is_outdated(message, utime)
 
 
 def _mark_of(message: Message) -> tuple[str, str] | None:

@@ -9,7 +9,8 @@ import numpy as np
 from cmr.bus.channel_statistics import ChannelStatistics
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import M, M_co, Message
-from cmr.bus.streams import PARAMETERS, Stream, identify
+from cmr.bus.senders import keep
+from cmr.bus.streams import Stream, identify
 from cmr.msg import (
     calibration_status_t,
     camera_image_t,
@@ -21,6 +22,7 @@ from cmr.msg import (
     waypoints_t,
     world_state_t,
 )
+from cmr.parameters.versions import Versions
 from cmr.view.data.drives import Drives
 from cmr.view.data.robots import GONE_AFTER, Robots, RobotTable
 from cmr.view.data.trails import Trails
@@ -28,6 +30,7 @@ from cmr.view.data.trails import Trails
 COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind of them
 LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")
 WITH_ARRAYS = ("RANGE_SCAN", "WAYPOINTS")
+MOST_ROBOTS = 2_000  # that are shown; strangers may speak for any number of them
 MOST_ESTIMATES = 600  # kept of a calibration
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
 RATE_WINDOW = 3_000_000  # us over which rates of channels are taken
@@ -64,14 +67,16 @@ class ViewState:
         self.calibrations: dict[int, deque[Heard[calibration_status_t]]] = {}
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
         self.drives = Drives()
+        self._versions: dict[int, Versions] = {}
+        self._known: set[int] = set()
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message that came at `utime` [us]."""
         stream, robot_id = identify(channel) or (None, None)
-        if stream is None:
+        if stream is None or (robot_id is not None and self._is_one_too_many(robot_id)):
             return
         name = stream.name
-        if robot_id is not None and name in self.latest and not self._is_outdated(robot_id, message):
+        if robot_id is not None and name in self.latest and not self._is_outdated(utime, robot_id, message):
             self.latest[name][robot_id] = Heard(utime, message)
         self.estop.handle(utime, channel, message)
         if isinstance(message, world_state_t):
@@ -81,9 +86,9 @@ class ViewState:
         elif isinstance(message, pose_xyt_t):
             self.robots.take_pose(utime, message)
         elif isinstance(message, process_status_t):
-            self.processes[message.process, message.host, message.pid] = Heard(utime, message)
+            keep(self.processes, (message.process, message.host, message.pid), Heard(utime, message))
         elif isinstance(message, camera_image_t):
-            self.cameras[message.camera] = Heard(utime, message)
+            keep(self.cameras, message.camera, Heard(utime, message))
         elif isinstance(message, calibration_status_t):
             self._take_calibration(message.robot_id, Heard(utime, message))
 
@@ -142,10 +147,18 @@ class ViewState:
         heard = self.latest[stream.name].get(robot_id)
         return heard.message if heard is not None and isinstance(heard.message, stream.message_type) else None
 
-    def _is_outdated(self, robot_id: int, message: Message) -> bool:
-        """Return whether these are parameters of which a newer version is known: who says them has not heard of it."""
-        known = self.newest(PARAMETERS, robot_id) if isinstance(message, parameters_t) else None
-        return known is not None and isinstance(message, parameters_t) and message.sequence < known.sequence
+    def _is_one_too_many(self, robot_id: int) -> bool:
+        """Return whether a robot is left out because there are too many."""
+        if robot_id in self._known or len(self._known) < MOST_ROBOTS:
+            self._known.add(robot_id)
+            return False
+        return True
+
+    def _is_outdated(self, utime: int, robot_id: int, message: Message) -> bool:
+        """Return whether these are parameters of which a newer version is known."""
+        if not isinstance(message, parameters_t):
+            return False
+        return self._versions.setdefault(robot_id, Versions()).is_outdated(message, utime)
 
     def _take_calibration(self, robot_id: int, heard_last: Heard[calibration_status_t]) -> None:
         history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))

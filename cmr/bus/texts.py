@@ -1,0 +1,25 @@
+"""The texts in messages, made plain where they come in from the bus: whoever shows them need not ask who wrote them."""
+
+from cmr.bus.message import Message
+from cmr.bus.streams import PARAMETERS, STREAMS
+from cmr.plain_text import plain
+
+LONGEST_TEXT = 2_000  # characters
+LONGEST_DIGESTS = 100_000  # of a thousand parameter files that a simulator uses
+# By type of message its texts and how long they may be. That of a parameter file is read as it is, or not at all.
+TEXTS = {
+    stream.message_type: {
+        name: LONGEST_DIGESTS if name == "parameters_sha256" else LONGEST_TEXT
+        for name, kind in zip(stream.message_type.__slots__, stream.message_type.__typenames__, strict=True)
+        if kind == "string"
+    }
+    for stream in STREAMS
+    if stream is not PARAMETERS
+}
+TEXTS = {message_type: texts for message_type, texts in TEXTS.items() if texts}
+
+
+def make_plain(message: Message) -> None:
+    """Take what a terminal obeys out of a message's texts, and cut those that are too long."""
+    for name, longest in TEXTS.get(type(message), {}).items():
+        setattr(message, name, plain(getattr(message, name), longest))
