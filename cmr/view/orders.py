@@ -1,10 +1,11 @@
 """What the page can order on the bus: the emergency stop, its release, and a figure-eight."""
 
+from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import ESTOP, WAYPOINTS
-from cmr.msg import estop_t, waypoints_t
+from cmr.msg import estop_latch_t, estop_t, waypoints_t
 
 SOURCE = "cmr-view"
 RELEASES = 5  # messages, as one can be lost
@@ -12,21 +13,24 @@ FIGURE_EIGHT = 0.7  # m from its crossing to each tip
 
 
 class Orders:
-    """Turns orders into messages. `handle` hears ESTOP, `due` returns what is to be sent at each turn.
+    """Turns orders into messages. `handle` hears ESTOP and ESTOP_LATCH, `due` returns what is to be sent at each turn.
 
     A stop is repeated until anybody releases it. `stopped` says whether the emergency stop is engaged, and `reason`
-    by whom and why.
+    by whom and why. Drivers hold robots by it until they take its release, as `latched_reason` says.
     """
 
     def __init__(self) -> None:
         self.stopped = False
         self.reason = ""
+        self._drivers = EmergencyStop()
         self._engaged_at: int | None = None  # us; None while no stop of ours is in force
         self._releases = 0
         self._outgoing: list[Outgoing] = []
 
-    def handle(self, _utime: int, channel: str, message: Message) -> None:
+    def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message from the bus, our own among them."""
+        if isinstance(message, estop_latch_t):
+            self._drivers.handle(utime, channel, message)
         if channel != ESTOP.name or not isinstance(message, estop_t):
             return
         if message.engaged:
@@ -36,6 +40,15 @@ class Orders:
             return
         if self._engaged_at is None or message.utime >= self._engaged_at:
             self.stopped, self.reason, self._engaged_at = False, "", None
+
+    @property
+    def latched_reason(self) -> str:
+        """By whom, why and since when drivers hold which robots; empty if none does."""
+        return self._drivers.latched_reason
+
+    def must_stand(self, robot_id: int) -> bool:
+        """Return whether the emergency stop is engaged, or a robot's driver holds it still."""
+        return self.stopped or self._drivers.holds(robot_id)
 
     def stop(self, utime: int) -> None:
         """Engage the emergency stop."""
