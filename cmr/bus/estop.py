@@ -8,6 +8,8 @@ from cmr.msg import estop_latch_t, estop_t
 
 HOW_TO_RELEASE = "cmr estop release --reason TEXT, or the page of cmr-view"
 
+LAST_UTIME = 253_370_764_800_000_000  # us; the year 9999
+
 
 class EmergencyStop:
     """Whether the emergency stop is engaged, and by whom and why: as it is asked for on ESTOP, and as drivers keep it.
@@ -56,7 +58,6 @@ class EmergencyStop:
 
 def local_time(utime: int) -> str:
     """Return a time of day [us since the Unix epoch] with its date, as this computer's clock shows it."""
-    try:
-        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(utime / 1e6))
-    except (OverflowError, ValueError, OSError):
+    if not 0 <= utime < LAST_UTIME:
         return "a time that no clock shows"
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(utime / 1e6))

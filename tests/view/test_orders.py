@@ -4,6 +4,7 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import (
+    ESTOP_LATCH,
     WAYPOINTS,
 )
 from cmr.msg import (
@@ -11,7 +12,9 @@ from cmr.msg import (
     waypoints_t,
 )
 from cmr.view.orders import RELEASES, Orders
+from cmr.view.showing import stop_line
 from cmr.view.wishes import RELEASE, STOP, Permission
+from tests.support.latches import latch
 from tests.support.typed_messages import as_a
 
 NOW = 1_700_000_000_000_000  # us
@@ -54,6 +57,21 @@ def test_a_stop_of_somebody_else_is_shown_and_not_repeated_and_ours_that_echoes_
     orders.release(NOW + 1)
     orders.handle(NOW + 2, "ESTOP", echo)
     assert not orders.stopped
+
+
+def test_a_stop_that_drivers_hold_is_shown_until_each_has_released_it() -> None:
+    orders = Orders()
+    for robot_id in (7, 2):
+        orders.handle(NOW, ESTOP_LATCH.channel(robot_id), latch(robot_id, True))
+    assert "engaged by Ada: smoke (robots 2, 7, since 2023-11-1" in stop_line(orders)
+    assert not orders.stopped, "nobody asks for it any more"
+    assert orders.must_stand(7)
+    assert not orders.must_stand(1)
+    orders.release(NOW + 1)
+    orders.handle(NOW, ESTOP_LATCH.channel(7), latch(7, False))
+    assert "(robot 2, since" in stop_line(orders), "robot 2 has not taken the release"
+    orders.handle(NOW, ESTOP_LATCH.channel(2), latch(2, False))
+    assert stop_line(orders) == ""
 
 
 def test_a_figure_eight_begins_and_ends_where_the_robot_is() -> None:
