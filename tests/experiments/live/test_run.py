@@ -210,7 +210,7 @@ def test_an_emulated_robot_takes_its_emergency_stop_with_it(tmp_path: Path) -> N
 
 def test_drivers_of_emulated_robots_alone_keep_an_emergency_stop_in_the_folder_of_the_run(tmp_path: Path) -> None:
     for kind in ("kind: emulated", "kind: real, driver: {port: /dev/null}"):
-        (tmp_path / "two.yaml").write_text(TEXT.replace("kind: emulated, start: [-0.6, 0.0]", kind))
+        (tmp_path / "two.yaml").write_text(TEXT.replace("kind: emulated", kind))
         jobs = jobs_of(load(tmp_path / "two.yaml"), tmp_path / "out", "udpm://239.255.76.67:7667?ttl=0")
         (driver,) = (job for job in jobs if job.name == "driver 0")
         assert ("--state" in driver.command) == (kind == "kind: emulated")
