@@ -8,7 +8,7 @@ from cmr.bus.streams import ESTOP, WAYPOINTS
 from cmr.msg import estop_latch_t, estop_t, waypoints_t
 
 SOURCE = "cmr-view"
-RELEASES = 5  # messages, as one can be lost
+RELEASES = 6  # messages, as one can be lost
 FIGURE_EIGHT = 0.7  # m from its crossing to each tip
 
 
@@ -24,7 +24,8 @@ class Orders:
         self.reason = ""
         self._drivers = EmergencyStop()
         self._engaged_at: int | None = None  # us; None while no stop of ours is in force
-        self._releases = 0
+        self._releases = 0  # that are still to be sent
+        self._released_at = 0  # us; when the first of them was sent
         self._outgoing: list[Outgoing] = []
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
@@ -55,13 +56,13 @@ class Orders:
         self._engaged_at, self._releases = utime, 0
         self.stopped, self.reason = True, f"{SOURCE}: the button on the page"
 
-    def release(self, utime: int) -> None:
-        """Release the emergency stop, whoever engaged it."""
-        if self._engaged_at is not None:
-            self._engaged_at = None
-        self._releases = RELEASES
+    def release(self) -> None:
+        """Release the emergency stop, whoever engaged it.
+
+        Each repetition has the moment of the first, so that a stop that is engaged after it stays engaged.
+        """
+        self._engaged_at, self._releases = None, RELEASES
         self.stopped, self.reason = False, ""
-        self._outgoing.append(_estop(utime, False))
 
     def figure_eight(self, utime: int, robot_id: int, place: tuple[float, float, float]) -> None:
         """Tell a robot to drive a figure-eight from where it is: x, y [m], theta [rad]."""
@@ -76,8 +77,9 @@ class Orders:
         if self._engaged_at is not None:
             outgoing.append(_estop(utime, True))
         elif self._releases:
+            self._released_at = utime if self._releases == RELEASES else self._released_at
             self._releases -= 1
-            outgoing.append(_estop(utime, False))
+            outgoing.append(_estop(self._released_at, False))
         return outgoing
 
 

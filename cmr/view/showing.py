@@ -192,4 +192,4 @@ def _stop_or_release(orders: Orders, wish: Wish, utime: int) -> None:
     if wish.what == STOP:
         orders.stop(utime)
     elif wish.what == RELEASE:
-        orders.release(utime)
+        orders.release()
