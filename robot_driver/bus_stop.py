@@ -6,8 +6,7 @@ from cmr.bus.estop import HOW_TO_RELEASE, local_time
 from cmr.bus.messages import make
 from cmr.msg import estop_latch_t, estop_t
 from robot_driver.command_gate import CommandGate, Stop
-from robot_driver.stop_file import EngagedStop, plain
-from robot_driver.stop_keeper import StopKeeper
+from robot_driver.stop_file import EngagedStop, StopKeeper, plain
 
 REPORT_PERIOD = 0.5  # s between reports while nothing changes; a change is reported at once
 

@@ -22,8 +22,7 @@ from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort, numbering_warning
 from robot_driver.settings import BOARD, Settings
-from robot_driver.stop_file import StopFile
-from robot_driver.stop_keeper import StopKeeper
+from robot_driver.stop_file import StopFile, StopKeeper
 from robot_driver.stream_port import OverheardPort, StreamPort
 
 

@@ -9,10 +9,12 @@ import json
 import os
 import re
 import stat
+import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 from urllib.parse import urlsplit
 
 from cmr.bus.preflight import parse_udpm
@@ -23,6 +25,9 @@ LARGEST = 65_536  # bytes; a larger file is none of ours
 LITTER_AGE = 60.0  # s after which a temporary file belongs to nobody any more
 LONGEST_TEXT = 200  # characters of a name or a reason
 LATEST = 2**62  # us; what a message can hold, and calculations too
+AGAIN_AFTER = 1.0  # s, when the disk refused
+ENDING = 0.5  # s that the disk is given at the end
+UNKNOWN = object()  # what the disk has after it failed: the old or the new
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,74 @@ class StopFile:
             since = self.path.stat().st_mtime
         doubt = f"{self.path} {why}. It is taken for an emergency stop that is engaged."
         return EngagedStop(max(round(since * 1e6), 0), "cmr-driver", f"its file {plain(why)}", doubt)
+
+
+class StopKeeper:
+    """Keeps the newest of what `keep` was given in `file`; a context manager, inside which it works.
+
+    It has a thread of its own: a slow disk holds up neither motors nor messages. `loaded` is what was there at the
+    beginning. What the disk refuses is tried again each second; `problem` says so.
+    """
+
+    def __init__(self, file: StopFile) -> None:
+        self._file = file
+        self.loaded = file.load()
+        self._wanted: EngagedStop | None = self.loaded
+        self._stored: EngagedStop | object | None = self.loaded
+        self._refused = file.prepare()
+        self._changed, self._end = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="emergency stop", daemon=True)
+
+    def __enter__(self) -> "StopKeeper":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self._end.set()
+        self._changed.set()
+        self._thread.join(ENDING)
+
+    def keep(self, stop: EngagedStop | None) -> None:
+        """Keep that this stop is engaged, or that none is; returns at once."""
+        self._wanted = stop
+        self._changed.set()
+
+    @property
+    def stored(self) -> bool:
+        """Whether the disk has what was given last."""
+        return self._stored is self._wanted
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the disk, in a sentence; "" when all is well."""
+        if not self._refused:
+            return ""
+        consequence = "An emergency stop would be forgotten at a restart"
+        if not self.stored:
+            engaged = self._wanted is not None
+            consequence = f"A restart {'forgets that the emergency stop is' if engaged else 'finds the emergency stop'}"
+            consequence += " engaged"
+        return f"{consequence}: {self._file.path} cannot be written ({self._refused}). --state DIR chooses a folder."
+
+    def _run(self) -> None:
+        ending = False
+        while not ending:
+            self._changed.wait(None if self.stored else AGAIN_AFTER)
+            self._changed.clear()
+            ending = self._end.is_set()  # before the last look at what is wanted
+            self._store(self._wanted)
+
+    def _store(self, stop: EngagedStop | None) -> None:
+        if stop is self._stored:
+            return
+        try:
+            self._file.store(stop)
+        except OSError as error:
+            self._stored, self._refused = UNKNOWN, error.strerror or str(error)
+        else:
+            self._stored, self._refused = stop, ""
 
 
 def state_folder() -> Path:

@@ -8,8 +8,7 @@ from cmr.bus.messages import make
 from cmr.msg import estop_t
 from robot_driver.bus_stop import REPORT_PERIOD, BusStop
 from robot_driver.command_gate import CommandGate, Stop
-from robot_driver.stop_file import EngagedStop, StopFile
-from robot_driver.stop_keeper import StopKeeper
+from robot_driver.stop_file import EngagedStop, StopFile, StopKeeper
 from tests.support.driver_bench import wait_for
 
 NOW = 1_700_000_000_000_000  # us

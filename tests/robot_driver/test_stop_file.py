@@ -10,8 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robot_driver.stop_file import SYSTEM_FOLDER, EngagedStop, StopFile, bus_address, state_folder
-from robot_driver.stop_keeper import StopKeeper
+from robot_driver.stop_file import SYSTEM_FOLDER, EngagedStop, StopFile, StopKeeper, bus_address, state_folder
 from tests.support.driver_bench import wait_for
 
 URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
@@ -185,7 +184,7 @@ def test_the_newest_wish_is_on_disk_at_the_end(file: StopFile) -> None:
 
 
 def test_what_the_disk_refuses_is_reported_and_tried_again(file: StopFile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robot_driver.stop_keeper.AGAIN_AFTER", 0.02)
+    monkeypatch.setattr("robot_driver.stop_file.AGAIN_AFTER", 0.02)
     store, refusing = file.store, True
 
     def refuse(stop: EngagedStop | None) -> None:
