@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -59,6 +60,16 @@ def folder_for_results(folder: Path) -> Iterator[None]:
                 one.rmdir()
 
 
+@contextmanager
+def gone_before_and_after(folder: Path) -> Iterator[None]:
+    """Begin without this folder, and leave none, whatever is in it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    try:
+        yield
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def why_not_writable(folder: Path) -> str:
     """Return why nothing can be written into a folder, which may have to be made first; empty if it can."""
     nearest = next(one for one in (folder, *folder.absolute().parents) if one.exists())
@@ -84,3 +95,19 @@ def write_atomically(text: str, path: Path) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+    write_out_folder(path.parent)
+
+
+def write_out_folder(folder: Path) -> None:
+    """Have the disk keep which files a folder has: without it, a new name may be gone after a loss of power.
+
+    Raises OSError when the disk fails.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems know no such thing
+            raise
+    finally:
+        os.close(descriptor)

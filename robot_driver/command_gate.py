@@ -106,8 +106,8 @@ class CommandGate:
             self._expires = now + COMMAND_LIFETIME - max(utime - decided, 0) / 1e6
             return True
 
-    def take_estop(self, engaged: bool, decided: int, *, utime: int) -> None:
-        """Engage or release the emergency stop of the bus.
+    def take_estop(self, engaged: bool, decided: int, *, utime: int) -> bool:
+        """Engage or release the emergency stop of the bus; return whether it is engaged, or released, by now.
 
         It is engaged whatever the time; a release must be recent and not older than what engaged it.
         """
@@ -119,9 +119,10 @@ class CommandGate:
         elif Stop.BUS in self._stops:
             if decided < self._engaged_utime or abs(utime - decided) > streams.COMMAND_LIFETIME:
                 self.releases_rejected += 1
-            else:
-                self._released_utime = decided
-                self.release(Stop.BUS)
+                return False
+            self._released_utime = decided
+            self.release(Stop.BUS)
+        return True
 
     def hold(self, stop: Stop) -> None:
         """Hold the motors at zero from now on; the command in force is forgotten."""

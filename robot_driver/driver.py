@@ -8,8 +8,9 @@ from types import TracebackType
 from cmr.bus.message import Message
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
-from cmr.msg import estop_t, motor_command_t
+from cmr.msg import estop_latch_t, estop_t, motor_command_t
 from cmr.parameters.following import ParameterFollower
+from robot_driver.bus_stop import BusStop
 from robot_driver.command_gate import CommandGate
 from robot_driver.commanders import Commanders
 from robot_driver.controllers import CONTROLLERS
@@ -21,6 +22,7 @@ from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort, numbering_warning
 from robot_driver.settings import BOARD, Settings
+from robot_driver.stop_file import StopFile, StopKeeper
 from robot_driver.stream_port import OverheardPort, StreamPort
 
 
@@ -29,9 +31,11 @@ class Driver:
 
     Knows no bus: `handle` takes messages, `outgoing` hands over those to publish. Raises PortLost on entry when a
     port cannot be opened. On leaving, the motors have been stopped, acknowledged where the device answers.
+
+    An emergency stop that is engaged according to `stop_file` holds the motors before any port is opened.
     """
 
-    def __init__(self, settings: Settings, host: Host = THIS_COMPUTER) -> None:
+    def __init__(self, settings: Settings, host: Host = THIS_COMPUTER, stop_file: StopFile | None = None) -> None:
         self._host = host
         self.follower = ParameterFollower(settings.robot, settings.parameters)
         self.warnings = " ".join(filter(None, map(numbering_warning, (settings.port, settings.gyro_port or ""))))
@@ -39,6 +43,8 @@ class Driver:
         self._commanded_on = MOTOR_COMMAND.channel(settings.robot)
         self._outgoing: queue.SimpleQueue[tuple[Stream[Message], Message]] = queue.SimpleQueue()
         self._gate = CommandGate()
+        self._stop_keeper = StopKeeper(stop_file) if stop_file is not None else None
+        self._bus_stop = BusStop(self._gate, settings.robot, self._stop_keeper)
         self._commanders = Commanders()
         controller_type = CONTROLLERS[settings.controller]
         port_type = StreamPort if controller_type.streams else SerialPort
@@ -67,6 +73,8 @@ class Driver:
 
     def __enter__(self) -> "Driver":
         with ExitStack() as inside:
+            if self._stop_keeper is not None:
+                inside.enter_context(self._stop_keeper)
             for thread in reversed(self._threads):  # the motors come last, when all else is there
                 inside.enter_context(thread)
             self._inside = inside.pop_all()
@@ -96,7 +104,7 @@ class Driver:
                 utime, message.left, message.right, now=self._host.seconds_since_boot(), utime=self._host.utime()
             )
         elif isinstance(message, estop_t):
-            self._gate.take_estop(bool(message.engaged), utime, utime=self._host.utime())
+            self._bus_stop.handle(message, utime, utime=self._host.utime())
         elif self.follower.handle(utime, channel, message):
             self._use_parameters()
 
@@ -106,8 +114,14 @@ class Driver:
             stream, message = self._outgoing.get()
             yield stream, self._robot_id, message
 
+    def stop_reports(self) -> list[estop_latch_t]:
+        """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
+        return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
+
     def news(self) -> Iterator[str]:
         """Yield what happened since the last call, as a person wants to read it."""
+        while self._bus_stop.news:
+            yield self._bus_stop.news.pop(0)
         while not self._motors.news.empty():
             yield self._motors.news.get()
 
@@ -123,12 +137,13 @@ class Driver:
 
         Raises what ended a port's thread, if it was a fault of the program.
         """
-        found = [thread.problem for thread in self._threads]
+        found = [self._bus_stop.problem, *(thread.problem for thread in self._threads)]
         return " ".join(filter(None, [*found, self._commanders.problem(self._host.utime())]))
 
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""
-        remarks = [self.warnings, self.follower.message, self._motors.rhythm.sentence(), *self._gate.remarks()]
+        remarks = [*self._bus_stop.remarks(), self.warnings, self.follower.message, self._motors.rhythm.sentence()]
+        remarks += self._gate.remarks()
         if self._motors.faults:
             remarks.append(f"Replies lost or damaged: {self._motors.faults}.")
         if self._gyro is not None and any(self._gyro.counts.values()):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS
+from cmr.bus.streams import ESTOP, ESTOP_LATCH, MOTOR_COMMAND, PARAMETERS
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.options import add_options, made_of
@@ -15,13 +15,17 @@ from robot_driver.driver import Driver
 from robot_driver.listing import Rates, describe
 from robot_driver.serial_port import PortLost, available_ports
 from robot_driver.settings import Settings
+from robot_driver.stop_file import StopFile, state_folder
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 
 DESCRIPTION = """Drive a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
 
 The motors stop when no command has come for 0.5 s, when ESTOP is engaged, and when this process ends. If this
-computer fails, the motor controller stops them by itself after 0.5 s, an MBot board after 1 s."""
+computer fails, the motor controller stops them by itself after 0.5 s, an MBot board after 1 s.
+
+ESTOP holds over restarts, also of the computer, until it is released (cmr estop release). It is kept in the folder
+--state: by default that of systemd's StateDirectory=, otherwise ~/.local/state/cmr."""
 EXAMPLE = "cmr-driver --port /dev/serial/by-id/usb-Basicmicro_RoboClaw-if00 --gyro-port /dev/ttyUSB0 --robot 0"
 
 
@@ -45,6 +49,7 @@ def main(arguments: list[str]) -> int:
                 driver.turn()
                 process.dispatch(driver.handle)
                 process.publish_all(list(driver.outgoing()))
+                process.publish_all((ESTOP_LATCH, options.robot, report) for report in driver.stop_reports())
                 for news in driver.news():
                     process.news(news)
                 _report(process, driver)
@@ -56,7 +61,8 @@ def main(arguments: list[str]) -> int:
 @contextmanager
 def _said(process: Process, settings: Settings) -> Iterator[Driver]:
     """Have the process say at its end what became of the motors."""
-    driver = Driver(settings)
+    stop_file = StopFile(settings.state or state_folder(), settings.robot, process.bus.url)
+    driver = Driver(settings, stop_file=stop_file)
     with driver:
         yield driver
     process.farewell = driver.farewell

@@ -81,7 +81,8 @@ class Connection:
 
 @dataclass(frozen=True)
 class Settings(Connection):
-    """How a robot is connected, which one it is, and its parameter file."""
+    """How a robot is connected, which one it is, its parameter file, and where its emergency stop is kept."""
 
     robot: int = 0
     parameters: Annotated[Path | None, Option("parameter file of the robot; followed while it changes", "FILE")] = None
+    state: Annotated[Path | None, Option("folder in which an engaged emergency stop is kept", "DIR")] = None

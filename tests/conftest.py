@@ -2,6 +2,7 @@
 
 import gc
 import os
+import tempfile
 import tty
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,10 @@ settings.register_profile("patient", deadline=None)
 settings.load_profile("patient")
 
 os.environ["XDG_CONFIG_HOME"] = os.devnull  # a developer's own settings change no test
+# An emergency stop that a test leaves engaged stops no robot of a later run, and a developer's own none of a test.
+_STATE = tempfile.TemporaryDirectory(prefix="cmr-state-")
+os.environ["XDG_STATE_HOME"] = _STATE.name
+os.environ.pop("STATE_DIRECTORY", None)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -1,19 +1,63 @@
 """The emergency stop as every process obeys it: latched until it is released."""
 
+import time
+
 from cmr.bus.message import Message
 from cmr.bus.streams import ESTOP
-from cmr.msg import estop_t
+from cmr.msg import estop_latch_t, estop_t
+
+HOW_TO_RELEASE = "cmr estop release --reason TEXT, or the page of cmr-view"
+
+LAST_UTIME = 253_370_764_800_000_000  # us; the year 9999
 
 
 class EmergencyStop:
-    """Whether the emergency stop is engaged, and by whom and why."""
+    """Whether the emergency stop is engaged, and by whom and why: as it is asked for on ESTOP, and as drivers keep it.
+
+    `latched` holds the last ESTOP_LATCH_N of each robot whose driver holds it.
+    """
 
     def __init__(self) -> None:
-        self.engaged = False
-        self.reason = ""
+        self.latched: dict[int, estop_latch_t] = {}
+        self._asked = ""
 
     def handle(self, _utime: int, channel: str, message: Message) -> None:
-        """Take an estop_t; other messages are passed over."""
+        """Take an estop_t or an estop_latch_t; other messages are passed over."""
         if channel == ESTOP.name and isinstance(message, estop_t):
-            self.engaged = bool(message.engaged)
-            self.reason = f"{message.source}: {message.reason}" if self.engaged else ""
+            self._asked = f"{message.source}: {message.reason}" if message.engaged else ""
+        elif isinstance(message, estop_latch_t):
+            if message.engaged:
+                self.latched[message.robot_id] = message
+            else:
+                self.latched.pop(message.robot_id, None)
+
+    @property
+    def engaged(self) -> bool:
+        """Whether it is asked for, or any robot is held by it."""
+        return bool(self._asked or self.latched)
+
+    def holds(self, robot_id: int) -> bool:
+        """Return whether a robot must stand: others may have been released already, or never been stopped."""
+        return bool(self._asked) or robot_id in self.latched
+
+    @property
+    def reason(self) -> str:
+        """By whom and why it is engaged; where nobody asks for it any more, also since when and for which robots."""
+        return self._asked or self.latched_reason
+
+    @property
+    def latched_reason(self) -> str:
+        """By whom, why and since when robots are held, and which; of several the longest held. Empty if none is."""
+        if not self.latched:
+            return ""
+        first = min(self.latched.values(), key=lambda latch: latch.since_utime)
+        ids = ", ".join(map(str, sorted(self.latched)))
+        robots = f"robot{'s' if len(self.latched) > 1 else ''} {ids}"
+        return f"{first.source}: {first.reason} ({robots}, since {local_time(first.since_utime)})"
+
+
+def local_time(utime: int) -> str:
+    """Return a time of day [us since the Unix epoch] with its date, as this computer's clock shows it."""
+    if not 0 <= utime < LAST_UTIME:
+        return "a time that no clock shows"
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(utime / 1e6))

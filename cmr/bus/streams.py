@@ -67,6 +67,7 @@ PARAMETERS = Stream("PARAMETERS", msg.parameters_t, True, 1.0, "whoever wrote th
 CALIBRATION_STATUS = Stream("CALIBRATION_STATUS", msg.calibration_status_t, True, 2.0, "cmr-calibrate")
 PROCESS_STATUS = Stream("PROCESS_STATUS", msg.process_status_t, False, 1.0, "every process")
 ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while engaged")
+ESTOP_LATCH = Stream("ESTOP_LATCH", msg.estop_latch_t, True, 1.0, "cmr-driver")
 
 STREAMS: tuple[Stream[Message], ...] = (
     MOTOR_COMMAND,
@@ -85,6 +86,7 @@ STREAMS: tuple[Stream[Message], ...] = (
     CALIBRATION_STATUS,
     PROCESS_STATUS,
     ESTOP,
+    ESTOP_LATCH,
 )
 
 _BY_NAME = {stream.name: stream for stream in STREAMS}

@@ -10,6 +10,7 @@ COMMANDS = {
     "emulate": ("robot_driver.emulator.main", "emulate a robot: devices on pseudo-terminals, physics behind them"),
     "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
     "pilot": ("cmr.commands.pilot", "drive a real robot by a behaviour"),
+    "estop": ("cmr.commands.estop", "engage the emergency stop, release it, or show which robots it holds"),
     "camera": ("cmr.commands.camera", "measure poses of real robots with a camera"),
     "view": ("cmr.commands.view", "show the world in a web page, live or from a log"),
     "calibrate": ("cmr.commands.calibrate", "find the parameters of a robot, live or from a log"),
@@ -23,7 +24,7 @@ COMMANDS = {
     "spy": ("cmr.tools.spy.main", "show what is on the bus"),
     "completion": ("cmr.commands.completion", "print the completion of bash, zsh or fish"),
 }
-UMBRELLA_ONLY = ("init", "doctor", "completion")  # of the others each is also a command by itself: cmr-sim
+UMBRELLA_ONLY = ("init", "doctor", "estop", "completion")  # of the others each is also a command by itself: cmr-sim
 
 
 def name_of(name: str) -> str:

@@ -22,6 +22,8 @@ from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
 from cmr.experiments.live.children import Children, our_command
+from cmr.experiments.live.jobs import STATE
+from cmr.files import gone_before_and_after
 from cmr.geometry.figures import LENGTH, figure_eight
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t, world_state_t
@@ -65,7 +67,8 @@ def main(arguments: list[str]) -> int:
     folder = free_folder(options.out)
     check_writable(folder)
     compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
-    with Process("cmr-demo", url) as process, Children(folder) as children:
+    robot_ends = gone_before_and_after(folder / STATE)
+    with Process("cmr-demo", url) as process, robot_ends, Children(folder) as children:
         _prepare(folder)
         demo = _Demo(process, children, read_speeds(options.speed))
         try:
@@ -170,7 +173,8 @@ def _commands(folder: Path, url: str, options: argparse.Namespace) -> dict[str, 
         "emulate": emulate,
         "driver": [
             *(our_command("cmr-driver"), "--robot", str(ROBOT), "--port", str(ports / "motor")),
-            *("--gyro-port", str(ports / "gyro"), "--parameters", parameters, *bus),
+            *("--gyro-port", str(ports / "gyro"), "--parameters", parameters),
+            *("--state", str(folder / STATE), *bus),
         ],
         "sim": [
             *(our_command("cmr-sim"), "--parameters", str(folder), "--parameters-of", str(ROBOT)),

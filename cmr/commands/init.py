@@ -92,7 +92,9 @@ def contents(answers: Answers, folder: Path) -> dict[str, str]:
     return {
         f"robot_{number}.yaml": file.to_yaml(),
         "60-cmr.rules": _udev_rules(answers),
-        f"cmr-driver-{number}.service": _unit(f"driver of robot {number}", _driver_command(answers, folder)),
+        f"cmr-driver-{number}.service": _unit(
+            f"driver of robot {number}", _driver_command(answers, folder), "StateDirectory=cmr"
+        ),
         "cmr-sim.service": _unit("simulator", [our_command("cmr-sim"), "--parameters", str(folder)]),
         f"robot_{number}_scenario.yaml": _scenario(answers),
     }
@@ -123,23 +125,15 @@ def _driver_command(answers: Answers, folder: Path) -> list[str]:
     return [*command, "--parameters", str(folder / f"robot_{answers.robot}.yaml")]
 
 
-def _unit(what: str, command: list[str]) -> str:
+def _unit(what: str, command: list[str], *more: str) -> str:
+    """Return a unit of systemd that runs a command; `more` are lines of its section [Service]."""
     words = " ".join(f'"{word}"' if " " in word else word for word in command).replace("%", "%%")
-    return dedent(f"""\
-        [Unit]
-        Description=CMR {what}
-        After=network-online.target
-        Wants=network-online.target
-
-        [Service]
-        ExecStart={words}
-        LimitRTPRIO=1
-        Restart=on-failure
-        RestartSec=2
-
-        [Install]
-        WantedBy=multi-user.target
-        """)
+    unit = {
+        "Unit": [f"Description=CMR {what}", "After=network-online.target", "Wants=network-online.target"],
+        "Service": [f"ExecStart={words}", "LimitRTPRIO=1", *more, "Restart=on-failure", "RestartSec=2"],
+        "Install": ["WantedBy=multi-user.target"],
+    }
+    return "\n".join("\n".join((f"[{section}]", *lines, "")) for section, lines in unit.items())
 
 
 def _scenario(answers: Answers) -> str:

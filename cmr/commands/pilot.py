@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import ESTOP, ESTOP_LATCH, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
@@ -41,6 +41,7 @@ def main(arguments: list[str]) -> int:
     with Process("cmr-pilot", options.lcm_url) as process:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(ESTOP, every=True)
+        process.subscribe(ESTOP_LATCH, options.robot)
         process.subscribe(MOTOR_FEEDBACK, options.robot, every=True)
         process.subscribe(POSE, options.robot, every=True)
         process.subscribe(PARAMETERS, options.robot)

@@ -16,7 +16,7 @@ from cmr.cli.progress import Progress
 from cmr.commands import first_use
 from cmr.commands.scenarios import load
 from cmr.experiments.live.children import Children
-from cmr.experiments.live.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job, jobs_of
+from cmr.experiments.live.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, STATE, Job, jobs_of
 from cmr.experiments.live.live_run import LiveRun, Outcome
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.recorder import logs_in
@@ -24,6 +24,7 @@ from cmr.experiments.live.report import metrics_in_words, write_report
 from cmr.experiments.scenario import Scenario, ScenarioError
 from cmr.experiments.scenario.reading import SHIPPED, path_of, shipped
 from cmr.experiments.team.metrics import UNITS
+from cmr.files import gone_before_and_after
 
 # What processes have to be compiled for, by their role.
 TAKES = {
@@ -58,7 +59,8 @@ def main(arguments: list[str]) -> int:
             raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
         ours, others = _by_host(jobs_of(prepared, folder, process.bus.url))
         _tell_others(others, folder)
-        with Children(folder) as children, Progress(lines=True) as progress:
+        robots_end = gone_before_and_after(folder / STATE)
+        with robots_end, Children(folder) as children, Progress(lines=True) as progress:
             run = LiveRun(prepared, folder, process, ours, children, progress, others)
             began = time.time()
             outcome = run.run()

@@ -11,6 +11,7 @@ from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Outgoing, Process, Timer
 from cmr.bus.streams import (
     ESTOP,
+    ESTOP_LATCH,
     GYRO,
     MOTOR_FEEDBACK,
     PARAMETERS,
@@ -44,7 +45,16 @@ if TYPE_CHECKING:
     from cmr.experiments.live.virtual import Cast
     from cmr.world.scanning import Scanner
 
-HEARD: tuple[Stream[Message], ...] = (MOTOR_FEEDBACK, GYRO, POSE, WAYPOINTS, PARAMETERS, ESTOP, WORLD_STATE)
+HEARD: tuple[Stream[Message], ...] = (
+    MOTOR_FEEDBACK,
+    GYRO,
+    POSE,
+    WAYPOINTS,
+    PARAMETERS,
+    ESTOP,
+    ESTOP_LATCH,
+    WORLD_STATE,
+)
 STEP_RATE = 100.0  # Hz
 MOST_TOLD = 5  # robots that have the same problem
 CROWDED = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP
+from cmr.bus.streams import ESTOP, ESTOP_LATCH
 from cmr.cli.command_line import add_logs, logs_of, parser
 from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
@@ -38,6 +38,7 @@ def main(arguments: list[str]) -> int:
     token = options.token or secrets.token_urlsafe(12)
     with Process("cmr-view", options.lcm_url) as process:
         process.subscribe(ESTOP, every=True)
+        process.subscribe(ESTOP_LATCH, every=True)
         try:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
             server = PageServer(options.host, options.port, token, Room(obstacles, geofence), showing)

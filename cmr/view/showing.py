@@ -88,7 +88,7 @@ class LiveShowing:
         _stop_or_release(self.orders, wish, utime)
         if wish.what == FIGURE_EIGHT:
             place = self.state.present().fresh().place(wish.value)
-            if place is not None and not self.orders.stopped:
+            if place is not None and not self.orders.must_stand(wish.value):
                 self.orders.figure_eight(utime, wish.value, place)
 
     def head(self) -> str:
@@ -182,12 +182,14 @@ def crowd(state: ViewState) -> str:
 
 
 def stop_line(orders: Orders) -> str:
-    """Return, as HTML, that the emergency stop is engaged, if it is."""
-    return words.sentence(f"EMERGENCY STOP engaged by {orders.reason}", RED) if orders.stopped else ""
+    """Return, as HTML, that the emergency stop is engaged, and that drivers hold robots by it, as far as that is so."""
+    engaged = words.sentence(f"EMERGENCY STOP engaged by {orders.reason}", RED) if orders.stopped else ""
+    latched = f"EMERGENCY STOP in force until it is reset, engaged by {orders.latched_reason}"
+    return engaged + (words.sentence(latched, RED) if orders.latched_reason else "")
 
 
 def _stop_or_release(orders: Orders, wish: Wish, utime: int) -> None:
     if wish.what == STOP:
         orders.stop(utime)
     elif wish.what == RELEASE:
-        orders.release(utime)
+        orders.release()

@@ -74,7 +74,7 @@ class Pilot:
             load()
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N or ESTOP."""
+        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N."""
         _, robot_id = identify(channel) or (None, None)
         self._estop.handle(utime, channel, message)
         if isinstance(message, world_state_t):
@@ -115,7 +115,7 @@ class Pilot:
         self._look_at_fence(me, model)
         if self.left_fence:
             self.waiting_for = "a new start of cmr-pilot"
-        elif self._estop.engaged:
+        elif self._estop.holds(self.robot_id):
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
             self._zeros_to_send = FIRST_ZEROS
         elif self._zeros_to_send:

@@ -345,7 +345,7 @@ class World:
 
     def _begin_drive(self, robot_id: int, real: _RealRobot, utime: int) -> None:
         """At the beginning of each drive, put a real robot's twin where its robot is."""
-        if not any(self._command_of(real, utime)):
+        if not any(self._command_of(robot_id, real, utime)):
             return
         begins = utime - real.last_driven > REST_BEFORE_DRIVE
         model = self._models.get(robot_id)
@@ -354,8 +354,8 @@ class World:
             self._fleet.place([(robot_id, TWIN)], start, model)
         real.last_driven = utime
 
-    def _command_of(self, real: _RealRobot, utime: int) -> tuple[float, float]:
-        return (0.0, 0.0) if self.estop.engaged else real.commands.at(utime)
+    def _command_of(self, robot_id: int, real: _RealRobot, utime: int) -> tuple[float, float]:
+        return (0.0, 0.0) if self.estop.holds(robot_id) else real.commands.at(utime)
 
     def _decide(self, utime: int) -> None:
         """Command the simulated robots as their behaviours decide, and twins as their robots are."""
@@ -375,4 +375,4 @@ class World:
         return self._models[self._virtual[robot_id].parameters_of]
 
     def _command_of_twin(self, robot_id: int, utime: int) -> tuple[float, float]:
-        return self._command_of(self._real[robot_id], utime)
+        return self._command_of(robot_id, self._real[robot_id], utime)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cmr.bus.messages import make
 from cmr.bus.process import EXIT_INTERRUPTED, Process
-from cmr.bus.streams import ESTOP, POSE
+from cmr.bus.streams import ESTOP, ESTOP_LATCH, POSE
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.options import add_options, made_of
@@ -116,7 +116,8 @@ def _run_speed_robot(options: Namespace, settings: Settings) -> int:
             robot.turn()
             process.dispatch(robot.handle)
             process.publish_all(robot.outgoing())
-            process.message = " ".join(robot.gate.remarks())
+            process.publish_all((ESTOP_LATCH, options.robot, report) for report in robot.stop_reports())
+            process.message = " ".join(robot.remarks())
     return process.exit_code
 
 

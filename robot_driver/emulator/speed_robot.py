@@ -11,8 +11,17 @@ from cmr.bus.messages import make
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, Stream
 from cmr.model.command_kinds import VELOCITY, WHEEL_SPEED
-from cmr.msg import estop_t, gyro_t, motor_feedback_t, pose_xyt_t, velocity_command_t, wheel_speed_command_t
+from cmr.msg import (
+    estop_latch_t,
+    estop_t,
+    gyro_t,
+    motor_feedback_t,
+    pose_xyt_t,
+    velocity_command_t,
+    wheel_speed_command_t,
+)
 from cmr.plant.commanded import wheel_speeds_of
+from robot_driver.bus_stop import BusStop
 from robot_driver.clock import Stamps
 from robot_driver.command_gate import CommandGate
 from robot_driver.emulator.plant import Plant
@@ -38,6 +47,7 @@ class SpeedRobot:
         self, settings: Settings, robot_id: int, commands: str, pose_rate: float | None, host: Host = THIS_COMPUTER
     ) -> None:
         self.gate = CommandGate(largest=math.inf)  # too fast is as fast as it can
+        self._bus_stop = BusStop(self.gate, robot_id)  # a robot that ends with its process needs no file of it
         self.plant = Plant(settings, settings.plant_of_speeds)
         self._robot_id, self._command_type, self._host = robot_id, COMMANDS[commands].message_type, host
         self._commanded_on = COMMANDS[commands].channel(robot_id)
@@ -60,7 +70,7 @@ class SpeedRobot:
         """Take a message from the bus; a command takes effect when it was decided, unless that has passed."""
         now = self._host.utime()
         if isinstance(message, estop_t):
-            self.gate.take_estop(bool(message.engaged), utime, utime=now)
+            self._bus_stop.handle(message, utime, utime=now)
         elif isinstance(message, self._command_type) and channel == self._commanded_on:
             speeds = self._wheel_speeds(message)
             if self.gate.offer(utime, *speeds, now=self._host.seconds_since_boot(), utime=now):
@@ -74,6 +84,14 @@ class SpeedRobot:
         self._go_on(self._now())
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
+
+    def stop_reports(self) -> list[estop_latch_t]:
+        """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
+        return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
+
+    def remarks(self) -> list[str]:
+        """Return, in sentences, what holds the robot and what was not taken."""
+        return [remark for remark in (*self._bus_stop.remarks(), *self.gate.remarks()) if remark]
 
     def _wheel_speeds(self, command: Command) -> tuple[float, float]:
         """Return the wheel speeds (left, right) that a command asks for (rad/s)."""

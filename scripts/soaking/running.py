@@ -17,6 +17,7 @@ from typing import Any
 from cmr.bus.bus import Bus
 from cmr.bus.messages import now_utime
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PROCESS_STATUS
+from cmr.files import gone_before_and_after
 from soaking import plan, robot
 from soaking.checks import (
     CYCLE,
@@ -109,6 +110,9 @@ class Soak:
     def _driver(self, url: str, stack: ExitStack) -> subprocess.Popen[bytes]:
         arguments = ["--port", str(self._folder / "motor"), "--gyro-port", str(self._folder / "gyro")]
         arguments += ["--gyro", self._gyro, "--rate", "50", "--battery-warn", "11", "--battery-stop", "10"]
+        state = self._folder / "state"  # a stop of this soak holds no robot of the next
+        stack.enter_context(gone_before_and_after(state))
+        arguments += ["--state", str(state)]
         log = stack.enter_context((self._folder / "driver.log").open("wb"))
         process = subprocess.Popen([*DRIVER, *arguments, "--lcm-url", url], stderr=log)
         stack.callback(process.kill)

@@ -45,6 +45,8 @@ WIRE = {
     "process_status_t": """int64_t utime; string process; string host; int32_t pid; int8_t state;
         string parameters_sha256; double loop_rate_hz; double loop_overruns; string message""",
     "estop_t": "int64_t utime; boolean engaged; string source; string reason",
+    "estop_latch_t": """int64_t utime; int32_t robot_id; boolean engaged; boolean stored; int64_t since_utime;
+        string source; string reason""",
 }
 CONSTANTS = {
     "robot_state_t": ["REAL", "VIRTUAL", "TWIN"],

@@ -50,6 +50,7 @@ ONLY_PARSED = {
     "cmr-sim --virtual": "runs until it is stopped",
     "cmr-spy": "listens for 5 s; tests/tools/test_spy.py runs it",
     "cmr-sweep": "takes minutes; tests/experiments/sweep/test_sweep.py runs it",
+    "cmr estop": "stops robots on the bus; tests/robot_driver/test_latched_stop.py runs it",
     "cmr-view": "serves a page until it is stopped",
 }
 ALONE = ("cmr-calibrate", "cmr-sim")  # without any option they listen until they are stopped

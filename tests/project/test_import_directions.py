@@ -72,7 +72,7 @@ KNOWN: dict[str, set[str]] = {
     "robot_driver.gyros": set(),
     "robot_driver.controllers": {"cmr.msg", "robot_driver.gyros"},
     "robot_driver": {
-        *(*BUS, "cmr.parameters", "cmr.model", "cmr.documents", "cmr.priority"),
+        *(*BUS, "cmr.parameters", "cmr.model", "cmr.documents", "cmr.files", "cmr.priority"),
         *("robot_driver.controllers", "robot_driver.gyros"),
     },
     "robot_driver.emulator": {*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver"},

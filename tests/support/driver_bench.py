@@ -275,7 +275,9 @@ class DriverProcess:
         self.statuses: list[Any] = []
         self.in_service = False
         command = [*START_DRIVER, "--port", str(folder / "motor"), "--lcm-url", URL, *arguments]
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        # Where an engaged stop is kept: each test has its own, but not each driver of a test.
+        environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state")}
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
 
     def command_until(self, condition: Callable[[], object], left: float = 0.5, right: float = 0.5) -> None:
         """Command this duty at 50 Hz until `condition` holds."""

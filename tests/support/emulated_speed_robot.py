@@ -66,7 +66,7 @@ class Bench:
 
     def estop(self, engaged: bool) -> None:
         """Engage or release the emergency stop."""
-        message = make(estop_t, utime=self.clock.utime(), engaged=engaged, source="test", reason="")
+        message = make(estop_t, utime=self.clock.utime(), engaged=engaged, source="test", reason="a test")
         self.send(ESTOP.channel(), message)
 
     def turn(self) -> None:

@@ -43,6 +43,9 @@ FIELDS: dict[str, dict[str, Any]] = {
         **{"loop_rate_hz": 99.5, "loop_overruns": 0.0, "message": ""},
     },
     "ESTOP": {"engaged": True, "source": "a person", "reason": "smoke"},
+    "ESTOP_LATCH": {
+        **{"engaged": True, "stored": True, "since_utime": START + 3, "source": "a person", "reason": "smoke"},
+    },
 }
 
 

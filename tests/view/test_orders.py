@@ -4,6 +4,7 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import (
+    ESTOP_LATCH,
     WAYPOINTS,
 )
 from cmr.msg import (
@@ -11,7 +12,9 @@ from cmr.msg import (
     waypoints_t,
 )
 from cmr.view.orders import RELEASES, Orders
+from cmr.view.showing import stop_line
 from cmr.view.wishes import RELEASE, STOP, Permission
+from tests.support.latches import latch
 from tests.support.typed_messages import as_a
 
 NOW = 1_700_000_000_000_000  # us
@@ -26,10 +29,10 @@ def test_a_stop_is_repeated_until_it_is_released_and_the_release_is_newer() -> N
     orders.stop(NOW)
     assert [sent(orders, NOW + k) for k in range(3)] == [[True], [True], [True]]
     assert orders.stopped
-    orders.release(NOW + 10)
+    orders.release()
     releases = [as_a(estop_t, message) for k in range(10) for _, _, message in orders.due(NOW + 10 + k)]
-    assert len(releases) == RELEASES + 1
-    assert all(message.utime >= NOW + 10 and not message.engaged for message in releases)
+    assert len(releases) == RELEASES
+    assert {(message.utime, message.engaged) for message in releases} == {(NOW + 10, False)}, "it ends no later stop"
     assert not orders.stopped
 
 
@@ -51,9 +54,24 @@ def test_a_stop_of_somebody_else_is_shown_and_not_repeated_and_ours_that_echoes_
     assert sent(orders, NOW) == []
     orders.stop(NOW)
     [(_, _, echo)] = orders.due(NOW)
-    orders.release(NOW + 1)
+    orders.release()
     orders.handle(NOW + 2, "ESTOP", echo)
     assert not orders.stopped
+
+
+def test_a_stop_that_drivers_hold_is_shown_until_each_has_released_it() -> None:
+    orders = Orders()
+    for robot_id in (7, 2):
+        orders.handle(NOW, ESTOP_LATCH.channel(robot_id), latch(robot_id, True))
+    assert "engaged by Ada: smoke (robots 2, 7, since 2023-11-1" in stop_line(orders)
+    assert not orders.stopped, "nobody asks for it any more"
+    assert orders.must_stand(7)
+    assert not orders.must_stand(1)
+    orders.release()
+    orders.handle(NOW, ESTOP_LATCH.channel(7), latch(7, False))
+    assert "(robot 2, since" in stop_line(orders), "robot 2 has not taken the release"
+    orders.handle(NOW, ESTOP_LATCH.channel(2), latch(2, False))
+    assert stop_line(orders) == ""
 
 
 def test_a_figure_eight_begins_and_ends_where_the_robot_is() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.messages import make
-from cmr.bus.streams import ESTOP, WORLD_STATE
+from cmr.bus.streams import ESTOP, ESTOP_LATCH, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import estop_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile, Value
@@ -16,6 +16,7 @@ from cmr.world.behaviours import Follow
 from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, VIRTUAL, Robot, world_messages
 from tests.support.emulated_drive import EPOCH, TRUTH, messages
+from tests.support.latches import latch
 
 TRUE = ParameterFile(0, {"wheel_radius": Value(0.04)} | {name: Value(value) for name, value in TRUTH.items()})
 
@@ -72,6 +73,17 @@ def test_it_stops_for_an_emergency_stop_until_its_release(pilot: Pilot) -> None:
         last = drive(pilot, EPOCH + 1_000_000)
         assert (last.left == 0.0) == engaged
         assert ("a child in the lab" in pilot.waiting_for) == engaged
+
+
+def test_a_pilot_that_starts_later_stands_while_the_driver_holds_its_robot(pilot: Pilot) -> None:
+    for engaged in (True, False):
+        for robot_id in (7, 0) if engaged else (7,):
+            pilot.handle(EPOCH, ESTOP_LATCH.channel(robot_id), latch(robot_id, engaged))
+        last = drive(pilot, EPOCH + 1_000_000)
+        assert last.left == 0.0
+        assert "release of the emergency stop (Ada: smoke (robot" in pilot.waiting_for
+    pilot.handle(EPOCH, ESTOP_LATCH.channel(0), latch(0, False))
+    assert drive(pilot, EPOCH + 2_000_000).left > 0.05
 
 
 def test_it_commands_zero_first_when_an_emergency_stop_was_released(pilot: Pilot) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cmr.bus.messages import make
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import ESTOP, ESTOP_LATCH, MOTOR_COMMAND, PARAMETERS, WAYPOINTS, WORLD_STATE
 from cmr.geometry.figures import figure_eight
 from cmr.geometry.obstacles import Obstacles
 from cmr.model.compiled import config
@@ -28,6 +28,7 @@ from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView, world_
 from cmr.world.world import VirtualRobot, World
 from robot_driver.emulator.settings import Settings
 from tests.support.emulated_drive import DEFAULT, EPOCH, TRUTH, Message, messages
+from tests.support.latches import latch
 
 TRUE = ParameterFile(0, {"wheel_radius": Value(0.04)} | {name: Value(value) for name, value in TRUTH.items()})
 OTHER = ParameterFile(
@@ -215,14 +216,18 @@ def test_the_twin_starts_each_drive_at_its_robot_and_then_runs_freely(file: Path
     assert max(second) < 0.02
 
 
-def test_a_twin_stands_still_during_an_emergency_stop(file: Path) -> None:
+@pytest.mark.parametrize("latched", [False, True])
+def test_a_twin_stands_still_during_an_emergency_stop(file: Path, latched: bool) -> None:
     world = world_of(file)
     drive_one = messages(DEFAULT, seconds=10.0)
     for channel, message in drive_one[: len(drive_one) // 2]:
         world.handle(message.utime, channel, message)
         world.advance(message.utime)
     utime = message.utime
-    world.handle(utime, ESTOP.name, make(estop_t, utime=utime, engaged=True, source="test", reason="test"))
+    if latched:
+        world.handle(utime, ESTOP_LATCH.channel(0), latch(0, True))
+    else:
+        world.handle(utime, ESTOP.name, make(estop_t, utime=utime, engaged=True, source="test", reason="test"))
     for k in range(150):
         now = utime + k * 10_000
         world.handle(now, MOTOR_COMMAND.channel(0), command(now, 0.5, 0.5))

@@ -20,6 +20,7 @@ STOP_ORDER = (PILOT, CALIBRATOR, DIAGNOSER, SIM, DRIVER, EMULATOR, RECORDER)
 OPEN_LOOP = "manoeuvre"  # the behaviour that drives without looking where it is
 LOG = "run.lcm"
 SIM_SCENARIO = "sim.yaml"
+STATE = "state"  # folder in which drivers of emulated robots keep an emergency stop: it ends with the run, as they do
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
         yield Job(f"emulator {robot_id}", EMULATOR, command, robot_id, host=robot.host)
         connection = ["--port", str(ports / "motor"), "--controller", robot.emulator.controller]
         connection += ["--gyro-port", str(ports / "gyro"), "--gyro", robot.emulator.gyro]
+        connection += ["--state", str(folder / STATE)]
         after: Path | None = ports / "gyro"
     else:
         connection = arguments_of(robot.driver) if robot.driver is not None else []

@@ -8,7 +8,7 @@ from pathlib import Path
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import Message
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import ESTOP, ESTOP_LATCH, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.experiments.live.children import Children
 from cmr.experiments.live.elsewhere import Elsewhere
@@ -82,6 +82,7 @@ class LiveRun:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(PROCESS_STATUS, every=True)
         process.subscribe(ESTOP, every=True)
+        process.subscribe(ESTOP_LATCH, every=True)
 
     def run(self) -> Outcome:
         """Start everything, and return when the run is over; nothing is stopped yet."""

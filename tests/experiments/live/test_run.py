@@ -77,15 +77,12 @@ def start(folder: Path, url: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
-def stop_and_release(url: str) -> None:
-    """Engage the emergency stop for half a second."""
+def send_estop(url: str, *, engaged: bool) -> None:
+    """Engage or release the emergency stop for half a second, and be gone."""
     bus = lcm.LCM(url)
-    for engaged in (True, False):
-        for _ in range(10):
-            bus.publish(
-                "ESTOP", make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="try").encode()
-            )
-            time.sleep(0.05)
+    for _ in range(10):
+        bus.publish("ESTOP", make(estop_t, utime=now_utime(), engaged=engaged, source="test", reason="try").encode())
+        time.sleep(0.05)
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +98,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
         if "ready." in line:
             time.sleep(1.0)
             os.kill(pid_of(folder, "cmr-sim"), signal.SIGKILL)
-            stop_and_release(url)
+            send_estop(url, engaged=True)
+            send_estop(url, engaged=False)
             break
     rest, _ = process.communicate(timeout=200.0)
     assert process.returncode == 0, said + rest
@@ -194,6 +192,28 @@ def test_ctrl_c_stops_everything_and_still_writes_the_report(tmp_path: Path) -> 
     assert "Traceback" not in said
     assert json.loads((folder / "out/report.json").read_text())["ended_by"].startswith("somebody ended it")
     assert processes_naming(folder) == []
+
+
+def test_an_emulated_robot_takes_its_emergency_stop_with_it(tmp_path: Path) -> None:
+    folder, url = tmp_path / "two", private_url()
+    process = start(folder, url)
+    kept = folder / "out" / "state" / "estop"
+    deadline = time.monotonic() + 60.0
+    while not (kept.exists() and list(kept.glob("robot_0_*.json"))):
+        assert time.monotonic() < deadline
+        send_estop(url, engaged=True)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=30.0)
+    assert "ESTOP is engaged by test: try" in said
+    assert not (folder / "out" / "state").exists()
+
+
+def test_drivers_of_emulated_robots_alone_keep_an_emergency_stop_in_the_folder_of_the_run(tmp_path: Path) -> None:
+    for kind in ("kind: emulated", "kind: real, driver: {port: /dev/null}"):
+        (tmp_path / "two.yaml").write_text(TEXT.replace("kind: emulated", kind))
+        jobs = jobs_of(load(tmp_path / "two.yaml"), tmp_path / "out", "udpm://239.255.76.67:7667?ttl=0")
+        (driver,) = (job for job in jobs if job.name == "driver 0")
+        assert ("--state" in driver.command) == (kind == "kind: emulated")
 
 
 def test_a_behaviour_of_ones_own_is_found_in_the_folder_where_the_command_is_run(tmp_path: Path) -> None:
