@@ -96,7 +96,7 @@ def test_only_regular_files_that_are_not_too_large_are_read(kind: str, tmp_path:
     elif kind == "large":
         with path.open("wb") as stream:
             stream.truncate(10**11)  # it takes no space
-    why = "it is larger than" if kind == "large" else "it is no regular file"
+    why = {"large": "it is larger than", "folder": "Is a directory"}.get(kind, "it is no regular file")
     with pytest.raises(ParameterFileError, match=f"{path}: cannot be read: {why}"):
         load(path)
     with pytest.raises(DocumentError, match=f"{path}: cannot be read: {why}"):
