@@ -1,4 +1,4 @@
-"""Strangers who speak for any number of channels, robots or processes are counted, and cost a bounded amount."""
+"""Strangers who send as any number of channels, robots or processes are counted, and cost a bounded amount."""
 
 import csv
 import importlib

@@ -2,7 +2,7 @@
 
 from cmr.msg import parameters_t
 
-MOST_EARLY = 16  # announcements from the future that are told apart; their senders' clocks are ahead, or they lie
+MOST_EARLY = 16  # announcements from the future that are distinguished; their senders' clocks are ahead, or they lie
 
 
 class Versions:

@@ -256,7 +256,7 @@ def test_an_announcement_of_the_last_possible_version_does_not_shut_out_what_fol
     assert own.sequence <= now_utime()
 
 
-def test_what_is_wrong_with_a_hostile_announcement_is_told_in_a_short_sentence(path: Path) -> None:
+def test_what_is_wrong_with_a_hostile_announcement_is_said_in_a_short_sentence(path: Path) -> None:
     follower = ParameterFollower(0, path)
     began = time.process_time()
     assert not take(follower, announcement(0, f"schema: {{{'x' * 100_000}: 1}}\n{MULTIPLYING}", now_utime()))
@@ -281,7 +281,7 @@ def test_announcements_that_cost_much_to_refuse_are_not_all_read(path: Path) -> 
         time.sleep(0.05)
 
 
-def test_a_pipe_in_place_of_the_file_is_told_and_waited_for_by_nobody(path: Path) -> None:
+def test_a_pipe_in_place_of_the_file_is_reported_and_waited_for_by_nobody(path: Path) -> None:
     follower = ParameterFollower(0, path)
     path.unlink()
     os.mkfifo(path)

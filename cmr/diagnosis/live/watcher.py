@@ -20,7 +20,7 @@ from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.commanding import COMMANDS, duties_of
 
-MOST_WATCHED = 1_000  # robots; strangers may speak for any number of them
+MOST_WATCHED = 1_000  # robots; strangers may send as any number of them
 LATEST = 1_000_000  # us by which messages may be late
 LONGEST_GAP = 3_000_000  # us without feedback, or in which its clock goes back, after which it is another drive
 SILENT = 3_000_000  # us

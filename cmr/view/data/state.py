@@ -30,7 +30,7 @@ from cmr.view.data.trails import Trails
 COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind of them
 LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")
 WITH_ARRAYS = ("RANGE_SCAN", "WAYPOINTS")
-MOST_ROBOTS = 2_000  # that are shown; strangers may speak for any number of them
+MOST_ROBOTS = 2_000  # that are shown; strangers may send as any number of them
 MOST_ESTIMATES = 600  # kept of a calibration
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
 RATE_WINDOW = 3_000_000  # us over which rates of channels are taken
