@@ -7,6 +7,7 @@ import pytest
 
 from cmr.model.command_kinds import VELOCITY
 from cmr.recordings.faults.checks import check
+from cmr.recordings.faults.commands_in_force import _allowed
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Mask, Signal
 
@@ -138,3 +139,9 @@ def test_a_damaged_command_beside_a_joystick_is_set_aside_with_the_others() -> N
 
 def test_of_duties_nothing_is_set_aside() -> None:
     assert len(set_aside(replace(drive(joystick=True), converted_from=""))) == 0
+
+
+def test_long_after_a_beginning_that_was_not_seen_any_speed_is_allowed() -> None:
+    with np.errstate(all="raise"):
+        allowed = _allowed(np.array([1.0]), np.array([0]), np.array([1e6]), np.array([True]))
+    assert allowed.tolist() == [np.inf]

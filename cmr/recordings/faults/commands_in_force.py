@@ -32,6 +32,7 @@ LEAST = 2.0  # s at a stretch for which wheels must do what they were not comman
 SLOWING = 1.0  # s for which a robot may set off, or slow down, before and after that
 LONGEST_PERIOD, PERIODS = 0.5, 4.0  # s, and usual periods, for which a sample says something of what follows
 HALF = 2  # readings on either side, of which the median is taken
+LATEST = 700.0  # time constants; of an unknown speed something must be left, as infinity times zero is no number
 
 Numbers = NDArray[np.int64]
 
@@ -105,7 +106,8 @@ def _allowed(speed: Floats, command: Numbers, since: Floats, drives: Mask) -> Fl
     early = (command >= 0) & (since <= DELAY)
     np.maximum.at(at_first, stretch[early], speed[early])
     at_first[np.isinf(at_first)] = np.inf  # of a stretch of which the beginning was not seen
-    return np.asarray(at_first[stretch] * np.exp(-np.maximum(since - DELAY, 0.0) / SLOWEST_CONTROLLER), np.float64)
+    time_constants = np.clip((since - DELAY) / SLOWEST_CONTROLLER, 0.0, LATEST)
+    return np.asarray(at_first[stretch] * np.exp(-time_constants), np.float64)
 
 
 def _lasting(recording: Recording, marked: Mask) -> list[tuple[int, int]]:
