@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -98,10 +99,17 @@ class Progress:
         return f"{done:g} of {total:g} {self._unit}{rest}{': ' if self._text else ''}{self._text}"
 
 
-def leave_terminal() -> None:
-    """Take a bar away and show the cursor again; for signal handlers that end the process at once."""
-    if _bars and os.isatty(2):
-        os.write(2, LINE_CLEARED + CURSOR_SHOWN)
+def leave_terminal(last_words: str = "") -> None:
+    """Take a bar away, show the cursor again and write last words; for signal handlers that end the process at once.
+
+    Where there is a bar, stderr shows nothing after it: the thread that draws the bar would draw it once more.
+    """
+    with suppress(OSError):  # a terminal that hung up must not keep the process
+        terminal = os.dup(2)
+        if _bars and os.isatty(terminal):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            os.write(terminal, LINE_CLEARED + CURSOR_SHOWN)
+        os.write(terminal, last_words.encode())
 
 
 def _console() -> "Console":

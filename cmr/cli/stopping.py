@@ -41,8 +41,7 @@ def end_on_signals(command: str) -> None:
     """End on SIGINT, SIGTERM and SIGHUP with a sentence; processes of ours end with their parent."""
 
     def end(_number: int, _frame: object) -> None:
-        leave_terminal()
-        os.write(2, f"\n{command}: stopped; the same command goes on from here.\n".encode())
+        leave_terminal(f"\n{command}: stopped; the same command goes on from here.\n")
         os._exit(EXIT_INTERRUPTED)
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -22,11 +22,14 @@ with Progress(4, "runs") as progress:
     print("result")
 """
 ENDED_BY_A_SIGNAL = """
-import os, signal, time
+import os, signal, threading, time
 from cmr.cli.progress import Progress
 from cmr.cli.start import _end
 signal.signal(signal.SIGTERM, _end)
-with Progress(4, "runs"):
+with Progress(4, "runs") as progress:
+    live = progress._rich.live
+    drawing = threading.Thread(target=lambda: [live.refresh() for _ in iter(int, 1)], daemon=True)
+    drawing.start()
     time.sleep(0.3)
     os.kill(os.getpid(), signal.SIGTERM)
 """
