@@ -1,6 +1,6 @@
 """Who has the key is heard; what anybody else sends, changes or repeats is refused, but an emergency stop."""
 
-import os
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from cmr import msg
 from cmr.bus.bus import Bus
+from cmr.bus.keys import write_new_key
 from cmr.bus.messages import decode, make
 from cmr.bus.preflight import BusError, key_of
 from cmr.bus.signing import (
@@ -157,13 +158,11 @@ def test_no_bytes_of_a_stranger_do_more_than_be_refused(junk: bytes) -> None:
 
 
 def test_on_the_bus_the_key_decides_and_what_is_refused_is_counted(
-    url: str, monkeypatch: pytest.MonkeyPatch, tmp_path: os.PathLike[str]
+    url: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     stranger = Bus(url)
-    path = os.path.join(tmp_path, "key")
-    with open(os.open(path, os.O_WRONLY | os.O_CREAT, 0o600), "w") as file:
-        file.write(KEY.hex())
-    monkeypatch.setenv("CMR_KEY", path)
+    write_new_key(tmp_path / "key")
+    monkeypatch.setenv("CMR_KEY", str(tmp_path / "key"))
     member, other = Bus(url), Bus(url)
     other.subscribe(POSE, every=True)
     other.subscribe(MOTOR_COMMAND, every=True)
