@@ -40,6 +40,11 @@ class Bus:
         self._hears_worlds = False
         self._repeated: dict[str, _Repeated] = {}
 
+    @property
+    def sender(self) -> int:
+        """The name of this process under its commands; it is another one after the clock was set back."""
+        return self._signer.sender
+
     def subscribe(self, stream: Stream[Message], robot_id: int | None = None, *, every: bool = False) -> None:
         """Receive this stream: of one robot, or of all where `robot_id` is None.
 

@@ -40,7 +40,7 @@ class Received(NamedTuple):
     stream: Stream[Message]
     robot_id: int | None
     message: Message
-    sender: bytes | None = None
+    sender: int | None = None
 
     def message_of(self, stream: Stream[M]) -> M | None:
         """Return the message if it came on a channel of this stream; None otherwise."""

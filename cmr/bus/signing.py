@@ -12,18 +12,19 @@ from struct import Struct
 from typing import NamedTuple
 
 from cmr.bus.messages import RejectedMessage, decode, now_utime
-from cmr.bus.streams import ESTOP, MOTOR_COMMAND, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, identify
+from cmr.bus.streams import COMMAND_CLAIM, ESTOP, MOTOR_COMMAND, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, identify
 from cmr.msg import estop_t
 
 KEY_BYTES = 32
 TAG_BYTES = 16
 MAGIC = b"CMR1"  # the last bytes of a message that is signed
-TRAILER = Struct(f">8sq{TAG_BYTES}s{len(MAGIC)}s")  # who sent it, when [us since the Unix epoch], the tag, MAGIC
-SIGNED = Struct(">8sq")  # the part of it that the tag covers, too
+TRAILER = Struct(f">qq{TAG_BYTES}s{len(MAGIC)}s")  # who sent it, when [us since the Unix epoch], the tag, MAGIC
+SIGNED = Struct(">qq")  # the part of it that the tag covers, too
 WINDOW = 1_000_000  # us by which the moment of sending may differ from the receiver's clock
 SET_BACK = 100_000  # us by which a clock may go back before its process takes another name
 NO_TAG = bytes(TAG_BYTES)
-COMMANDS = (MOTOR_COMMAND, WHEEL_SPEED_COMMAND, VELOCITY_COMMAND)  # whose sender counts, also where there is no key
+# Streams whose sender counts, also where there is no key.
+COMMANDING = (MOTOR_COMMAND, WHEEL_SPEED_COMMAND, VELOCITY_COMMAND, COMMAND_CLAIM)
 
 # Why a message was refused for its signature. unsigned: it has none, and this process has a key. forged: its sender has
 # another key, or it was changed. stale: sent more than a second before or after now, as in a log that is replayed; or
@@ -35,7 +36,7 @@ class Signed(NamedTuple):
     """A message without its signature, and who sent it: a name that each process makes up for itself; None: unknown."""
 
     data: bytes
-    sender: bytes | None
+    sender: int | None
 
 
 class RefusedSignature(Exception):  # noqa: N818 - it is a finding, not a failure of the program
@@ -55,15 +56,15 @@ class Signer:
     def __init__(self, key: bytes | None, utime: Callable[[], int] = now_utime) -> None:
         self._key, self._utime = key, utime
         self._latest = 0
-        self.sender = os.urandom(8)
+        self.sender = _new_name()
 
     def sign(self, channel: str, data: bytes) -> bytes:
         """Return a message as it goes onto the bus."""
-        if self._key is None and not _is_command(channel):
+        if self._key is None and not _is_commanding(channel):
             return data
         now = self._utime()
         if now < self._latest - SET_BACK:
-            self.sender = os.urandom(8)  # else nothing would be taken until the clock is where it was
+            self.sender = _new_name()  # else nothing would be taken until the clock is where it was
         elif now <= self._latest:
             now = self._latest + 1
         self._latest = now
@@ -76,7 +77,7 @@ class Verifier:
 
     def __init__(self, key: bytes | None, utime: Callable[[], int] = now_utime) -> None:
         self._key, self._utime = key, utime
-        self._latest: dict[tuple[bytes, str], int] = {}
+        self._latest: dict[tuple[int, str], int] = {}
         self._forgotten = 0
 
     def verify(self, channel: str, data: bytes) -> Signed:
@@ -110,7 +111,7 @@ class Verifier:
         if not hmac.compare_digest(tag, _tag(self._key, channel, message, signed)):
             raise RefusedSignature("forged")
 
-    def _note(self, sender: bytes, channel: str, sent: int) -> None:
+    def _note(self, sender: int, channel: str, sent: int) -> None:
         """Refuse what is not of now, or no later than what the sender sent last on this channel."""
         now = self._utime()
         if abs(now - sent) > WINDOW:
@@ -140,9 +141,13 @@ def _engages(data: bytes) -> bool:
     return isinstance(message, estop_t) and bool(message.engaged)
 
 
-def _is_command(channel: str) -> bool:
+def _new_name() -> int:
+    return int.from_bytes(os.urandom(8), "big", signed=True)
+
+
+def _is_commanding(channel: str) -> bool:
     identity = identify(channel)
-    return identity is not None and identity[0] in COMMANDS
+    return identity is not None and identity[0] in COMMANDING
 
 
 def _tag(key: bytes, channel: str, message: bytes, signed: bytes) -> bytes:

@@ -1,5 +1,6 @@
 """Who has the key is heard; what anybody else sends, changes or repeats is refused, but an emergency stop."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from cmr import msg
 from cmr.bus.bus import Bus
 from cmr.bus.keys import write_new_key
-from cmr.bus.messages import decode, make
+from cmr.bus.messages import Received, decode, make
 from cmr.bus.preflight import BusError, key_of
 from cmr.bus.signing import (
     MAGIC,
@@ -38,6 +39,15 @@ class Clock:
 
     def __call__(self) -> int:
         return self.utime
+
+
+def first_heard(bus: Bus) -> Received:
+    """Return the first message that is taken; what is refused wakes the bus, too."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        for received in bus.receive(0.1):
+            return received
+    raise AssertionError("nothing was heard")
 
 
 def refusal(verifier: Verifier, channel: str, data: bytes) -> str:
@@ -170,7 +180,7 @@ def test_on_the_bus_the_key_decides_and_what_is_refused_is_counted(
     stranger.publish(POSE, pose, 0)
     stranger.publish(MOTOR_COMMAND, COMMAND, 3)
     member.publish(POSE, pose, 0)
-    [received] = other.receive(PATIENCE)
+    received = first_heard(other)
     assert received.message.encode() == pose.encode()
     assert received.sender == member._signer.sender
     assert other.rejected == {("POSE_0", "unsigned"): 1, (CHANNEL, "unsigned"): 1}
@@ -178,7 +188,7 @@ def test_on_the_bus_the_key_decides_and_what_is_refused_is_counted(
     trusting = Bus(url)
     trusting.subscribe(POSE, every=True)
     stranger.publish(POSE, pose, 0)
-    assert trusting.receive(PATIENCE)
+    assert first_heard(trusting).message.encode() == pose.encode()
 
 
 def test_a_bus_that_others_share_needs_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
