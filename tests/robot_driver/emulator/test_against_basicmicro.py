@@ -18,7 +18,9 @@ from robot_driver.emulator.device import Device, Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
-from robot_driver.emulator.roboclaw_device import FULL_DUTY, VERSION, RoboclawDevice
+from robot_driver.emulator.roboclaw_board import FULL_DUTY
+from robot_driver.emulator.roboclaw_commands import VERSION
+from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import ADDRESSES, RoboclawPairDevice
 from robot_driver.emulator.settings import Settings, load_settings
 
