@@ -91,6 +91,13 @@ class RoboclawBoard:
             motor.drive(0.0)
         self._step(0.0)
 
+    def switch_on(self) -> None:
+        """Begin again with what is in the memory, as after power-off."""
+        self.registers, self.timeout, self._mix = dict(self.memory), 0.0, {}
+        for motor in MOTORS:
+            self.set_count(motor, 0)
+        self.stop()
+
     def go_on(self) -> None:
         """Do what is due by now: step the loops, measure the average speeds."""
         while self.loop_due <= self.time:

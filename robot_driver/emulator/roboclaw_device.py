@@ -26,13 +26,14 @@ CRC_BYTES = 2
 class RoboclawDevice:
     """A RoboClaw that drives `plant`, by `command` if that is given; it answers one address and ignores the others.
 
-    `not_understood` counts what it met with silence: commands that it does not know or whose values it refused, by
-    number, and packets with a wrong checksum.
+    `commands` are those that it knows. `not_understood` counts what it met with silence: commands that it does not know
+    or whose values it refused, by number, and packets with a wrong checksum.
     """
 
     def __init__(self, settings: Settings, plant: Plant, command: Callable[[float, float], None] | None = None) -> None:
         self.byte_time = byte_time(settings.roboclaw.baud)
         self.board = RoboclawBoard(settings, plant, command)
+        self.commands = dict(COMMANDS)
         self.not_understood: Counter[str] = Counter()
         self._address = settings.roboclaw.address
         self._packet = b""
@@ -86,7 +87,7 @@ class RoboclawDevice:
         if packet[0] not in ADDRESSES:
             self._deaf = True  # noise: where it ends cannot be known, so wait for silence
         elif len(packet) >= 2:
-            command = COMMANDS.get(packet[1])
+            command = self.commands.get(packet[1])
             if command is None:
                 self._deaf = True
                 self._note(packet, f"command {packet[1]}")
