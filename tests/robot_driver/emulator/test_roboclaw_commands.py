@@ -4,6 +4,7 @@ import dataclasses
 import math
 import struct
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ QPPS = round(2048 / (2.0 * math.pi * 0.054))  # of the emulated robot
 REFUSED_ABOVE_127 = (0, 1, *range(4, 14))
 
 
+@cache
 def emulated(**roboclaw: Any) -> Settings:
     settings = load_settings().ideal()
     return dataclasses.replace(settings, roboclaw=dataclasses.replace(settings.roboclaw, **roboclaw))
