@@ -7,12 +7,10 @@ mbot-project/mbot_firmware, src/mbot_classic.c, src/mbot_comms.c and comms/src/l
 
 import math
 import struct
-from collections import Counter
 from collections.abc import Callable
 from ctypes import c_float, c_int64
 
-from robot_driver.emulator.device import Transmission, byte_time
-from robot_driver.emulator.mbot_topics import (
+from robot_driver.emulator.boards.mbot_topics import (
     ANALOG_IN,
     ENCODERS,
     ENCODERS_RESET,
@@ -29,6 +27,7 @@ from robot_driver.emulator.mbot_topics import (
     VEL,
     VEL_CMD,
 )
+from robot_driver.emulator.device import NotUnderstood, Transmission, byte_time
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.sensors import YawGyro
 from robot_driver.emulator.settings import Settings
@@ -52,7 +51,7 @@ class MBotDevice:
     def __init__(self, settings: Settings, plant: Plant) -> None:
         self.byte_time = byte_time(0)  # USB
         self.duty = (0.0, 0.0)
-        self.not_understood: Counter[str] = Counter()
+        self.not_understood = NotUnderstood()
         self.wake_time = self._period = 1.0 / settings.mbot.rate
         self._settings = settings
         self._plant = plant
@@ -93,7 +92,7 @@ class MBotDevice:
             if check == checksum(body):
                 self._carry_out(topic, body[2:], time)
             else:
-                self.not_understood["wrong checksum"] += 1
+                self.not_understood.note("wrong checksum")
             self._waiting = self._waiting[FRAME_BYTES + length :]
         self._waiting = self._waiting[-1:]  # what may be the beginning of a start
         return []
@@ -117,7 +116,7 @@ class MBotDevice:
         """Tell whether a topic is taken, with a payload of so many bytes; count what is not."""
         known = topic in TAKEN and struct.calcsize(TAKEN[topic].layout) == length
         if not known:
-            self.not_understood[f"topic {topic}" if topic in TAKEN or topic in SAID else "unknown topic"] += 1
+            self.not_understood.note(f"topic {topic}" if topic in TAKEN or topic in SAID else "unknown topic")
         return known
 
     def _carry_out(self, topic: int, payload: bytes, time: float) -> None:

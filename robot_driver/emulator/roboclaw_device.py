@@ -2,19 +2,18 @@
 
 Source: RoboClaw user manual, "Packet Serial Commands". Requests to read carry no CRC; requests to write and all
 answers to reads end with CRC-16/XMODEM, high byte first. There is no negative answer: what is not understood
-is met with silence. The commands are in `roboclaw_commands`.
+is met with silence. The commands are in `boards.roboclaw_commands`.
 """
 
 import binascii
 import math
 import struct
-from collections import Counter
 from collections.abc import Callable
 
-from robot_driver.emulator.device import Transmission, byte_time
+from robot_driver.emulator.boards.roboclaw import RefusedError, RoboclawBoard
+from robot_driver.emulator.boards.roboclaw_commands import COMMANDS, Read, Write
+from robot_driver.emulator.device import NotUnderstood, Transmission, byte_time
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.roboclaw_board import RefusedError, RoboclawBoard
-from robot_driver.emulator.roboclaw_commands import COMMANDS, Read, Write
 from robot_driver.emulator.settings import Settings
 
 PACKET_GAP = 0.010  # s; a longer silence within a packet makes the device drop it
@@ -34,7 +33,7 @@ class RoboclawDevice:
         self.byte_time = byte_time(settings.roboclaw.baud)
         self.board = RoboclawBoard(settings, plant, command)
         self.commands = dict(COMMANDS)
-        self.not_understood: Counter[str] = Counter()
+        self.not_understood = NotUnderstood()
         self._address = settings.roboclaw.address
         self._packet = b""
         self._deaf = False
@@ -116,7 +115,7 @@ class RoboclawDevice:
     def _note(self, packet: bytes, what: str) -> None:
         """Count what was not understood, unless it was for another unit."""
         if packet[0] == self._address:
-            self.not_understood[what] += 1
+            self.not_understood.note(what)
 
 
 def checksum(data: bytes) -> int:

@@ -4,17 +4,16 @@ Source: Roboteq "Advanced Digital Motor Controller User Manual", serial commands
 or "_". Every character is echoed unless that is switched off; those below a space have no effect. Names may be in small
 letters. Actions (!) and settings (^) are answered with "+", queries (? and ~) with NAME=value:value, and what is not
 understood with "-". Real devices also bear what the client PyRoboteq, proven on them, sends: numbers in square
-brackets, empty brackets, and a "+" at the end. The commands are in `roboteq_commands`.
+brackets, empty brackets, and a "+" at the end. The commands are in `boards.roboteq_commands`.
 """
 
 import math
 import re
-from collections import Counter
 
-from robot_driver.emulator.device import Transmission, byte_time
+from robot_driver.emulator.boards.roboteq import RoboteqBoard
+from robot_driver.emulator.boards.roboteq_commands import ACTIONS, IDENTITY, QUERIES, SETTINGS, Setting
+from robot_driver.emulator.device import NotUnderstood, Transmission, byte_time
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.roboteq_board import RoboteqBoard
-from robot_driver.emulator.roboteq_commands import ACTIONS, IDENTITY, QUERIES, SETTINGS, Setting
 from robot_driver.emulator.settings import Settings
 
 ENDS = b"\r_"
@@ -33,7 +32,7 @@ class RoboteqDevice(RoboteqBoard):
     def __init__(self, settings: Settings, plant: Plant) -> None:
         self.byte_time = byte_time(settings.roboteq.baud)
         self.actions: list[str] = []
-        self.not_understood: Counter[str] = Counter()
+        self.not_understood = NotUnderstood()
         super().__init__(settings, plant)
 
     def switch_on(self) -> None:
@@ -102,7 +101,7 @@ class RoboteqDevice(RoboteqBoard):
                 return f"{name}={_colons(_of_channel(self.configuration[name], *values))}"
             return self._configure(kind, name, values)
         except (KeyError, ValueError, TypeError, IndexError):
-            self.not_understood[f"{kind}{name}"] += 1
+            self.not_understood.note(f"{kind}{name}")
             return REFUSED
 
     def _act(self, line: str, name: str, values: list[int]) -> str:

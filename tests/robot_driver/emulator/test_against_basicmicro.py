@@ -14,12 +14,12 @@ import pytest
 from basicmicro import Basicmicro
 from basicmicro.exceptions import PacketTimeoutError
 
+from robot_driver.emulator.boards.roboclaw import FULL_DUTY
+from robot_driver.emulator.boards.roboclaw_commands import VERSION
 from robot_driver.emulator.device import Device, Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
-from robot_driver.emulator.roboclaw_board import FULL_DUTY
-from robot_driver.emulator.roboclaw_commands import VERSION
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import ADDRESSES, RoboclawPairDevice
 from robot_driver.emulator.settings import Settings, load_settings
@@ -216,7 +216,7 @@ def test_the_wheels_turn_as_fast_as_the_client_says(
         def missed_by() -> int:
             _, *unsigned = client.GetISpeeds(FRONT)
             said = [(speed + 2**31) % 2**32 - 2**31 for speed in unsigned]
-            return max(abs(one - other) for one, other in zip(said, speeds, strict=True))
+            return int(max(abs(one - other) for one, other in zip(said, speeds, strict=True)))
 
         wait_for(lambda: missed_by() < 300)
 

@@ -155,6 +155,9 @@ SET_AND_READ: list[tuple[str, tuple[float, ...], str, tuple[float, ...]]] = [
 
 def test_what_the_older_client_sets_is_what_it_reads_until_factory_settings(tmp_path: Path) -> None:
     with older_client(tmp_path) as (client, device, _):
+        assert client.ReadM1VelocityPID() == [1, 2.0, 10.0, 0.0, QPPS]
+        assert client.RestoreDefaults()
+        assert client.ReadM1VelocityPID() == [1, 1.0, 0.5, 0.25, 44000]  # as the manual has it
         for call, values, read, said in SET_AND_READ:
             factory = tuple(getattr(client, read)())
             assert getattr(client, call)(*values)

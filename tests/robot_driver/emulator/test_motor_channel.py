@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from robot_driver.emulator.motor_channel import LOOP_PERIOD, Gains, MotorChannel, Rates
+from robot_driver.emulator.boards.motor_channel import LOOP_PERIOD, Gains, MotorChannel, Rates
 
 GAINS = Gains(p=2.0, i=10.0, d=0.0, full_speed=6000.0)
 MOTOR_TIME = 0.16  # s, in which a motor without a loop follows

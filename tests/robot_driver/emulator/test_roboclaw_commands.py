@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from robot_driver.emulator.motor_channel import LOOP_PERIOD
+from robot_driver.emulator.boards.motor_channel import LOOP_PERIOD
+from robot_driver.emulator.boards.roboclaw import KEY
+from robot_driver.emulator.boards.roboclaw_commands import COMMANDS, Read, Write
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.roboclaw_board import KEY
-from robot_driver.emulator.roboclaw_commands import COMMANDS, Read, Write
 from robot_driver.emulator.roboclaw_device import RoboclawDevice, checksum
 from robot_driver.emulator.settings import Settings, load_settings
 from tests.robot_driver.emulated_device import answer, let_pass

@@ -6,7 +6,7 @@ Source: Roboteq "Advanced Digital Motor Controller User Manual", commands refere
 from collections.abc import Callable, Container
 from typing import NamedTuple
 
-from robot_driver.emulator.roboteq_board import (
+from robot_driver.emulator.boards.roboteq import (
     CLOSED_LOOP_SPEED,
     CLOSED_LOOP_SPEED_POSITION,
     OPEN_LOOP,

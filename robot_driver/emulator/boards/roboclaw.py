@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from robot_driver.emulator.motor_channel import AT_ONCE, LOOP_PERIOD, Gains, MotorChannel, Rates
+from robot_driver.emulator.boards.motor_channel import AT_ONCE, LOOP_PERIOD, Gains, MotorChannel, Rates
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings
 
@@ -39,7 +39,7 @@ class RoboclawBoard:
         self.plant = plant
         self.time = 0.0
         self.motors = (MotorChannel(), MotorChannel())
-        self.registers = factory_settings(settings)
+        self.registers = set_up_settings(settings)
         self.memory = dict(self.registers)
         self.saves = 0
         self.timeout = 0.0
@@ -122,7 +122,7 @@ class RoboclawBoard:
 
     def restore_factory_settings(self) -> None:
         """Have the registers as they come from the factory."""
-        self.registers = factory_settings(self.settings)
+        self.registers = factory_settings()
 
     def counts(self) -> tuple[int, int]:
         """Return what both encoders have turned since power-up."""
@@ -170,19 +170,24 @@ class RoboclawBoard:
         return Gains(p, i, d, self.registers[f"velocity_qpps_{motor + 1}"])
 
 
-def factory_settings(settings: Settings) -> dict[str, int]:
-    """Return all registers as they are when a robot has been set up; all that are not named here are 0."""
-    robot, loop = settings.robot, settings.speed_loop
-    of_motor = {
-        "velocity_qpps": round(robot.ticks_per_turn / (TURN * robot.k1)),
-        "velocity_p": round(loop.p * PID_UNIT),
-        "velocity_i": round(loop.i * PID_UNIT),
-        "velocity_d": round(loop.d * PID_UNIT),
-        "current_max": 3000,  # 10 mA
-    }
+def factory_settings() -> dict[str, int]:
+    """Return all registers as they come from the factory; those that are not named here are 0."""
     limits = {"main_min": 60, "main_max": 340, "logic_min": 60, "logic_max": 340}  # 0.1 V
-    both = {f"{name}_{motor + 1}": value for name, value in of_motor.items() for motor in MOTORS}
-    return dict.fromkeys(_REGISTERS, 0) | limits | both
+    loop = {"velocity_qpps": 44000, "velocity_p": 0x10000, "velocity_i": 0x8000, "velocity_d": 0x4000}
+    return dict.fromkeys(_REGISTERS, 0) | limits | _of_both(loop) | _of_both({"current_max": 3000})  # 10 mA
+
+
+def set_up_settings(settings: Settings) -> dict[str, int]:
+    """Return all registers as they are when somebody has set the robot up, and has tuned its loops."""
+    robot, loop = settings.robot, settings.speed_loop
+    gains = {f"velocity_{gain}": round(getattr(loop, gain) * PID_UNIT) for gain in "pid"}
+    full_speed = {"velocity_qpps": round(robot.ticks_per_turn / (TURN * robot.k1))}
+    return factory_settings() | _of_both(gains | full_speed)
+
+
+def _of_both(values: dict[str, int]) -> dict[str, int]:
+    """Return registers of both motors, alike."""
+    return {f"{name}_{motor + 1}": value for name, value in values.items() for motor in MOTORS}
 
 
 # Names of registers of which one is there for each motor, and of the others.

@@ -6,7 +6,7 @@ a power, in closed-loop speed (1, and 6, in which the position is followed as we
 
 import math
 
-from robot_driver.emulator.motor_channel import LOOP_PERIOD, Gains, MotorChannel, Rates
+from robot_driver.emulator.boards.motor_channel import LOOP_PERIOD, Gains, MotorChannel, Rates
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings
 

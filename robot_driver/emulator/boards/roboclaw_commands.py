@@ -8,8 +8,8 @@ import struct
 from collections.abc import Callable
 from typing import NamedTuple
 
-from robot_driver.emulator import roboclaw_board
-from robot_driver.emulator.roboclaw_board import FULL_DUTY, TIMEOUT_UNIT, RefusedError, RoboclawBoard
+from robot_driver.emulator.boards import roboclaw
+from robot_driver.emulator.boards.roboclaw import FULL_DUTY, TIMEOUT_UNIT, RefusedError, RoboclawBoard
 
 BUFFER_EMPTY = 0x80
 BACKWARD, COUNTS_BACKWARD = 1, 2  # status byte of the speed commands, and of the encoder commands
@@ -97,7 +97,7 @@ def _speed(board: RoboclawBoard, motor: int) -> bytes:
 
 
 def _status(board: RoboclawBoard) -> bytes:
-    return roboclaw_board.HEALTHY.to_bytes(board.settings.roboclaw.status_bytes, "big")
+    return roboclaw.HEALTHY.to_bytes(board.settings.roboclaw.status_bytes, "big")
 
 
 def _everything(board: RoboclawBoard) -> bytes:
@@ -106,7 +106,7 @@ def _everything(board: RoboclawBoard) -> bytes:
     battery, milliseconds = _tenths(board.plant.battery_voltage()), round(board.plant.time * 1000.0) & 0xFFFFFFFF
     errors = [min(error, 0xFFFF) for error in board.speed_errors()]
     return (
-        struct.pack(">IIHHHH", milliseconds, roboclaw_board.HEALTHY, temperature, temperature, battery, logic)
+        struct.pack(">IIHHHH", milliseconds, roboclaw.HEALTHY, temperature, temperature, battery, logic)
         + struct.pack(">hhhh", *board.duty, *board.currents())
         + struct.pack(">IIiiii", *board.encoders(), *board.set_speeds(), *board.speeds())
         + struct.pack(">HHHH", *errors, 0, 0)
@@ -147,7 +147,7 @@ SENSING: dict[int, Write | Read] = {
     17: Read("count of encoder 2, status", ">IB", lambda board: _encoder(board, 1)),
     18: Read("speed of motor 1, direction", ">iB", lambda board: _speed(board, 0)),
     19: Read("speed of motor 2, direction", ">iB", lambda board: _speed(board, 1)),
-    20: Write("counts to 0", ">", lambda board: [board.set_count(motor, 0) for motor in roboclaw_board.MOTORS]),
+    20: Write("counts to 0", ">", lambda board: [board.set_count(motor, 0) for motor in roboclaw.MOTORS]),
     21: Read("version, with a line end and a NUL", None, lambda _: VERSION),
     22: Write("count of encoder 1", ">I", lambda board, count: board.set_count(0, count)),
     23: Write("count of encoder 2", ">I", lambda board, count: board.set_count(1, count)),
