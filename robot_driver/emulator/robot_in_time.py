@@ -38,6 +38,8 @@ class StreamingAdapter:
 
     def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
         """Return equal pieces, each when its last byte has left the wire."""
+        if end - begin < LONGEST_HOLD:
+            return [(end, data)]
         count = min(len(data), math.floor((end - begin) / LONGEST_HOLD) + 1)
         places = [len(data) * number // count for number in range(count + 1)]
         moments = [end - (end - begin) * (len(data) - place) / len(data) for place in places]
