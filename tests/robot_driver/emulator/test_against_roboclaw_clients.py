@@ -2,17 +2,21 @@
 
 `tcr-roboclaw` is the maker's older library: it writes each packet byte by byte, at most 10 ms between two bytes of an
 answer. `roboclaw` writes whole packets, and drives by the commands of one byte. What both have is what `basicmicro`,
-the maker's newer library in `test_against_basicmicro`, no longer has.
+the maker's newer library in `test_against_basicmicro`, no longer has. What `roboclaw` computes checksums with is no
+longer in the package that it names; a function of Python's is in its place.
 """
 
+import binascii
 import math
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import pytest
-from roboclaw.roboclaw import RoboClaw
 from tcr_roboclaw import Roboclaw
 
 from robot_driver.emulator.plant import Plant
@@ -42,6 +46,10 @@ def older_client(folder: Path, baud: int = SLOW) -> Iterator[tuple[Any, Roboclaw
 @contextmanager
 def another_client(folder: Path) -> Iterator[tuple[Any, RoboclawDevice]]:
     """Serve `roboclaw`, which knows the status of the oldest firmware only."""
+    checksums = ModuleType("PyCRC.CRCCCITT")
+    checksums.CRCCCITT = lambda: SimpleNamespace(calculate=lambda data: binascii.crc_hqx(data, 0))  # type: ignore[attr-defined]
+    with patch.dict(sys.modules, {"PyCRC": ModuleType("PyCRC"), "PyCRC.CRCCCITT": checksums}):
+        from roboclaw.roboclaw import RoboClaw
     settings, plant = emulated("roboclaw", status_bytes=1)
     device = RoboclawDevice(settings, plant)
     with served(folder, device, plant) as port:
