@@ -14,6 +14,7 @@ from robot_driver.emulator.boards.roboclaw import KEY
 from robot_driver.emulator.boards.roboclaw_commands import COMMANDS, Read, Write
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice, checksum
+from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
 from robot_driver.emulator.settings import Settings, load_settings
 from tests.robot_driver.emulated_device import answer, let_pass
 from tests.robot_driver.golden_vectors import ROBOCLAW_PID, ROBOCLAW_SPEEDS
@@ -384,3 +385,16 @@ def in_pieces(line: Line, gap: Callable[[int], float]) -> bytes:
         replies += answer(line.device, bytes((byte,)), time)
     line.time = time
     return replies
+
+
+def test_two_units_keep_the_speeds_of_wheels_that_the_ground_couples() -> None:
+    settings = emulated()
+    plant = Plant(settings)
+    device = RoboclawPairDevice(settings, plant)
+    for address in (0x80, 0x81):
+        packet = bytes((address, 37)) + struct.pack(">ii", 2000, -1000)
+        assert answer(device, packet + checksum(packet).to_bytes(2, "big"), 0.0) == b"\xff"
+    let_pass(device, plant, 2.0)
+    assert plant.encoder_speeds() == about(2000, -1000)
+    assert answer(device, b"\x81\xf0", 2.1) == answer(device, b"\x80\xf0", 2.2) == b""
+    assert device.not_understood == {"command 240": 2}
