@@ -9,6 +9,7 @@ from types import FrameType, TracebackType
 from typing import TypeAlias
 
 from cmr.bus.bus import Bus
+from cmr.bus.clock_watch import ClockWatch
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, Stream
@@ -63,6 +64,7 @@ class Process:
         self._published = ""
         self._was_ready = False
         self._turns = 0
+        self._clock = ClockWatch()
         self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
         self._old_handlers: dict[int, SignalHandler] = {}
@@ -110,7 +112,11 @@ class Process:
                 due += late
             due += period
             self._turns += 1
-            yield now_utime()
+            utime = now_utime()
+            was_set = self._clock.look(utime)
+            if was_set:
+                self.news(was_set)
+            yield utime
             self.bus.publish_repeated()
             if self._report.due():
                 self.publish_status()
@@ -155,6 +161,7 @@ class Process:
     def _full_message(self) -> str:
         sentences = [self.message] if self.message else []
         sentences += [warning for warning in self.bus.warnings if warning not in self.message]
+        sentences += [remark for remark in (self._clock.remark(),) if remark]
         rejected = [f"{channel} {why} {count}" for (channel, why), count in self.bus.rejected.items()]
         if rejected:
             sentences.append(f"Messages not taken: {', '.join(rejected)}.")
