@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> int:
             process.subscribe(PARAMETERS, options.robot)
             for _ in process.loop(LOOP_RATE):
                 driver.turn()
-                process.dispatch(driver.handle)
+                process.dispatch(driver.handle, gated=True)
                 process.publish_all(list(driver.outgoing()))
                 process.publish_all((ESTOP_LATCH, options.robot, report) for report in driver.stop_reports())
                 for news in driver.news():

@@ -12,6 +12,7 @@ from cmr.bus.bus import Bus
 from cmr.bus.clock_watch import ClockWatch
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, make, now_utime
+from cmr.bus.possible import screened
 from cmr.bus.streams import PROCESS_STATUS, Stream
 from cmr.cli.news import say
 from cmr.msg import process_status_t
@@ -121,15 +122,26 @@ class Process:
             if self._report.due():
                 self.publish_status()
 
-    def received(self) -> list[Received]:
-        """Return what has arrived since the last call, oldest first."""
-        received, self._received = self._received, []
-        return self.bus.latest(received)
+    def received(self, *, gated: bool = False) -> list[Received]:
+        """Return what has arrived since the last call, oldest first, without numbers that cannot be.
 
-    def dispatch(self, handle: Callable[[int, str, Message], object]) -> None:
-        """Hand what has arrived to `handle(utime, channel, message)`, oldest first."""
-        for received in self.received():
+        Who is `gated` keeps them out himself.
+        """
+        received, self._received = self._received, []
+        latest = self.bus.latest(received)
+        return latest if gated else [usable for one in latest if (usable := self._screened(one)) is not None]
+
+    def dispatch(self, handle: Callable[[int, str, Message], object], *, gated: bool = False) -> None:
+        """Hand what has arrived, as `received` returns it, to `handle(utime, channel, message)`."""
+        for received in self.received(gated=gated):
             handle(received.message.utime, received.channel, received.message)
+
+    def _screened(self, received: Received) -> Received | None:
+        """Return what came as far as it can be used, None if it cannot, and count what cannot."""
+        message, reasons = screened(received.message)
+        for reason in reasons:
+            self.bus.rejected.note(received.channel, reason)
+        return None if message is None else received._replace(message=message)
 
     def publish_all(self, messages: Iterable[Outgoing]) -> None:
         """Send messages given as (stream, robot id or None, message)."""

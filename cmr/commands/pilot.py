@@ -47,13 +47,15 @@ def main(arguments: list[str]) -> int:
         process.subscribe(PARAMETERS, options.robot)
         process.subscribe(WAYPOINTS, options.robot)
         for utime in process.loop(rate_hz=RATE):
-            process.dispatch(pilot.handle)
+            pilot.turn(utime)
+            process.dispatch(pilot.handle, gated=True)
             pilot.parameters.poll()
             process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), options.robot)
             process.parameters_sha256 = pilot.parameters.sha256
-            process.state = process_status_t.DEGRADED if pilot.waiting_for else process_status_t.RUNNING
+            refused = pilot.gate.problem()
+            process.state = process_status_t.DEGRADED if pilot.waiting_for or refused else process_status_t.RUNNING
             waiting = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
-            process.message = pilot.left_fence or waiting
+            process.message = " ".join(filter(None, (pilot.left_fence or waiting, refused)))
             if behaviour.finished:
                 break
         process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), options.robot)

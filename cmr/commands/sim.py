@@ -91,7 +91,7 @@ def main(arguments: list[str]) -> int:
                 process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
         for utime in process.loop(rate_hz=STEP_RATE):
             world.turn(utime)
-            process.dispatch(world.handle)
+            process.dispatch(world.handle, gated=True)
             world.advance(utime)
             process.overruns = world.late_steps
             # A turn that follows closely upon a late one makes no step; what holds for a moment is published once.

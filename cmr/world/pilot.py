@@ -3,8 +3,10 @@
 import math
 
 from cmr.bus.estop import EmergencyStop
+from cmr.bus.gate import Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
+from cmr.bus.possible import OUT_OF_REACH, is_out_of_reach
 from cmr.bus.streams import identify
 from cmr.geometry.obstacles import Geofence
 from cmr.model.body import forward
@@ -52,6 +54,7 @@ class Pilot:
         self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
         self.parameters = parameters
         self.waiting_for = "the world"
+        self.gate = Gate(pose_xyt_t)  # whose stamps are looked at by `_poses`
         self._keep_clear = keep_clear
         self._fence = FenceGuard(robot_id, geofence, margin) if geofence else None
         self._poses = PoseGuard(robot_id, needed=geofence is not None)
@@ -73,23 +76,38 @@ class Pilot:
         if self._keep_clear:
             load()
 
+    def turn(self, utime: int) -> None:
+        """Note that it is `utime` [us]; to be called before messages are handled."""
+        self.gate.turn(utime)
+
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N."""
+        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N.
+
+        What stands in them must be possible: `gate` says what was not.
+        """
         _, robot_id = identify(channel) or (None, None)
         self._estop.handle(utime, channel, message)
-        if isinstance(message, world_state_t):
-            self._world.handle(utime, channel, message)
-        elif robot_id != self.robot_id:
+        if robot_id not in (None, self.robot_id):
             return
-        elif isinstance(message, pose_xyt_t):
-            self._poses.take(message)
-        elif isinstance(message, motor_feedback_t):
-            if message.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
+        usable = self.gate.let_in(channel, message)
+        if isinstance(usable, world_state_t):
+            self._world.handle(utime, channel, usable)
+        elif isinstance(usable, pose_xyt_t):
+            self._poses.take(usable, self.gate.now)
+        elif isinstance(usable, motor_feedback_t):
+            if usable.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
                 self._zeros_to_send = FIRST_ZEROS
-        elif isinstance(message, parameters_t):
-            self.parameters.handle(utime, channel, message)
-        elif isinstance(message, waypoints_t):
-            self.behaviour.take_waypoints(list(message.x), list(message.y))
+        elif isinstance(usable, parameters_t):
+            self.parameters.handle(utime, channel, usable)
+        elif isinstance(usable, waypoints_t):
+            self._take_path(channel, usable)
+
+    def _take_path(self, channel: str, path: waypoints_t) -> None:
+        me = self._world.robot(self.robot_id)
+        if me is not None and is_out_of_reach(path, me.state.x, me.state.y):
+            self.gate.refuse(channel, OUT_OF_REACH)
+        else:
+            self.behaviour.take_waypoints(list(path.x), list(path.y))
 
     @property
     def kind(self) -> str:
@@ -99,6 +117,7 @@ class Pilot:
 
     def command(self, utime: int) -> Command:
         """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
+        self.turn(utime)
         duties = self._decide(utime)
         known = self.parameters.parameters
         controller = known.velocity_controller if known is not None and any(duties) else None

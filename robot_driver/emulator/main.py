@@ -114,7 +114,7 @@ def _run_speed_robot(options: Namespace, settings: Settings) -> int:
         go_first()
         for _ in process.loop(LOOP_RATE):
             robot.turn()
-            process.dispatch(robot.handle)
+            process.dispatch(robot.handle, gated=True)
             process.publish_all(robot.outgoing())
             process.publish_all((ESTOP_LATCH, options.robot, report) for report in robot.stop_reports())
             process.message = " ".join(robot.remarks())

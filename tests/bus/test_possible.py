@@ -38,10 +38,11 @@ HELD: list[Stream[Any]] = [
     WHEEL_SPEED_COMMAND,
     VELOCITY_COMMAND,
 ]
+TYPES: dict[Stream[Any], Any] = {stream: stream.message_type for stream in HELD}
 NUMBERS = [
     (stream, field.name)
-    for stream in HELD
-    for field in fields_of(stream.message_type)
+    for stream, kind in TYPES.items()
+    for field in fields_of(kind)
     if field.wire_type in ("double", "float")
 ]
 IMPOSSIBLE = [math.nan, math.inf, -math.inf, 1e300, -1e300]
@@ -102,16 +103,20 @@ def test_the_rate_of_a_gyro_that_is_not_sure_is_no_matter() -> None:
     assert screened(message).message is message
 
 
+def path_of(x: list[float], y: list[float]) -> Any:
+    return make(waypoints_t, utime=EPOCH, robot_id=0, x=x, y=y)
+
+
 def test_a_path_has_no_leg_that_nobody_drives() -> None:
     x = [0.0, LONGEST_LEG, 2.0 * LONGEST_LEG]
-    path: Any = make(waypoints_t, utime=EPOCH, robot_id=0, x=x, y=[0.0] * 3)
-    assert screened(path).message is path
+    path = path_of(x, [0.0] * 3)
+    assert screened(path) == (path, ())
     assert not is_out_of_reach(path, 0.0, LONGEST_LEG)
     assert is_out_of_reach(path, 0.0, LONGEST_LEG + 1.0)
     path.y[1] = 1.0
     assert screened(path).message is None
-    empty: Any = make(waypoints_t, utime=EPOCH, robot_id=0, x=[], y=[])
-    assert screened(empty).message is empty
+    empty = path_of([], [])
+    assert screened(empty) == (empty, ())
     assert not is_out_of_reach(empty, 1e6, 0.0)
 
 
