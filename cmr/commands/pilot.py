@@ -1,7 +1,10 @@
 """cmr-pilot: drive a real robot by a behaviour, for example after a virtual leader."""
 
 import argparse
+import os
+import signal
 from pathlib import Path
+from threading import Event
 
 from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, ESTOP_LATCH, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
@@ -19,6 +22,7 @@ from cmr.world.guarding import MARGIN
 from cmr.world.pilot import Pilot
 
 RATE = 50.0  # Hz
+CONFIRMING = "To use them at once, on this computer: kill -USR1 {pid}"
 
 
 def main(arguments: list[str]) -> int:
@@ -38,6 +42,8 @@ def main(arguments: list[str]) -> int:
         kind=options.command,
     )
     pilot.prepare()
+    confirmed = Event()
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
     with Process("cmr-pilot", options.lcm_url) as process:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(ESTOP, every=True)
@@ -50,18 +56,28 @@ def main(arguments: list[str]) -> int:
             pilot.turn(utime)
             process.dispatch(pilot.handle, gated=True)
             pilot.parameters.poll()
+            if confirmed.is_set():
+                confirmed.clear()
+                pilot.confirm_parameters()
             process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), options.robot)
-            process.parameters_sha256 = pilot.parameters.sha256
-            refused = pilot.gate.problem()
-            process.state = process_status_t.DEGRADED if pilot.waiting_for or refused else process_status_t.RUNNING
-            waiting = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
-            process.message = " ".join(filter(None, (pilot.left_fence or waiting, refused)))
+            process.parameters_sha256 = pilot.parameters_sha256
+            _report(process, pilot)
             if behaviour.finished:
                 break
         process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), options.robot)
         if behaviour.problem:
             raise CommandError(behaviour.problem)
         return process.exit_code
+
+
+def _report(process: Process, pilot: Pilot) -> None:
+    """Say what the robot waits for, what was refused, and which parameters wait."""
+    new = f"{pilot.new_parameters} {CONFIRMING.format(pid=os.getpid())}" if pilot.new_parameters else ""
+    waiting = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
+    sentences = [pilot.left_fence or waiting, pilot.gate.problem(), new]
+    is_in_doubt = pilot.waiting_for or any(sentences[1:])
+    process.state = process_status_t.DEGRADED if is_in_doubt else process_status_t.RUNNING
+    process.message = " ".join(filter(None, sentences))
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -72,7 +88,8 @@ def command_parser() -> argparse.ArgumentParser:
         "MOTOR_COMMAND_N, or (v, omega) on VELOCITY_COMMAND_N if the robot's parameters have a velocity controller. It "
         "stops whenever cmr-sim, the robot, its parameters or poses that came before are missing, and on ESTOP. It "
         "ends when a manoeuvre is over. A robot that left its geofence stands until it is put back inside and "
-        "cmr-pilot is started again.",
+        "cmr-pilot is started again. Parameters that change duties by more than 30 % while it moves are used when "
+        "it rests, or on SIGUSR1.",
         "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5\n"
         "  cmr-pilot --robot 0 --behaviour manoeuvre,name=steps,speed=0.8\n"
         "  cmr-pilot --robot 0 --geofence=-2,-1,2,-1,2,1,-2,1 --margin 0.3\n\n" + help_text(),

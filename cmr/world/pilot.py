@@ -13,7 +13,8 @@ from cmr.model.body import forward
 from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.parameters import RobotParameters
 from cmr.msg import motor_feedback_t, parameters_t, pose_xyt_t, waypoints_t, world_state_t
-from cmr.parameters.file import ParameterFileError
+from cmr.parameters.caution import SPEED, TURN_RATE, Caution, duties_for
+from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import Command
 from cmr.recordings.commanding import command_of
@@ -27,6 +28,11 @@ OTHER_KIND = (
     "another --command than {kind}, or other parameters of robot {robot}: with top_wheel_speed they are of a robot "
     "that takes velocities or wheel speeds, with k1 of one that takes duties"
 )
+WAITING = (
+    "New parameters of robot {robot} wait until it rests: they change the duty for {speed:g} m/s from {now[0]:.3f} to "
+    "{new[0]:.3f}, and that for turning at {turn:g} rad/s from {now[1]:.3f} to {new[1]:.3f}."
+)
+UNUSABLE = "New parameters of robot {robot} wait until it rests, as it cannot be driven by them in the same way."
 FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
@@ -63,6 +69,9 @@ class Pilot:
         self._estop = EmergencyStop()
         self._zeros_to_send = 0
         self._kind = kind
+        self._caution = Caution[ParameterFile](_duties_of)
+        self._sha256 = ""
+        self._look_at_parameters()
 
     @property
     def left_fence(self) -> str:
@@ -110,16 +119,46 @@ class Pilot:
             self.behaviour.take_waypoints(list(path.x), list(path.y))
 
     @property
+    def parameters_sha256(self) -> str:
+        """The digest of the parameters in use."""
+        return self._sha256
+
+    @property
+    def new_parameters(self) -> str:
+        """The sentence that says that parameters wait until the robot rests, with both duties; empty if none do."""
+        now, new = self._caution.values()
+        if self._caution.waiting is None:
+            return ""
+        text = WAITING if now and new and now[2] == new[2] else UNUSABLE
+        return text.format(robot=self.robot_id, speed=SPEED, turn=TURN_RATE, now=now, new=new)
+
+    def confirm_parameters(self) -> None:
+        """Use the parameters that wait: a person said so."""
+        self._caution.confirm()
+        self._look_at_parameters()
+
+    def _look_at_parameters(self) -> None:
+        """Take over the newest parameters, unless they must wait."""
+        newest = self.parameters.parameters
+        if newest is not None:
+            if newest is not self._caution.now:
+                self._caution.offer(newest)
+            if newest is self._caution.now:
+                self._sha256 = self.parameters.sha256
+
+    @property
     def kind(self) -> str:
         """What the robot is commanded, of cmr.model.command_kinds."""
-        known = self.parameters.parameters
+        self._look_at_parameters()
+        known = self._caution.now
         return self._kind or (VELOCITY if known is not None and known.has_velocity_controller else DUTY)
 
     def command(self, utime: int) -> Command:
         """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
         self.turn(utime)
+        self._look_at_parameters()
         duties = self._decide(utime)
-        known = self.parameters.parameters
+        known = self._caution.now
         controller = known.velocity_controller if known is not None and any(duties) else None
         return command_of(self.kind, utime, self.robot_id, duties, controller)
 
@@ -129,6 +168,8 @@ class Pilot:
 
     def _decide(self, utime: int) -> tuple[float, float]:
         me = self._world.robot(self.robot_id)
+        if me is not None:
+            self._caution.note_motion(me.utime, me.state.psi_left, me.state.psi_right)
         model, without_model = self._model()
         without_poses = self._poses.missing(utime)
         self._look_at_fence(me, model)
@@ -160,13 +201,14 @@ class Pilot:
         return duties
 
     def _model(self) -> tuple[RobotParameters | None, str]:
-        """Return the robot's parameters, or what is missing of them."""
-        if self.parameters.parameters is None:
+        """Return the robot's parameters in use, or what is missing of them."""
+        known = self._caution.now
+        if known is None:
             return None, f"parameters of robot {self.robot_id}. {self.parameters.message}"
         try:
-            if self.parameters.parameters.has_velocity_controller != (self.kind != DUTY):
+            if known.has_velocity_controller != (self.kind != DUTY):
                 return None, OTHER_KIND.format(kind=self.kind, robot=self.robot_id)
-            return self.parameters.parameters.robot_parameters, ""
+            return known.robot_parameters, ""
         except ParameterFileError as error:
             return None, f"complete parameters of robot {self.robot_id}: {error}"
 
@@ -180,3 +222,11 @@ class Pilot:
             speed = float(forward(me.state.psi_left, me.state.psi_right, model)) if model else 0.0
             going = (speed * math.cos(me.state.theta), speed * math.sin(me.state.theta))
             self._fence.look(me.state.x, me.state.y, going)
+
+
+def _duties_of(parameters: ParameterFile) -> tuple[float, ...] | None:
+    """Return duties for the same speeds, and by what a robot is commanded; None where something is missing."""
+    try:
+        return (*duties_for(parameters.robot_parameters), 1.0 + parameters.has_velocity_controller)
+    except ParameterFileError:
+        return None

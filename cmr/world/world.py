@@ -25,14 +25,14 @@ from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.commanding import COMMANDS, duties_of
 from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
-from cmr.world.commands import CommandMemory
 from cmr.world.deciding import Deciding
-from cmr.world.estimator import Estimator, Reset
+from cmr.world.estimator import Reset
 from cmr.world.fleet import STEP, Fleet, Key
 from cmr.world.interaction.body import Bodies, body_radius
 from cmr.world.others import Others
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.reaction import Reaction
+from cmr.world.real_robot import RealRobot
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 MEASURED = (motor_feedback_t, pose_xyt_t, gyro_t)  # what only real robots send
@@ -59,15 +59,6 @@ class VirtualRobot:
     y: float = 0.0
     theta: float = 0.0
     radius: float | None = None
-
-
-class _RealRobot:
-    """What the world keeps of a real robot."""
-
-    def __init__(self, robot_id: int) -> None:
-        self.estimator = Estimator(robot_id)
-        self.commands = CommandMemory()
-        self.last_driven = 0
 
 
 def _starting(virtual: list[VirtualRobot], parameters_of: int) -> Robots:
@@ -126,7 +117,7 @@ class World:
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
         self._absent = {robot_id: _starting(virtual, robot_id) for robot_id in {r.parameters_of for r in virtual}}
-        self._real: dict[int, _RealRobot] = {}
+        self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
         radius = {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None}
         self._fleet = Fleet(self.view.obstacles, radius)
@@ -175,7 +166,7 @@ class World:
         elif robot_id in self._virtual:
             self._handle_virtual(robot_id, channel, message)
         elif isinstance(message, MEASURED) and self._estimates(robot_id):
-            self.gate.refuse(channel, self._real_robot(robot_id).estimator.handle(utime, channel, message))
+            self.gate.refuse(channel, self._real_robot(robot_id).handle(utime, channel, message))
         elif isinstance(message, COMMANDS) and robot_id in self._real:
             duties = duties_of(message, self._controller_of(robot_id))
             if duties is not None:
@@ -241,6 +232,10 @@ class World:
         simulated = (*self._standing(), self._fleet.robots())
         return [*self.real(), *chain.from_iterable(robots.each(self._fleet.utime) for robots in simulated)]
 
+    def waiting(self) -> list[str]:
+        """Return, in sentences, whose parameters wait until a real robot rests."""
+        return [sentence for _, real in sorted(self._real.items()) if (sentence := real.waiting())]
+
     def resets(self) -> dict[int, Reset]:
         """Return the last new beginning of each real robot's estimate, by robot."""
         return {k: real.estimator.reset for k, real in self._real.items() if real.estimator.reset is not None}
@@ -283,9 +278,9 @@ class World:
         self.crowded = len(self.parameters) >= self._most_followed
         return not self.crowded
 
-    def _real_robot(self, robot_id: int) -> _RealRobot:
+    def _real_robot(self, robot_id: int) -> RealRobot:
         if robot_id not in self._real:
-            self._real[robot_id] = _RealRobot(robot_id)
+            self._real[robot_id] = RealRobot(robot_id)
             self.others.claim(robot_id)
             self._parameters_of(robot_id)
             self._take_over(robot_id)
@@ -307,7 +302,7 @@ class World:
         if model is None:
             return
         if robot_id in self._real:
-            self._real[robot_id].estimator.parameters = model
+            self._real[robot_id].use(model)
         ready = [self._ready(one) for one in (model, *self._kinds)]  # all begin to get ready
         if not all(ready):
             self._not_ready.add(robot_id)
@@ -361,7 +356,7 @@ class World:
         except ParameterFileError:
             return None  # incomplete
 
-    def _begin_drive(self, robot_id: int, real: _RealRobot, utime: int) -> None:
+    def _begin_drive(self, robot_id: int, real: RealRobot, utime: int) -> None:
         """At the beginning of each drive, put a real robot's twin where its robot is."""
         if not any(self._command_of(robot_id, real, utime)):
             return
@@ -372,7 +367,7 @@ class World:
             self._fleet.place([(robot_id, TWIN)], start, model)
         real.last_driven = utime
 
-    def _command_of(self, robot_id: int, real: _RealRobot, utime: int) -> tuple[float, float]:
+    def _command_of(self, robot_id: int, real: RealRobot, utime: int) -> tuple[float, float]:
         return (0.0, 0.0) if self.estop.holds(robot_id) else real.commands.at(utime)
 
     def _decide(self, utime: int) -> None:
