@@ -5,14 +5,15 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from types import FrameType, TracebackType
 from typing import TypeAlias
 
 from cmr.bus.bus import Bus
 from cmr.bus.clock_watch import ClockWatch
+from cmr.bus.gate import Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, make, now_utime
-from cmr.bus.possible import screened
 from cmr.bus.streams import PROCESS_STATUS, Stream
 from cmr.cli.news import say
 from cmr.msg import process_status_t
@@ -47,12 +48,14 @@ class Process:
     """A process on the bus; use it as a context manager.
 
     SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. `state`, `message` and
-    `parameters_sha256` are what the next report says.
+    `parameters_sha256` are what the next report says. What arrives passes a gate; where it `lives_now`, stamps must be
+    near the clock, which those of a log that is played again are not.
     Raises BusError on entry when the bus cannot be used.
     """
 
-    def __init__(self, name: str, url: str | None = None) -> None:
+    def __init__(self, name: str, url: str | None = None, *, lives_now: bool = False) -> None:
         self.name = name
+        self._lives_now = lives_now
         self.stopped_by_signal = False
         self.state = process_status_t.STARTING
         self.message = ""
@@ -66,6 +69,7 @@ class Process:
         self._was_ready = False
         self._turns = 0
         self._clock = ClockWatch()
+        self._gate = Gate()
         self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
         self._old_handlers: dict[int, SignalHandler] = {}
@@ -117,15 +121,17 @@ class Process:
             was_set = self._clock.look(utime)
             if was_set:
                 self.news(was_set)
+            if self._lives_now:
+                self._gate.turn(utime)
             yield utime
             self.bus.publish_repeated()
             if self._report.due():
                 self.publish_status()
 
     def received(self, *, gated: bool = False) -> list[Received]:
-        """Return what has arrived since the last call, oldest first, without numbers that cannot be.
+        """Return what has arrived since the last call, oldest first, as the gate lets it in.
 
-        Who is `gated` keeps them out himself.
+        Who is `gated` has a gate of his own.
         """
         received, self._received = self._received, []
         latest = self.bus.latest(received)
@@ -137,10 +143,8 @@ class Process:
             handle(received.message.utime, received.channel, received.message)
 
     def _screened(self, received: Received) -> Received | None:
-        """Return what came as far as it can be used, None if it cannot, and count what cannot."""
-        message, reasons = screened(received.message)
-        for reason in reasons:
-            self.bus.rejected.note(received.channel, reason)
+        """Return what came as far as it can be used, None if it cannot."""
+        message = self._gate.let_in(received.channel, received.message)
         return None if message is None else received._replace(message=message)
 
     def publish_all(self, messages: Iterable[Outgoing]) -> None:
@@ -174,7 +178,8 @@ class Process:
         sentences = [self.message] if self.message else []
         sentences += [warning for warning in self.bus.warnings if warning not in self.message]
         sentences += [remark for remark in (self._clock.remark(),) if remark]
-        rejected = [f"{channel} {why} {count}" for (channel, why), count in self.bus.rejected.items()]
+        counts = chain(self.bus.rejected.items(), self._gate.refused.items())
+        rejected = [f"{channel} {why} {count}" for (channel, why), count in counts]
         if rejected:
             sentences.append(f"Messages not taken: {', '.join(rejected)}.")
         unsent = [f"{why} {count}" for why, count in self.bus.unsent.items()]

@@ -68,7 +68,7 @@ def main(arguments: list[str]) -> int:
     check_writable(folder)
     compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
     robot_ends = gone_before_and_after(folder / STATE)
-    with Process("cmr-demo", url) as process, robot_ends, Children(folder) as children:
+    with Process("cmr-demo", url, lives_now=True) as process, robot_ends, Children(folder) as children:
         _prepare(folder)
         demo = _Demo(process, children, read_speeds(options.speed))
         try:

@@ -11,6 +11,7 @@ from cmr.bus.gate import AHEAD, BEHIND, MEASURED_WITHIN, SPOKEN_OF, Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.possible import BOUNDS, LONGEST_LEG, is_out_of_reach, screened
+from cmr.bus.process import Process
 from cmr.bus.streams import (
     COMMAND_LIFETIME,
     GYRO,
@@ -159,3 +160,20 @@ def test_what_was_refused_is_spoken_of_for_a_while() -> None:
     assert gate.problem() == "Messages were refused: POSE_0 ahead of this host's clock (3)."
     gate.turn(EPOCH + SPOKEN_OF + 1)
     assert gate.problem() == ""
+
+
+@pytest.mark.parametrize("lives_now", [False, True])
+def test_a_process_takes_no_numbers_that_cannot_be_and_stamps_of_other_times_only_from_logs(lives_now: bool) -> None:
+    taken: list[int] = []
+    with Process("test", "memq://", lives_now=lives_now) as process:
+        process.subscribe(POSE, every=True)
+        for turn, utime in zip(range(4), process.loop(rate_hz=50.0), strict=False):
+            process.dispatch(lambda utime, _channel, _message: taken.append(utime))
+            if turn < 3:
+                wrong, of_another_hour = pose(utime), pose(utime - 3_600_000_000)
+                wrong.x = math.nan
+                process.publish_all((POSE, 0, message) for message in (wrong, of_another_hour, pose(utime)))
+        said = process._full_message()
+    assert len(taken) == (3 if lives_now else 6)
+    assert "POSE_0 x not finite 3" in said
+    assert (f"POSE_0 {BEHIND} 3" in said) == lives_now
