@@ -5,7 +5,7 @@ The one table of bounds, beside lcmtypes/: generous, as it holds for any robot o
 
 import copy
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -126,32 +126,30 @@ def _mended(message: Message, bounds: Mapping[str, Bound]) -> Screened:
 
 
 def _of_a_world(message: msg.world_state_t) -> Screened:
-    columns = [np.asarray(getattr(message, name), dtype=float) for name in STATE]
-    possible, reasons = _possible(columns, STATE)
+    state = np.array([getattr(message, name) for name in STATE], dtype=float)
+    possible, reasons = _possible(state, STATE)
     if not reasons:
         return Screened(message)
     if not possible.any():
         return Screened(None, reasons)
     ids, origins = np.asarray(message.robot_id, np.int64)[possible], np.asarray(message.origin, np.int64)[possible]
-    return Screened(WorldState(message.utime, ids, origins, *(column[possible] for column in columns)), reasons)
+    return Screened(WorldState(message.utime, ids, origins, *state[:, possible]), reasons)
 
 
 def _of_a_path(message: msg.waypoints_t) -> Screened:
-    columns = [np.asarray(values, dtype=float) for values in (message.x, message.y)]
-    _, reasons = _possible(columns, BOUNDS[msg.waypoints_t])
-    if not reasons and message.n > 1 and np.hypot(*np.diff(columns)).max() > LONGEST_LEG:
+    points = np.array([message.x, message.y], dtype=float)
+    _, reasons = _possible(points, BOUNDS[msg.waypoints_t])
+    if not reasons and message.n > 1 and np.hypot(*np.diff(points)).max() > LONGEST_LEG:
         reasons = (OUT_OF_REACH,)
     return Screened(None if reasons else message, reasons)
 
 
-def _possible(
-    columns: Sequence[NDArray[np.float64]], bounds: Mapping[str, Bound]
-) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Return which elements of all columns can be, shape (n,), and what is wrong with others."""
-    possible, reasons = np.ones(len(columns[0]), np.bool_), []
-    for values, (name, bound) in zip(columns, bounds.items(), strict=True):
-        right = (bound.lowest <= values) & (values <= bound.highest)
-        if not right.all():
-            possible &= right
-            reasons.append(f"{name} {NOT_FINITE if not np.isfinite(values[~right]).any() else IMPOSSIBLE}")
-    return possible, tuple(reasons)
+def _possible(rows: NDArray[np.float64], bounds: Mapping[str, Bound]) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Return which columns can be, shape (n,), and what is wrong with others; rows are in the order of the bounds."""
+    lowest, highest, _ = np.array(list(bounds.values())).T[:, :, np.newaxis]
+    right = (lowest <= rows) & (rows <= highest)
+    if right.all():
+        return right[0], ()
+    wrong = {name: values[~good] for name, values, good in zip(bounds, rows, right, strict=True) if not good.all()}
+    reasons = (f"{name} {IMPOSSIBLE if np.isfinite(values).any() else NOT_FINITE}" for name, values in wrong.items())
+    return right.all(axis=0), tuple(reasons)

@@ -184,7 +184,7 @@ class Estimator:
         unseen = np.diag(np.square(self._unseen(message.utime)))
         covariance = self._covariance + unseen
         allowed = covariance + np.diag(np.square(self._unsure) + np.square(GATE_STD))
-        if not _is_near(error, allowed):
+        if np.sum(np.square(error / GATE_STD)) > GATE**2 and not _is_near(error, allowed):  # the first is quicker
             return FAR if self._still_far(message.utime, measured, estimated, unseen) else ""
         gain = covariance @ np.linalg.inv(covariance + np.diag(np.square(POSE_STD)))
         correction = gain @ error
