@@ -8,6 +8,7 @@ A pose too far from where the robot can be is not used. Where poses agree with o
 robot was put elsewhere, and the estimate begins anew there; PX4's EKF2 does likewise. `reset` says so.
 """
 
+import math
 from collections import deque
 from typing import NamedTuple, TypeAlias
 
@@ -43,6 +44,8 @@ MODEL_ERROR = 0.3
 OFF_CENTRE = 0.2
 RESET_AFTER = 1_000_000  # us for which poses agree with one another, and not with the estimate
 FEWEST_FOR_RESET = 3
+POSE_VARIANCE, GATE_VARIANCE, UNSEEN_VARIANCE = (np.diag(np.square(stds)) for stds in (POSE_STD, GATE_STD, UNSEEN))
+IDENTITY = np.eye(3)
 FAR, REPEATED = "far from where the robot can be", "not newer than the last one"
 
 
@@ -91,7 +94,7 @@ class Estimator:
         self.reset: Reset | None = None  # the last one
         self._poses_used: deque[int] = deque()
         self._alone_since: int | None = None  # stamp of the first pose since the wheels were heard
-        self._unsure: Floats = np.zeros(3)  # m, m, rad by which a wrong model may mislead since a pose was used
+        self._unsure = (0.0, 0.0)  # m, rad by which a wrong model may mislead since a pose was used
         self._elsewhere: _Elsewhere | None = None
 
     @property
@@ -162,18 +165,18 @@ class Estimator:
         self._pose = np.array([self._pose[0] + dx, self._pose[1] + dy, wrap(self._pose[2] + angle)])
         self._alone_since = None
         aside = MODEL_ERROR * abs(length) + OFF_CENTRE * abs(angle)
-        self._unsure = self._unsure + np.array([aside, aside, MODEL_ERROR * abs(angle)])
+        self._unsure = (self._unsure[0] + aside, self._unsure[1] + MODEL_ERROR * abs(angle))
         self._history.append((self._feedback_utime, self._pose - self._corrected))
         while self._history[0][0] < self._feedback_utime - HISTORY:
             self._history.popleft()
 
     def _correct(self, message: pose_xyt_t) -> str:
         """Correct the estimate by a measured pose, if the robot can be there."""
-        measured = np.array([message.x, message.y, wrap(message.theta)])
-        if not np.all(np.isfinite(measured)):
+        if not math.isfinite(message.x + message.y + message.theta):
             return "not finite"
         if message.utime in self._poses_used:
             return REPEATED
+        measured = np.array([message.x, message.y, message.theta])
         self.utime = max(self.utime, message.utime)
         if not self.located:
             self.located = True
@@ -181,51 +184,58 @@ class Estimator:
             return ""
         estimated = self._pose_at(message.utime)
         error = _difference(measured, estimated)
-        unseen = np.diag(np.square(self._unseen(message.utime)))
-        covariance = self._covariance + unseen
-        allowed = covariance + np.diag(np.square(self._unsure) + np.square(GATE_STD))
-        if np.sum(np.square(error / GATE_STD)) > GATE**2 and not _is_near(error, allowed):  # the first is quicker
+        unseen = self._unseen(message.utime)
+        covariance = self._covariance if unseen == 0.0 else self._covariance + unseen**2 * UNSEEN_VARIANCE
+        if not self._can_be(error, covariance):
             return FAR if self._still_far(message.utime, measured, estimated, unseen) else ""
-        gain = covariance @ np.linalg.inv(covariance + np.diag(np.square(POSE_STD)))
+        gain = covariance @ np.linalg.inv(covariance + POSE_VARIANCE)
         correction = gain @ error
         self._pose = self._pose + correction
         self._pose[2] = wrap(self._pose[2])
-        self._covariance = (np.eye(3) - gain) @ covariance
+        self._covariance = (IDENTITY - gain) @ covariance
         self._corrected = self._corrected + correction
         self._note_used(message.utime)
         return ""
 
+    def _can_be(self, error: Floats, covariance: Floats) -> bool:
+        """Return whether a pose that is off by `error` [m, m, rad] is within the gate."""
+        dx, dy, angle = error.tolist()
+        if math.hypot(dx, dy) <= GATE_STD[0] and abs(angle) <= GATE_STD[2]:
+            return True  # most are, and this is quicker
+        aside, turned = self._unsure
+        return _is_near(error, covariance + GATE_VARIANCE + np.diag(np.square([aside, aside, turned])))
+
     def _begin_at(self, measured: Floats, utime: int) -> None:
         """Let the estimate begin at a measured pose, whatever was before."""
-        self._pose = measured
-        self._covariance = np.diag(np.square(POSE_STD))
+        self._pose = np.array([measured[0], measured[1], wrap(measured[2])])
+        self._covariance = POSE_VARIANCE
         self._history.clear()
         self._note_used(utime)
 
     def _note_used(self, utime: int) -> None:
         """Note that a pose was used: the estimate is sure again, and the same pose is no news."""
-        self._unsure = np.zeros(3)
+        self._unsure = (0.0, 0.0)
         self._elsewhere = None
         self._poses_used.append(utime)
         while abs(utime - self._poses_used[0]) > HISTORY:
             self._poses_used.popleft()
 
-    def _unseen(self, utime: int) -> Floats:
-        """Return how far [m, m, rad] the robot may have gone until `utime` while only its poses were heard."""
+    def _unseen(self, utime: int) -> float:
+        """Return for how long [s] until `utime` only poses of the robot were heard, since the last one."""
         alone_since = utime if self._alone_since is None else self._alone_since
         self._alone_since = min(alone_since, utime)
         if utime - alone_since <= LONGEST_STEP * 1e6:
-            return np.zeros(3)
+            return 0.0
         seen = max(alone_since, self._poses_used[-1] if self._poses_used else 0)
-        return max(utime - seen, 0) * 1e-6 * np.array(UNSEEN)
+        return max(utime - seen, 0) * 1e-6
 
-    def _still_far(self, utime: int, measured: Floats, estimated: Floats, unseen: Floats) -> bool:
+    def _still_far(self, utime: int, measured: Floats, estimated: Floats, unseen: float) -> bool:
         """Note a pose that is far away; begin anew there, and return False, if such poses agree for long enough."""
         now = _Elsewhere(utime, 1, measured, estimated)
         before = self._elsewhere
         if before is not None and utime > before.since:
             moved = _difference(_seen_from(before.measured, measured), _seen_from(before.estimated, estimated))
-            if _is_near(moved, 2.0 * np.diag(np.square(GATE_STD)) + unseen):
+            if _is_near(moved, 2.0 * GATE_VARIANCE + unseen**2 * UNSEEN_VARIANCE):
                 now = now._replace(since=before.since, poses=before.poses + 1)
         self._elsewhere = now
         if now.poses < FEWEST_FOR_RESET or utime - now.since < RESET_AFTER:
