@@ -48,8 +48,8 @@ class Process:
     """A process on the bus; use it as a context manager.
 
     SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. `state`, `message` and
-    `parameters_sha256` are what the next report says. What arrives passes a gate; where it `lives_now`, stamps must be
-    near the clock, which those of a log that is played again are not.
+    `parameters_sha256` are what the next report says. What is dispatched passes a gate; where the process `lives_now`,
+    stamps must be near the clock, which those of a log that is played again are not.
     Raises BusError on entry when the bus cannot be used.
     """
 
@@ -128,24 +128,20 @@ class Process:
             if self._report.due():
                 self.publish_status()
 
-    def received(self, *, gated: bool = False) -> list[Received]:
-        """Return what has arrived since the last call, oldest first, as the gate lets it in.
-
-        Who is `gated` has a gate of his own.
-        """
+    def received(self) -> list[Received]:
+        """Return what has arrived since the last call, oldest first."""
         received, self._received = self._received, []
-        latest = self.bus.latest(received)
-        return latest if gated else [usable for one in latest if (usable := self._screened(one)) is not None]
+        return self.bus.latest(received)
 
     def dispatch(self, handle: Callable[[int, str, Message], object], *, gated: bool = False) -> None:
-        """Hand what has arrived, as `received` returns it, to `handle(utime, channel, message)`."""
-        for received in self.received(gated=gated):
-            handle(received.message.utime, received.channel, received.message)
+        """Hand what has arrived and passes the gate to `handle(utime, channel, message)`, oldest first.
 
-    def _screened(self, received: Received) -> Received | None:
-        """Return what came as far as it can be used, None if it cannot."""
-        message = self._gate.let_in(received.channel, received.message)
-        return None if message is None else received._replace(message=message)
+        Who is `gated` has a gate of his own, and takes everything.
+        """
+        for received in self.received():
+            message = received.message if gated else self._gate.let_in(received.channel, received.message)
+            if message is not None:
+                handle(message.utime, received.channel, message)
 
     def publish_all(self, messages: Iterable[Outgoing]) -> None:
         """Send messages given as (stream, robot id or None, message)."""

@@ -65,7 +65,7 @@ def test_a_simulator_lives_through_messages_that_cannot_be(tmp_path: Path) -> No
                 for stream, message in good(utime):
                     spoilt = bad(stream, message) if BAD_FROM <= now < BAD_UNTIL else ()
                     process.publish_all((stream, 0, one) for one in (*spoilt, message))
-                for received in process.received(gated=True):
+                for received in process.received():
                     world, status = received.message_of(WORLD_STATE), received.message_of(PROCESS_STATUS)
                     if world is not None and world.n:
                         began = time.monotonic() if began is None else began
@@ -80,7 +80,7 @@ def test_a_simulator_lives_through_messages_that_cannot_be(tmp_path: Path) -> No
         simulator.wait(timeout=10.0)
     here = np.array([place for _, place in places])
     assert np.abs(here - [1.0, 2.0, 0.5]).max() < 0.01
-    assert max(np.diff([at for at, _ in places[1:]])) < 1.0
+    assert max(np.diff([at for at, _ in places if at > 0.0])) < 1.0
     during = [(state, said) for at, state, said in statuses if BAD_FROM + STATUS < at < BAD_UNTIL]
     assert during
     for state, said in during:
