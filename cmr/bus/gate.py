@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from cmr.bus.message import Message
 from cmr.bus.possible import screened
 from cmr.bus.rejections import Rejections
-from cmr.bus.streams import COMMAND_LIFETIME
+from cmr.bus.senders import keep
+from cmr.bus.streams import COMMAND_LIFETIME, identify
 from cmr.bus.world_state import WorldState
 from cmr.msg import (
     gyro_t,
@@ -34,6 +35,7 @@ NEAR: Mapping[type[Message], int] = {
     velocity_command_t: COMMAND_LIFETIME,
 }
 AHEAD, BEHIND = "ahead of this host's clock", "behind this host's clock"
+LIVES_FOR = 10_000_000  # us since a stamp of a robot was near the clock, for which its others must be, too
 SPOKEN_OF = 2_000_000  # us for which a refusal is spoken of
 
 
@@ -41,11 +43,14 @@ class Gate:
     """Lets messages in. `turn` says what time it is, before messages are handed over; before the first, any stamp is.
 
     `refused` counts by (channel, reason) what was not let in since the start. Who finds something else wrong with a
-    message says so to `refuse`. Stamps of the types in `stamps_of_all_times` are looked at elsewhere.
+    message says so to `refuse`. Stamps of the types in `stamps_of_all_times` are looked at elsewhere. With `replays`
+    also a log that is played again comes in: robots none of whose stamps were near the clock lately.
     """
 
-    def __init__(self, *stamps_of_all_times: type[Message]) -> None:
+    def __init__(self, *stamps_of_all_times: type[Message], replays: bool = False) -> None:
         self.refused = Rejections()
+        self._replays = replays
+        self._live: dict[int | None, int] = {}  # when a stamp was near the clock at last [us], by robot
         self._near = {kind: near for kind, near in NEAR.items() if not issubclass(kind, stamps_of_all_times)}
         self._before = self.now = 0
         self._lately = Rejections()
@@ -61,9 +66,11 @@ class Gate:
         near = self._near.get(type(message))
         if near is not None and self.now:
             why = self._wrong_time(message.utime, near)
-            if why:
+            if why and (not self._replays or self._lives(channel)):
                 self.refuse(channel, why)
                 return None
+            if not why and self._replays:
+                keep(self._live, _robot_of(channel), self.now)
         usable, reasons = screened(message)
         for reason in reasons:
             self.refuse(channel, reason)
@@ -86,8 +93,17 @@ class Gate:
         what = ", ".join(f"{channel} {reason} ({count})" for (channel, reason), count in self._lately.items())
         return f"Messages were refused: {what}."
 
+    def _lives(self, channel: str) -> bool:
+        """Return whether stamps of a robot were near the clock lately."""
+        last = self._live.get(_robot_of(channel))
+        return last is not None and abs(self.now - last) <= LIVES_FOR
+
     def _wrong_time(self, stamp: int, near: int) -> str:
         """Return what is wrong with a stamp; one is right that is near the clock at any time since the last turn."""
         if stamp > max(self._before, self.now) + near:
             return AHEAD
         return BEHIND if stamp < min(self._before, self.now) - near else ""
+
+
+def _robot_of(channel: str) -> int | None:
+    return (identify(channel) or (None, None))[1]

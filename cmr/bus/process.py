@@ -48,14 +48,13 @@ class Process:
     """A process on the bus; use it as a context manager.
 
     SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. `state`, `message` and
-    `parameters_sha256` are what the next report says. What is dispatched passes a gate; where the process `lives_now`,
-    stamps must be near the clock, which those of a log that is played again are not.
+    `parameters_sha256` are what the next report says. What is dispatched passes a gate, which lets in no log that is
+    played again where the process `lives_now`.
     Raises BusError on entry when the bus cannot be used.
     """
 
     def __init__(self, name: str, url: str | None = None, *, lives_now: bool = False) -> None:
         self.name = name
-        self._lives_now = lives_now
         self.stopped_by_signal = False
         self.state = process_status_t.STARTING
         self.message = ""
@@ -69,7 +68,7 @@ class Process:
         self._was_ready = False
         self._turns = 0
         self._clock = ClockWatch()
-        self._gate = Gate()
+        self._gate = Gate(replays=not lives_now)
         self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
         self._old_handlers: dict[int, SignalHandler] = {}
@@ -121,8 +120,7 @@ class Process:
             was_set = self._clock.look(utime)
             if was_set:
                 self.news(was_set)
-            if self._lives_now:
-                self._gate.turn(utime)
+            self._gate.turn(utime)
             yield utime
             self.bus.publish_repeated()
             if self._report.due():

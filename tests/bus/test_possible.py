@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.bus.fields import fields_of
-from cmr.bus.gate import AHEAD, BEHIND, MEASURED_WITHIN, SPOKEN_OF, Gate
+from cmr.bus.gate import AHEAD, BEHIND, LIVES_FOR, MEASURED_WITHIN, SPOKEN_OF, Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.possible import BOUNDS, LONGEST_LEG, is_out_of_reach, screened
@@ -28,6 +28,7 @@ from cmr.bus.streams import (
 from cmr.msg import gyro_t, motor_command_t, pose_xyt_t, waypoints_t, world_state_t
 
 EPOCH = 1_800_000_000_000_000  # us
+HOUR = 3_600_000_000  # us
 HELD: list[Stream[Any]] = [
     POSE,
     GYRO,
@@ -138,7 +139,7 @@ def test_stamps_are_near_the_clock_at_some_time_since_the_last_turn() -> None:
 
 def test_a_clock_that_was_set_is_followed_at_the_next_turn() -> None:
     gate = Gate()
-    for now in (EPOCH, EPOCH - 3_600_000_000, EPOCH - 3_599_990_000):
+    for now in (EPOCH, EPOCH - HOUR, EPOCH - 3_599_990_000):
         gate.turn(now)
         assert gate.let_in("POSE_0", pose(now)) is not None
     assert gate.let_in("POSE_0", pose(EPOCH)) is None
@@ -156,24 +157,37 @@ def test_what_was_refused_is_spoken_of_for_a_while() -> None:
     gate = Gate()
     gate.turn(EPOCH)
     for _ in range(3):
-        gate.let_in("POSE_0", pose(EPOCH + 3_600_000_000))
+        gate.let_in("POSE_0", pose(EPOCH + HOUR))
     assert gate.problem() == "Messages were refused: POSE_0 ahead of this host's clock (3)."
     gate.turn(EPOCH + SPOKEN_OF + 1)
     assert gate.problem() == ""
 
 
 @pytest.mark.parametrize("lives_now", [False, True])
-def test_a_process_takes_no_numbers_that_cannot_be_and_stamps_of_other_times_only_from_logs(lives_now: bool) -> None:
+@pytest.mark.parametrize("is_replayed", [False, True])
+def test_a_process_takes_numbers_that_can_be_and_a_log_that_is_played_again(lives_now: bool, is_replayed: bool) -> None:
     taken: list[int] = []
     with Process("test", "memq://", lives_now=lives_now) as process:
         process.subscribe(POSE, every=True)
         for turn, utime in zip(range(4), process.loop(rate_hz=50.0), strict=False):
             process.dispatch(lambda utime, _channel, _message: taken.append(utime))
             if turn < 3:
-                wrong, of_another_hour = pose(utime), pose(utime - 3_600_000_000)
+                now = pose(utime - HOUR if is_replayed else utime)
+                wrong, of_another_hour = pose(now.utime), pose(now.utime - HOUR)
                 wrong.x = math.nan
-                process.publish_all((POSE, 0, message) for message in (wrong, of_another_hour, pose(utime)))
+                process.publish_all((POSE, 0, message) for message in (now, wrong, of_another_hour))
         said = process._full_message()
-    assert len(taken) == (3 if lives_now else 6)
-    assert "POSE_0 x not finite 3" in said
-    assert (f"POSE_0 {BEHIND} 3" in said) == lives_now
+    expected = {(False, False): 3, (False, True): 3, (True, False): 6, (True, True): 0}
+    assert len(taken) == expected[is_replayed, lives_now]
+    assert ("POSE_0 x not finite 3" in said) == (not is_replayed or not lives_now)
+    assert (f"POSE_0 {BEHIND}" in said) == (not is_replayed or lives_now)
+
+
+def test_a_robot_lives_until_no_stamp_is_near_the_clock_any_more() -> None:
+    gate = Gate(replays=True)
+    for now, comes_in in ((EPOCH, False), (EPOCH + LIVES_FOR, False), (EPOCH + LIVES_FOR + 1, True)):
+        gate.turn(now)
+        if now == EPOCH:
+            assert gate.let_in("POSE_0", pose(now)) is not None
+        assert (gate.let_in("POSE_0", pose(EPOCH - HOUR)) is not None) == comes_in
+        assert gate.let_in("POSE_1", pose(EPOCH - HOUR)) is not None
