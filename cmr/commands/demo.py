@@ -12,6 +12,7 @@ from pathlib import Path
 import lcm
 import numpy as np
 
+from cmr.bus.message import Message
 from cmr.bus.messages import make, now_utime
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
@@ -68,7 +69,7 @@ def main(arguments: list[str]) -> int:
     check_writable(folder)
     compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
     robot_ends = gone_before_and_after(folder / STATE)
-    with Process("cmr-demo", url) as process, robot_ends, Children(folder) as children:
+    with Process("cmr-demo", url, lives_now=True) as process, robot_ends, Children(folder) as children:
         _prepare(folder)
         demo = _Demo(process, children, read_speeds(options.speed))
         try:
@@ -261,7 +262,7 @@ class _Demo:
         began = time.monotonic()
         with Progress(expected, "s", lines=expected is not None) as progress:
             for _utime in self._process.loop(rate_hz=20.0):
-                self._listen()
+                self._process.dispatch(self._hear)
                 if condition():
                     return
                 failure = self._children.failed()
@@ -273,18 +274,16 @@ class _Demo:
                 progress.show(what if expected else f"Waiting for {what}", min(waited, expected or waited))
         raise Interrupted
 
-    def _listen(self) -> None:
-        for received in self._process.received():
-            message = received.message
-            if isinstance(message, world_state_t):
-                self._world.handle(message.utime, received.channel, message)
-                self._note_motion()
-            elif isinstance(message, calibration_status_t):
-                self._calibration = message
-            elif isinstance(message, process_status_t):
-                self._states[message.process] = message.state
-                if message.process == "cmr-sim":
-                    self._parameters_in_use = message.parameters_sha256
+    def _hear(self, utime: int, channel: str, message: Message) -> None:
+        if isinstance(message, world_state_t):
+            self._world.handle(utime, channel, message)
+            self._note_motion()
+        elif isinstance(message, calibration_status_t):
+            self._calibration = message
+        elif isinstance(message, process_status_t):
+            self._states[message.process] = message.state
+            if message.process == "cmr-sim":
+                self._parameters_in_use = message.parameters_sha256
 
     def _note_motion(self) -> None:
         for robot_id in (ROBOT, LEADER, FOLLOWER):
