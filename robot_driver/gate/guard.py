@@ -16,7 +16,7 @@ FUTURE = SECOND // 1000  # ns
 SILENCE = SECOND // 4  # ns without a word of the driver, while the motors turn
 UNSERVED = 2 * SECOND // 5  # ns without a duty, while the motors turn
 SLACK = SECOND // 50  # ns beyond a cycle, in which the driver would stop the motors itself
-ROUNDING = 0.001  # duty; the coarsest steps of a controller are so wide
+ROUNDING = 0.00051  # duty; half of the coarsest step of a controller, and a little
 STANDSTILL = 0.0, 0.0
 
 
