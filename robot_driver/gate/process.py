@@ -7,7 +7,7 @@ import os
 import select
 import signal
 import socket
-import sys
+import struct
 import time
 from contextlib import suppress
 
@@ -37,6 +37,7 @@ LONGEST_QUIET = SECOND // 20  # ns; a device that never stops talking is not wai
 ANSWER = SECOND // 10  # ns that the controller has for acknowledging zero
 WRITING = 0.1  # s that the port may take
 DESCRIPTOR = 4  # bytes of a descriptor that comes with a message
+NONE = -1  # descriptor of no port
 LOCK_ALL = 3  # of mlockall(2): the memory that there is, and that to come
 
 
@@ -61,7 +62,7 @@ class Gate:
 
     def __init__(self, link: socket.socket, guard: Guard, wire: Wire, parent: int) -> None:
         self._link, self._guard, self._wire, self._parent = link, guard, wire, parent
-        self._port = -1  # descriptor
+        self._port = NONE
         self._sequence = 0
         self._acknowledged = False
         self._refused = [0] * len(Reason)
@@ -86,7 +87,7 @@ class Gate:
             if moment >= self._report_due:
                 self._ended |= os.getppid() != self._parent
                 self._report(moment)
-        if self._port >= 0:
+        if self._port != NONE:
             self._stop_motors()
 
     def _receive(self, hung_up: bool) -> None:
@@ -95,21 +96,21 @@ class Gate:
             message, extra, _, _ = self._link.recvmsg(WORD_LENGTH + 1, socket.CMSG_SPACE(DESCRIPTOR))
         except OSError:
             message, extra, hung_up = b"", [], True
-        descriptor = int.from_bytes(extra[0][2], sys.byteorder) if extra else -1
+        descriptors = [number for _, _, data in extra for number in struct.unpack(f"{len(data) // 4}i", data)]
         if not message and hung_up:
             self._ended = True
             return
         try:
             word = word_in(message)
-            if word.sequence <= self._sequence or (word.kind is Kind.OPEN) != (descriptor >= 0):
+            if word.sequence <= self._sequence or len(descriptors) != (word.kind is Kind.OPEN):
                 raise Malformed
         except Malformed:
             self._refuse(Reason.MALFORMED)
-            if descriptor >= 0:
+            for descriptor in descriptors:
                 os.close(descriptor)
             return
         self._sequence = word.sequence
-        self._obey(word, descriptor)
+        self._obey(word, descriptors[0] if descriptors else NONE)
 
     def _obey(self, word: Word, descriptor: int) -> None:
         """Do what a message wants, as far as it may be done."""
@@ -117,21 +118,21 @@ class Gate:
         if (reason := self._guard.take(word, moment)) is not None:
             self._refuse(reason)
         if word.kind is Kind.WRITE:
-            reason = Reason.NO_PORT if self._port < 0 else self._guard.judge(word, moment)
+            reason = Reason.NO_PORT if self._port == NONE else self._guard.judge(word, moment)
             if reason is None:
                 self._write(word.data)
             else:
                 self._refuse(reason)
         elif word.kind is not Kind.FEED:
-            if self._port >= 0 and self._guard.moving:
+            if self._port != NONE and self._guard.moving:
                 self._stop_motors()
             self._change_port(descriptor)
             self._ended = word.kind is Kind.END
             self._report(moment)
 
     def _change_port(self, descriptor: int) -> None:
-        """Write to another port from now on; to none if the descriptor is -1."""
-        if self._port >= 0:
+        """Write to another port from now on, or to none."""
+        if self._port != NONE:
             os.close(self._port)
         self._port = descriptor
         self._guard.opened()
@@ -145,7 +146,7 @@ class Gate:
         self._report_due = moment + REPORT_PERIOD
         report = Report(
             self._sequence,
-            self._port >= 0,
+            self._port != NONE,
             self._guard.latched,
             self._acknowledged,
             self._guard.interventions,
