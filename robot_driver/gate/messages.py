@@ -92,7 +92,7 @@ def packed_word(word: Word) -> bytes:
 def word_in(message: bytes) -> Word:
     """Return what the driver has sent. Raises Malformed."""
     magic, kind, flags, length, sequence, sent, left, right, expires, data = _WORD.unpack(_content(message, _WORD))
-    if magic != _MAGIC[0] or kind > max(Kind) or flags > _FLAGS or length > MOST_DATA or any(data[length:]):
+    if magic != _MAGIC[0] or kind > Kind.END or flags > _FLAGS or length > MOST_DATA or data[length:].strip(b"\0"):
         raise Malformed
     return Word(Kind(kind), sequence, sent, bool(flags & 1), bool(flags & 2), left, right, expires, data[:length])
 
