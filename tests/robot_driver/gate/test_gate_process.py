@@ -15,7 +15,11 @@ import pytest
 
 from cmr.bus.process import EXIT_INTERRUPTED
 from robot_driver import gate
+from robot_driver.controllers import CONTROLLERS
 from robot_driver.emulator.device import Transmission
+from robot_driver.emulator.devices import CONTROLLER_DEVICES
+from robot_driver.emulator.pseudo_terminal import Ports
+from robot_driver.emulator.settings import load_settings
 from robot_driver.gate.messages import (
     REPORT_LENGTH,
     SECOND,
@@ -30,7 +34,9 @@ from robot_driver.gate.messages import (
 )
 from robot_driver.gate.process import now
 from tests.robot_driver.golden_vectors import ROBOCLAW_STOP
-from tests.support.driver_bench import Robot, driving, wait_for
+from tests.robot_driver.test_every_device import NotedPlant
+from tests.support.driver_bench import DriverProcess, PunctualEngine, Robot, driving, wait_for
+from tests.support.gates import gate_of, gates_of, is_gone
 
 pytestmark = pytest.mark.real_time
 
@@ -39,19 +45,6 @@ HELD_UP = 0.15  # s; this machine's, not the promise's
 FOLDER = Path(gate.__file__).parent
 MOST_LINES = 1_000  # what a person reads in an hour
 START = [sys.executable, "-I", "-S", str(FOLDER / "__main__.py")]
-
-
-def gates_of(process: int) -> list[int]:
-    """Return the processes of gates that a driver has started."""
-    found = []
-    for task in Path(f"/proc/{process}/task").iterdir():
-        found += [int(child) for child in (task / "children").read_text().split()]
-    return found
-
-
-def gate_of(process: int) -> int:
-    (found,) = gates_of(process)
-    return found
 
 
 def noted_zeros(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -66,14 +59,6 @@ def noted_zeros(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
     monkeypatch.setattr(robot.device, "receive", noted)
     return heard
-
-
-def is_gone(process: int) -> bool:
-    """Return whether a process has ended; who inherits it may not have noticed yet."""
-    try:
-        return ") Z " in Path(f"/proc/{process}/stat").read_text()
-    except FileNotFoundError:
-        return True
 
 
 def test_6_a_driver_that_is_stopped_leaves_the_gate_stopping_the_motors(
@@ -109,6 +94,36 @@ def test_6_a_driver_that_is_killed_leaves_the_gate_stopping_the_motors_and_endin
         wait_for(lambda: is_gone(process))
         assert time.monotonic() - killed < LIMIT + HELD_UP
         assert len(heard) == 2, "acknowledged, and not by an answer to what was sent before"
+
+
+def test_6_a_driver_that_is_killed_with_its_gate_leaves_the_controller_stopping_the_motors(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        process = gate_of(driver.process.pid)
+        driver.process.send_signal(signal.SIGSTOP)
+        os.kill(process, signal.SIGKILL)
+        driver.process.kill()
+        killed = time.monotonic()
+        wait_for(lambda: robot.device.duty == [0, 0])
+        assert 0.4 < robot.drives[-1][0] - killed < 0.5 + HELD_UP
+
+
+@pytest.mark.parametrize("kind", sorted(CONTROLLERS))
+def test_6_the_gate_stops_every_kind_of_controller(tmp_path: Path, kind: str) -> None:
+    emulated = load_settings().ideal()
+    plant = NotedPlant(emulated)
+    device = CONTROLLER_DEVICES[kind](emulated, plant)
+    with Ports(tmp_path, ("motor",)) as ports, PunctualEngine(plant, {"motor": device}, ports.terminals):
+        driver = DriverProcess(tmp_path, "--controller", kind)
+        try:
+            driver.command_until(lambda: min(plant.driven) > 0.45)
+            process = gate_of(driver.process.pid)
+            driver.process.kill()
+            killed = time.monotonic()
+            wait_for(lambda: plant.driven == (0.0, 0.0))
+            assert time.monotonic() - killed < HELD_UP, "well before the controller's own watchdog"
+            wait_for(lambda: is_gone(process))
+        finally:
+            driver.end(signal.SIGKILL)
 
 
 # A driver without a bus that drives until a byte comes, and then does something bad.
