@@ -111,7 +111,7 @@ class LastGate:
         """Return, in sentences, what the gate did other than to pass things on."""
         counts = [f"{Reason(number).name.lower()} {count}" for number, count in enumerate(self.refused) if count]
         remarks = [f"Refused by the last gate: {', '.join(counts)}."] if counts else []
-        if self.latched:
+        if self.latched and not self._commands.in_force(self._host.seconds_since_boot()).engaged:
             remarks.append("The last gate holds the motors because of an emergency stop on the disk.")
         if self.interventions:
             remarks.append(f"Stopped by the last gate: {self.interventions}.")

@@ -38,7 +38,7 @@ ANSWER = SECOND // 10  # ns that the controller has for acknowledging zero
 WRITING = 0.1  # s that the port may take
 DESCRIPTOR = 4  # bytes of a descriptor that comes with a message
 NONE = -1  # descriptor of no port
-LOCK_ALL = 3  # of mlockall(2): the memory that there is, and that to come
+LOCK_CURRENT = 1  # of mlockall(2): the memory that there is; no more is needed
 
 
 def wire_of(controller: str) -> Wire:
@@ -72,23 +72,28 @@ class Gate:
         self._events.register(link, select.POLLIN)
 
     def run(self) -> None:
-        """Serve the driver until it ends, is gone or wants an end."""
-        while not self._ended:
-            due = self._guard.stop_due()
-            moment = now()
-            until = self._report_due if due is None else min(due, self._report_due)
-            events = self._events.poll(max(until - moment, 0) / 1e6)
-            if events:
-                self._receive(bool(events[0][1] & select.POLLHUP))
-            moment = now()
-            due = self._guard.stop_due()
-            if due is not None and moment >= due:
+        """Serve the driver until it is gone or wants an end; stop the motors then, and if this program fails."""
+        try:
+            while not self._ended:
+                self._turn()
+        finally:
+            if self._port != NONE:
                 self._stop_motors()
-            if moment >= self._report_due:
-                self._ended |= os.getppid() != self._parent
-                self._report(moment)
-        if self._port != NONE:
+
+    def _turn(self) -> None:
+        """Wait for a message, for the time to stop the motors or for that to report; do what is due."""
+        due = self._guard.stop_due()
+        until = self._report_due if due is None else min(due, self._report_due)
+        events = self._events.poll(max(until - now(), 0) / 1e6)
+        if events:
+            self._receive(bool(events[0][1] & select.POLLHUP))
+        moment = now()
+        due = self._guard.stop_due()
+        if due is not None and moment >= due:
             self._stop_motors()
+        if moment >= self._report_due:
+            self._ended |= os.getppid() != self._parent
+            self._report(moment)
 
     def _receive(self, hung_up: bool) -> None:
         """Take one message."""
@@ -211,7 +216,7 @@ def keep_its_promises() -> None:
     with suppress(ImportError, OSError, AttributeError):
         import ctypes
 
-        ctypes.CDLL(None).mlockall(LOCK_ALL)
+        ctypes.CDLL(None).mlockall(LOCK_CURRENT)
 
 
 def main(arguments: list[str]) -> None:
@@ -220,5 +225,5 @@ def main(arguments: list[str]) -> None:
     keep_its_promises()
     wire = wire_of(controller)
     mounting = Mounting(*(flag == "1" for flag in flags))
-    guard = Guard(wire, mounting, int(cycle), lambda: bool(latch) and os.path.lexists(latch))
+    guard = Guard(wire, mounting, int(cycle), lambda: bool(latch) and os.path.exists(latch))  # noqa: PTH110
     Gate(socket.socket(fileno=int(link)), guard, wire, int(parent)).run()
