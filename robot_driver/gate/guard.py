@@ -15,7 +15,9 @@ LATE = SECOND // 10  # ns after which what was sent is not what is wanted any mo
 FUTURE = SECOND // 1000  # ns
 SILENCE = SECOND // 4  # ns without a word of the driver, while the motors turn
 UNSERVED = 2 * SECOND // 5  # ns without a duty, while the motors turn
-SLACK = SECOND // 50  # ns beyond a cycle, in which the driver would stop the motors itself
+SLACK = 3 * SECOND // 100  # ns beyond a cycle, in which the driver would stop the motors itself
+ATTENDED = SECOND // 20  # ns since a word of the driver, in which it is there to send zero itself
+CONFIRMING = SECOND // 10  # ns that it has for that
 ROUNDING = 0.00051  # duty; half of the coarsest step of a controller, and a little
 STANDSTILL = 0.0, 0.0
 
@@ -50,12 +52,14 @@ class Guard:
         self._expires = 0  # when the command in force ends, or ended
         self._recent: deque[tuple[int, Channels]] = deque(maxlen=64)  # commands, and when each was heard first
         self._zero_first = False
+        self._confirm_by: int | None = None  # when the driver has to have sent zero itself
         self.opened()
 
     def opened(self) -> None:
         """Begin with a port behind which nothing is known but that the driver sends zero first."""
         self._armed = 0
         self._duty: Channels = STANDSTILL
+        self._confirm_by = None
 
     @property
     def moving(self) -> bool:
@@ -100,7 +104,8 @@ class Guard:
             self._armed |= request.arms
         if duties:
             self._duty, self._served = duties[-1], now
-            self._zero_first = self._zero_first and self.moving
+            if not self.moving:
+                self._zero_first, self._confirm_by = False, None
         return None
 
     def _objection(self, duty: Channels, word: Word, now: int) -> Reason | None:
@@ -127,12 +132,16 @@ class Guard:
 
     def stop_due(self) -> int | None:
         """Return when the gate has to stop the motors, if nothing changes; None when they stand."""
-        if not self.moving:
-            return None
+        if self._confirm_by is not None or not self.moving:
+            return self._confirm_by
         return min(self._heard + SILENCE, self._served + UNSERVED, self._expires + self._cycle + SLACK)
 
-    def note_intervention(self) -> None:
-        """Note that the gate stopped the motors itself: the driver has to begin from zero."""
+    def is_attended(self, now: int) -> bool:
+        """Whether it is enough to send zero once: the driver is there to do so, too, and to see it acknowledged."""
+        return self._confirm_by is None and now - self._heard < ATTENDED
+
+    def note_intervention(self, confirm_by: int | None = None) -> None:
+        """Note that the gate stopped the motors itself: the driver has to send zero first, where given by then."""
         self.interventions += 1
         self._duty = STANDSTILL
-        self._zero_first = True
+        self._zero_first, self._confirm_by = True, confirm_by

@@ -11,7 +11,7 @@ import struct
 import time
 from contextlib import suppress
 
-from robot_driver.gate.guard import Guard, Mounting
+from robot_driver.gate.guard import CONFIRMING, Guard, Mounting
 from robot_driver.gate.messages import (
     SECOND,
     WORD_LENGTH,
@@ -90,7 +90,10 @@ class Gate:
         moment = now()
         due = self._guard.stop_due()
         if due is not None and moment >= due:
-            self._stop_motors()
+            if self._guard.is_attended(moment):
+                self._send_zero(moment)
+            else:
+                self._stop_motors()
         if moment >= self._report_due:
             self._ended |= os.getppid() != self._parent
             self._report(moment)
@@ -171,6 +174,13 @@ class Gate:
             except OSError:
                 return False
         return True
+
+    def _send_zero(self, moment: int) -> None:
+        """Stop the motors in the midst of what the driver does, which has to see for itself that they stand."""
+        for stop in self._wire.stops(time.monotonic_ns()):
+            self._write(stop.data)
+        self._guard.note_intervention(moment + CONFIRMING)
+        self._report_due = 0
 
     def _stop_motors(self) -> None:
         """Send zero until it is acknowledged, twice: the first answer may be one to what was sent before."""

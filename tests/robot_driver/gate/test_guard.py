@@ -9,7 +9,7 @@ import pytest
 from cmr.model.duty_ramp import Limits, Ramp
 from robot_driver.controllers import CONTROLLERS, Request
 from robot_driver.encoders import Wiring
-from robot_driver.gate.guard import LATE, LIFETIME, SILENCE, SLACK, UNSERVED, Guard, Mounting
+from robot_driver.gate.guard import CONFIRMING, LATE, LIFETIME, SILENCE, SLACK, UNSERVED, Guard, Mounting
 from robot_driver.gate.messages import SECOND, Kind, Reason, Word
 from robot_driver.gate.process import wire_of
 from robot_driver.gate.wire_roboclaw import DRIVE_BOTH, RoboClawWire, packet
@@ -234,6 +234,22 @@ def test_after_an_intervention_the_driver_begins_from_zero() -> None:
     assert driver.drive(0.5, 0.5) is Reason.ZERO_FIRST
     assert driver.drive(0.0, 0.0) is None
     assert driver.drive(0.1, 0.1) is None
+
+
+def test_a_driver_that_is_there_has_to_send_zero_itself_in_time() -> None:
+    driver = Driver()
+    driver.command, driver.expires = (0.5, 0.5), START + SECOND // 10
+    driver.drive(0.5, 0.5)
+    driver.now = due = driver.expires + CYCLE + SLACK
+    assert driver.guard.stop_due() == due
+    assert not driver.guard.is_attended(due)
+    driver.feed()
+    assert driver.guard.is_attended(due)
+    driver.guard.note_intervention(due + CONFIRMING)
+    assert driver.guard.stop_due() == due + CONFIRMING
+    assert not driver.guard.is_attended(due), "not a second time"
+    assert driver.drive(0.0, 0.0) is None
+    assert driver.guard.stop_due() is None
 
 
 def latched_driver() -> Driver:
