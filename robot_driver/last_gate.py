@@ -19,7 +19,7 @@ from types import TracebackType
 from robot_driver import gate
 from robot_driver.command_gate import CommandGate
 from robot_driver.encoders import Wiring
-from robot_driver.gate.guard import Guard, Mounting
+from robot_driver.gate.guard import Guard
 from robot_driver.gate.messages import (
     REPORT_LENGTH,
     SECOND,
@@ -49,11 +49,6 @@ class Plan:
     wiring: Wiring
     rate: float
     latch: Path | None
-
-    @property
-    def mounting(self) -> Mounting:
-        """How the gate has the wiring."""
-        return Mounting(self.wiring.swap, self.wiring.invert_left, self.wiring.invert_right)
 
     @property
     def cycle(self) -> int:
@@ -138,7 +133,7 @@ class GateInProcess(LastGate):
     def __init__(self, plan: Plan, commands: CommandGate, host: Host) -> None:
         super().__init__(plan, commands, host)
         latch = plan.latch
-        self._guard = Guard(wire_of(plan.controller), plan.mounting, plan.cycle, lambda: bool(latch and latch.exists()))
+        self._guard = Guard(wire_of(plan.controller), plan.wiring, plan.cycle, lambda: bool(latch and latch.exists()))
         self._line: Line | None = None
 
     def guard(self, line: Line) -> Line:
@@ -259,7 +254,7 @@ class GateProcess(LastGate):
         again = self.process is not None
         self._kill()
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        flags = "".join(str(int(flag)) for flag in self._plan.mounting)
+        flags = "".join(str(int(flag)) for flag in self._plan.wiring)
         latch = "" if self._plan.latch is None else str(self._plan.latch.absolute())
         number = str(theirs.fileno())
         command = [sys.executable, "-I", "-S", str(Path(gate.__file__).with_name("__main__.py"))]
