@@ -34,9 +34,11 @@ from robot_driver.gate.messages import (
 from robot_driver.gate.process import wire_of
 from robot_driver.host import Host, Line, LineLost, Terminal
 
+WHO = "The last gate, the process that writes to the motors' port,"
 FED = 0.05  # s between words to the gate where nothing changes; it waits for 0.25 s
 CLOSING = 0.6  # s that the gate may take to give the port up: it may first have to stop the motors
 ENDING = 1.0  # s that it may take to end
+HANGING = 0.8  # s without a report; one is due each 0.2 s, and stopping the motors takes up to 0.5 s
 STARTING = 5.0  # s that it may take to start, on a busy computer
 LOOK = 0.002  # s between looks at what it reports, where that is waited for
 
@@ -176,6 +178,7 @@ class GateProcess(LastGate):
         self._lock = threading.Lock()  # of what is sent
         self._reports = threading.Lock()
         self._report: Report | None = None  # the last one of this process
+        self._reported = math.inf  # when that came (s)
         self._before = self.refused  # by processes before this one
         self._interventions_before = 0
 
@@ -196,28 +199,26 @@ class GateProcess(LastGate):
         assert isinstance(line, Terminal), "only ports of this computer can be handed to another process"
         try:
             self._start()
-            reader = line.reader()
             self.send(Kind.OPEN, descriptor=line.fileno())
+            return _GatedLine(self, line.reader())
         finally:
             line.close()
-        return _GatedLine(self, reader)
 
     def send(self, kind: Kind, data: bytes = b"", descriptor: int | None = None) -> int:
         """Send a word; return its number. Raises LineLost."""
         descriptors = [] if descriptor is None else [descriptor]
         with self._lock:
             if self._link is None:
-                raise LineLost("The last gate, the process that writes to the motors' port, is not running.")
+                raise LineLost(f"{WHO} is not running.")
+            if self._hangs():
+                raise LineLost(f"{WHO} hangs. It is started again.")
             try:
                 message = packed_word(self._word(kind, data))
                 socket.send_fds(self._link, [message], descriptors, socket.MSG_DONTWAIT)
             except BlockingIOError as error:
-                raise LineLost("The last gate, the process that writes to the motors' port, hangs.") from error
+                raise LineLost(f"{WHO} takes nothing.") from error
             except OSError as error:
-                raise LineLost(
-                    f"The last gate, the process that writes to the motors' port, has ended ({error.strerror}). It is "
-                    f"started again."
-                ) from error
+                raise LineLost(f"{WHO} has ended ({error.strerror}). It is started again.") from error
             except struct.error as error:
                 raise LineLost(f"The last gate takes no such request: {error}") from error
             return self._sequence
@@ -249,7 +250,7 @@ class GateProcess(LastGate):
 
     def _start(self) -> None:
         """Start the process, if it does not run. Raises LineLost."""
-        if self.process is not None and self.process.poll() is None:
+        if self.process is not None and self.process.poll() is None and not self._hangs():
             return
         again = self.process is not None
         self._kill()
@@ -265,7 +266,7 @@ class GateProcess(LastGate):
             )
         except OSError as error:
             ours.close()
-            raise LineLost(f"The last gate, a process of its own, cannot be started: {error}") from error
+            raise LineLost(f"{WHO} cannot be started: {error}") from error
         finally:
             theirs.close()
         ours.setblocking(False)
@@ -273,7 +274,7 @@ class GateProcess(LastGate):
             self._link, self._sequence = ours, 0
         if not self._has_reported(0, STARTING):
             self._kill()
-            raise LineLost("The last gate, a process of its own, does not start.")
+            raise LineLost(f"{WHO} does not start.")
         if again:
             self.news.append("the last gate was started again")
 
@@ -288,7 +289,13 @@ class GateProcess(LastGate):
             self.process.wait()
         with self._reports:
             self._before, self._interventions_before = list(self.refused), self.interventions
-            self._report = None
+            self._report, self._reported = None, math.inf
+
+    def _hangs(self) -> bool:
+        """Return whether it has not reported for so long that it cannot be well."""
+        if self._host.monotonic() > self._reported + HANGING:
+            self._look()
+        return self._host.monotonic() > self._reported + HANGING
 
     def _look(self) -> None:
         with self._reports:
@@ -298,7 +305,7 @@ class GateProcess(LastGate):
                     report = report_in(link.recv(REPORT_LENGTH + 1))
                 except (OSError, Malformed):
                     return
-                self._report = report
+                self._report, self._reported = report, self._host.monotonic()
                 self.latched = report.latched
                 self.interventions = self._interventions_before + report.interventions
                 self.refused = [before + now for before, now in zip(self._before, report.refused, strict=True)]

@@ -198,7 +198,7 @@ def test_a_gate_that_dies_or_hangs_stops_the_motors_too_and_is_started_again(tmp
         wait_for(lambda: robot.device.duty == [0, 0])
         assert robot.drives[-1][0] - ended < LIMIT + HELD_UP
         driver.command_until(lambda: robot.device.duty == [16384, 16384])
-        assert time.monotonic() - ended < 2.5
+        assert time.monotonic() - ended < 2.0
         assert (0, 0) in [drive[1:] for drive in robot.drives[count:]]
         assert gate_of(driver.process.pid) != first
         code, terminal = driver.end()
