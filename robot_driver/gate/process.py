@@ -64,6 +64,7 @@ class Gate:
         self._link, self._guard, self._wire, self._parent = link, guard, wire, parent
         self._port = NONE
         self._sequence = 0
+        self._gone = False  # the device behind the port
         self._acknowledged = False
         self._refused = [0] * len(Reason)
         self._ended = False
@@ -142,7 +143,7 @@ class Gate:
         """Write to another port from now on, or to none."""
         if self._port != NONE:
             os.close(self._port)
-        self._port = descriptor
+        self._port, self._gone = descriptor, False
         self._guard.opened()
 
     def _refuse(self, reason: Reason) -> None:
@@ -164,7 +165,7 @@ class Gate:
             self._link.send(packed_report(report), socket.MSG_DONTWAIT)
 
     def _write(self, data: bytes) -> bool:
-        """Write all of it; return whether the port took it. That a device is gone shows to the driver as it reads."""
+        """Write all of it; return whether the port took it. That the device is gone the driver sees as it reads."""
         while data:
             try:
                 data = data[os.write(self._port, data) :]
@@ -172,6 +173,7 @@ class Gate:
                 if not select.select([], [self._port], [], WRITING)[1]:
                     return False
             except OSError:
+                self._gone = True
                 return False
         return True
 
@@ -179,18 +181,24 @@ class Gate:
         """Stop the motors in the midst of what the driver does, which has to see for itself that they stand."""
         for stop in self._wire.stops(time.monotonic_ns()):
             self._write(stop.data)
-        self._guard.note_intervention(moment + CONFIRMING)
-        self._report_due = 0
+        self._note_intervention(moment + CONFIRMING)
 
     def _stop_motors(self) -> None:
         """Send zero until it is acknowledged, twice: the first answer may be one to what was sent before."""
         give_up = now() + STOPPING
         wanted = 2 * self._wire.stops(time.monotonic_ns())
-        while wanted and now() < give_up:
+        while wanted and not self._gone and now() < give_up:
             if self._is_acknowledged(wanted[0]):
                 wanted.pop(0)
         self._acknowledged = not wanted
-        self._guard.note_intervention()
+        self._note_intervention()
+
+    def _note_intervention(self, confirm_by: int | None = None) -> None:
+        """Note that the motors were stopped, unless there are none any more."""
+        if self._gone:
+            self._guard.opened()
+        else:
+            self._guard.note_intervention(confirm_by)
         self._report_due = 0
 
     def _is_acknowledged(self, stop: Stop) -> bool:
@@ -199,7 +207,6 @@ class Gate:
         while self._read(0.0 if self._wire.streams else QUIET) and now() < quiet_by:
             pass
         if not self._write(stop.data):
-            time.sleep(QUIET)
             return False
         reply, end = b"", now() + ANSWER
         while not stop.acknowledged(reply):

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +34,7 @@ from robot_driver.gate.messages import (
     report_in,
 )
 from robot_driver.gate.process import now
+from robot_driver.gate.wire_roboclaw import packet
 from tests.robot_driver.golden_vectors import ROBOCLAW_STOP
 from tests.robot_driver.test_every_device import NotedPlant
 from tests.support.driver_bench import DriverProcess, PunctualEngine, Robot, driving, wait_for
@@ -297,6 +299,22 @@ def test_malformed_bytes_on_the_pipe_are_refused_and_the_gate_goes_on(silent_por
         assert report.has_port
         assert len(list(files.iterdir())) == before + 1
         os.close(port)
+
+
+def test_a_device_that_is_gone_does_not_hold_up_the_gate() -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    with peer() as driver:
+        driver.send(Kind.OPEN, descriptor=slave)
+        driver.send(Kind.WRITE, packet(b"\x80\x0e", b"\x05"))  # its watchdog
+        driver.send(Kind.WRITE, packet(b"\x80\x22", b"\x10\x00\x10\x00"))
+        wait_for(lambda: len(os.read(master, 100)) > 0)
+        os.close(master)
+        os.close(slave)
+        driver.send(Kind.CLOSE)
+        began = time.monotonic()
+        driver.report(lambda report: report.sequence == driver.sequence)
+        assert time.monotonic() - began < HELD_UP
 
 
 def test_a_gate_whose_parent_is_another_ends() -> None:
