@@ -6,6 +6,7 @@ COMMANDS = {
     "doctor": ("cmr.commands.doctor", "check this computer: bus, ports, clock, priority, CPU; with remedies"),
     "demo": ("cmr.commands.demo", "drive, calibrate and drive again, without hardware"),
     "run": ("cmr.commands.run", "run a team experiment from a scenario to its report"),
+    "agent": ("cmr.commands.agent", "run processes of experiments that another computer leads"),
     "driver": ("robot_driver.main", "connect a real robot to the bus"),
     "emulate": ("robot_driver.emulator.main", "emulate a robot: devices on pseudo-terminals, physics behind them"),
     "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
