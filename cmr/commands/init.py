@@ -130,7 +130,14 @@ def _unit(what: str, command: list[str], *more: str) -> str:
     words = " ".join(f'"{word}"' if " " in word else word for word in command).replace("%", "%%")
     unit = {
         "Unit": [f"Description=CMR {what}", "After=network-online.target", "Wants=network-online.target"],
-        "Service": [f"ExecStart={words}", "LimitRTPRIO=1", *more, "Restart=on-failure", "RestartSec=2"],
+        "Service": [
+            f"ExecStart={words}",
+            "LimitRTPRIO=1",
+            "LimitMEMLOCK=64M",
+            *more,
+            "Restart=on-failure",
+            "RestartSec=2",
+        ],
         "Install": ["WantedBy=multi-user.target"],
     }
     return "\n".join("\n".join((f"[{section}]", *lines, "")) for section, lines in unit.items())
