@@ -25,6 +25,7 @@ OTHER_KIND = (
     "another --command than {kind}, or other parameters of robot {robot}: with top_wheel_speed they are of a robot "
     "that takes velocities or wheel speeds, with k1 of one that takes duties"
 )
+AN_ACCEPTED_ZERO = "cmr-driver to accept a zero command (needed after start-up and after an emergency stop)"
 FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
@@ -119,7 +120,7 @@ class Pilot:
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
             self._zeros_to_send = FIRST_ZEROS
         elif self._zeros_to_send:
-            self.waiting_for = "the driver to hear of zero, after its start or an emergency stop"
+            self.waiting_for = AN_ACCEPTED_ZERO
             self._zeros_to_send -= 1
         elif me is None or utime - me.utime > OLDEST_WORLD:
             self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"

@@ -137,7 +137,7 @@ class Supervisor:
 def _how(code: int) -> str:
     """Return how a process ended."""
     if code in ASKED_TO_END:
-        return "ended when it was asked to"
+        return "stopped normally"
     if code >= 0:
         return f"ended with exit code {code}"
     try:
