@@ -20,7 +20,7 @@ from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import DEFAULT_URL, results
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
-from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
+from cmr.commands.first_use import PARTS, compile_first
 from cmr.experiments.live.children import Children, our_command
 from cmr.experiments.live.jobs import STATE
 from cmr.files import gone_before_and_after
@@ -66,7 +66,7 @@ def main(arguments: list[str]) -> int:
     check_bus(url)  # what is wrong is said before anything takes time
     folder = free_folder(options.out)
     check_writable(folder)
-    compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
+    compile_first(PARTS)
     robot_ends = gone_before_and_after(folder / STATE)
     with Process("cmr-demo", url) as process, robot_ends, Children(folder) as children:
         _prepare(folder)

@@ -8,6 +8,7 @@ from cmr.bus.streams import ESTOP, ESTOP_LATCH, MOTOR_FEEDBACK, PARAMETERS, POSE
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
+from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
 from cmr.commands.robots import behaviour_of
 from cmr.geometry.obstacles import FURTHEST, Geofence
 from cmr.model.command_kinds import KINDS
@@ -37,6 +38,7 @@ def main(arguments: list[str]) -> int:
         keep_clear=options.keep_clear,
         kind=options.command,
     )
+    compile_first([WORLD, BEHAVIOURS])
     pilot.prepare()
     with Process("cmr-pilot", options.lcm_url) as process:
         process.subscribe(WORLD_STATE, every=True)
