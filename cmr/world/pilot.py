@@ -144,7 +144,7 @@ class Pilot:
     def _model(self) -> tuple[RobotParameters | None, str]:
         """Return the robot's parameters, or what is missing of them."""
         if self.parameters.parameters is None:
-            return None, f"parameters of robot {self.robot_id}. {self.parameters.message}"
+            return None, f"parameters of robot {self.robot_id}. {self.parameters.message.removesuffix('.')}"
         try:
             if self.parameters.parameters.has_velocity_controller != (self.kind != DUTY):
                 return None, OTHER_KIND.format(kind=self.kind, robot=self.robot_id)
