@@ -25,7 +25,7 @@ import sys
 
 class Missing:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"cv2", "dask", "distributed", "lz4", "mcap", "pandas", "pyarrow", "rosbags", "viser"}:
+        if name.partition(".")[0] in "cv2 dask distributed lz4 mcap pandas pyarrow rosbags viser zstandard".split():
             raise ModuleNotFoundError(name, name=name)
 
 sys.meta_path.insert(0, Missing())
