@@ -11,7 +11,7 @@ SOURCES = ("cmr", "robot_driver", "tools", "scripts")  # cmr/tools is a link, wh
 REPLACED = re.compile(
     r"\b(tells?|told|telling|foretells?|foretold|speaks? for|spoke for|in service|late turns?|rooms?"
     r"|pictures a second|takes nothing but|well above it|to hear of zero|ended when it was asked|chance alone makes"
-    r"|when the battery is below|that cmr-view printed|kind; else)\b",
+    r"|when the battery is below|that cmr-view printed|kind; else|is not started again)\b",
     re.IGNORECASE,
 )
 
