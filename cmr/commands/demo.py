@@ -210,7 +210,7 @@ class _Demo:
         """Start cmr-view and show its page in the browser."""
         self._children.start("view", command)
         self._wait(lambda: bool(self._page()), START_UP, "the page")
-        print(f"Look at {self._page()}: blue is the twin, yellow the robot.", flush=True)
+        print(f"Look at {self._page()}: the robot is yellow, its twin green.", flush=True)
         webbrowser.open(self._page())
 
     def _page(self) -> str:

@@ -99,7 +99,8 @@ def _cores() -> int:
 def _compile(name: str, mark: Path) -> str:
     """Compile a part in a process of its own; return what went wrong, empty if nothing did."""
     command = [sys.executable, "-m", "cmr.commands.first_use", name]
-    result = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    nothing, here = subprocess.DEVNULL, HERE.parent  # in another checkout, -m would find that one and compile for it
+    result = subprocess.run(command, cwd=here, stdin=nothing, capture_output=True, text=True, check=False)
     if result.returncode:
         return (result.stderr.strip().splitlines() or ["nothing was said"])[-1]
     mark.touch()

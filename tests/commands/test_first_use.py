@@ -105,6 +105,15 @@ def test_a_part_that_cannot_be_compiled_is_reported_and_tried_again(
     assert [text.startswith("Not compiled: KeyError") for text in said] == [False, True, False, True]
 
 
+def test_in_another_checkout_the_cmr_that_runs_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cmr" / "commands").mkdir(parents=True)
+    for name in ("__init__", "commands/__init__"):
+        (tmp_path / "cmr" / f"{name}.py").touch()
+    (tmp_path / "cmr" / "commands" / "first_use.py").write_text("raise SystemExit('the other one')")
+    monkeypatch.chdir(tmp_path)
+    assert first_use._compile("no such part", tmp_path / "mark").startswith("KeyError")
+
+
 @pytest.mark.slow
 def test_a_simulator_compiles_nothing_after_that() -> None:
     compile_first([MODEL, WORLD])
