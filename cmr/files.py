@@ -80,9 +80,10 @@ def why_not_writable(folder: Path) -> str:
     return "" if os.access(nearest, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)
 
 
-def write_atomically(text: str, path: Path) -> None:
+def write_atomically(text: str, path: Path, mode: int = 0o644) -> None:
     """Write a text so that a reader, or a crash at any moment, finds the old file or the new one.
 
+    `mode` says who may read it: by default everybody, because processes of other people do.
     Raises OSError when the folder cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -92,7 +93,7 @@ def write_atomically(text: str, path: Path) -> None:
             stream.write(text)
             stream.flush()
             os.fsync(stream.fileno())
-        Path(temporary).chmod(0o644)  # mkstemp makes it private; other people's processes read it too
+        Path(temporary).chmod(mode)  # mkstemp makes it private
         Path(temporary).replace(path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
