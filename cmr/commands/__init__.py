@@ -37,7 +37,7 @@ def driver() -> int:
 
 def emulate() -> int:
     """Start cmr-emulate."""
-    return run("robot_driver.emulator.main")
+    return run("cmr.commands.emulate")
 
 
 def fidelity() -> int:

@@ -8,7 +8,7 @@ COMMANDS = {
     "run": ("cmr.commands.run", "run a team experiment from a scenario to its report"),
     "agent": ("cmr.commands.agent", "run processes of experiments that another computer leads"),
     "driver": ("robot_driver.main", "connect a real robot to the bus"),
-    "emulate": ("robot_driver.emulator.main", "emulate a robot: devices on pseudo-terminals, physics behind them"),
+    "emulate": ("cmr.commands.emulate", "emulate a robot: devices on pseudo-terminals, physics behind them"),
     "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
     "pilot": ("cmr.commands.pilot", "drive a real robot by a behaviour"),
     "estop": ("cmr.commands.estop", "engage the emergency stop, release it, or show which robots it holds"),

@@ -23,6 +23,7 @@ from cmr.bus.streams import (
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
+from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
 from cmr.commands.robots import behaviour_of
 from cmr.geometry.obstacles import FURTHEST, Geofence
 from cmr.model.command_kinds import KINDS
@@ -53,6 +54,7 @@ def main(arguments: list[str]) -> int:
         keep_clear=options.keep_clear,
         kind=options.command,
     )
+    compile_first([WORLD, BEHAVIOURS])
     pilot.prepare()
     confirmed = Event()
     signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())

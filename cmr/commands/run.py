@@ -30,8 +30,8 @@ from cmr.files import gone_before_and_after
 HEARING_AGENTS, HEARING_RATE = 1.5, 20.0  # s, Hz
 # What processes have to be compiled for, by their role.
 TAKES = {
-    SIM: (first_use.MODEL, first_use.WORLD),
-    PILOT: (first_use.WORLD,),
+    SIM: (first_use.MODEL, first_use.WORLD, first_use.BEHAVIOURS),
+    PILOT: (first_use.WORLD, first_use.BEHAVIOURS),
     EMULATOR: (first_use.EMULATOR,),
     CALIBRATOR: (first_use.ESTIMATOR,),
     DIAGNOSER: (first_use.ESTIMATOR,),

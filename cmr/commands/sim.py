@@ -23,7 +23,7 @@ from cmr.bus.streams import (
     Stream,
 )
 from cmr.cli.errors import CommandError
-from cmr.commands.first_use import MODEL, WORLD, compile_first
+from cmr.commands.first_use import BEHAVIOURS, MODEL, WORLD, compile_first
 from cmr.commands.robots import virtual_robots
 from cmr.commands.sim_options import PACKET, command_parser, parse
 from cmr.geometry.obstacles import ObstacleError, Obstacles
@@ -76,7 +76,7 @@ def main(arguments: list[str]) -> int:
     world, loader = _world(options, cast)
     scanner = _scanner(options, cast)
     check_bus(options.lcm_url)
-    compile_first([MODEL, WORLD])
+    compile_first([MODEL, WORLD, BEHAVIOURS] if options.virtual or cast else [MODEL, WORLD])
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()

@@ -1,4 +1,4 @@
-"""What viser's inputs and texts need: mypy takes their value for read-only, and only plain texts can be sent."""
+"""Work around viser's stubs, which mark input values read-only, and its encoder, which sends only plain texts."""
 
 from typing import Any
 

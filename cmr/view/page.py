@@ -164,7 +164,7 @@ class Page:
     def _add_orders(self, gui: viser.GuiApi) -> None:
         has_robots = self._surroundings.has_robots  # a log has none to command
         with gui.add_folder("commands", visible=has_robots or not self.permission.on_this_computer):
-            self._token = gui.add_text("token", "", hint="that cmr-view printed when it started")
+            self._token = gui.add_text("token", "", hint="from the terminal running cmr-view")
             if has_robots:
                 self._add_robot_orders(gui)
         self._token.on_update(self._take_token)

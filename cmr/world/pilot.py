@@ -33,6 +33,7 @@ WAITING = (
     "{new[0]:.3f}, and that for turning at {turn:g} rad/s from {now[1]:.3f} to {new[1]:.3f}."
 )
 UNUSABLE = "New parameters of robot {robot} wait until it rests, as it cannot be driven by them in the same way."
+AN_ACCEPTED_ZERO = "cmr-driver to accept a zero command (needed after start-up and after an emergency stop)"
 FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
@@ -179,7 +180,7 @@ class Pilot:
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
             self._zeros_to_send = FIRST_ZEROS
         elif self._zeros_to_send:
-            self.waiting_for = "the driver to hear of zero, after its start or an emergency stop"
+            self.waiting_for = AN_ACCEPTED_ZERO
             self._zeros_to_send -= 1
         elif me is None or utime - me.utime > OLDEST_WORLD:
             self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"
@@ -204,7 +205,7 @@ class Pilot:
         """Return the robot's parameters in use, or what is missing of them."""
         known = self._caution.now
         if known is None:
-            return None, f"parameters of robot {self.robot_id}. {self.parameters.message}"
+            return None, f"parameters of robot {self.robot_id}. {self.parameters.message.removesuffix('.')}"
         try:
             if known.has_velocity_controller != (self.kind != DUTY):
                 return None, OTHER_KIND.format(kind=self.kind, robot=self.robot_id)

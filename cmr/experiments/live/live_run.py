@@ -108,7 +108,7 @@ class LiveRun:
                 return self._drive(doubt)
             given_up = self.supervisor.given_up()
             if given_up:
-                return Outcome(f"{given_up[0]} is not started again", 0.0, failed=True)
+                return Outcome(f"{given_up[0]} is not restarted", 0.0, failed=True)
             patience = START_UP_BY_HAND if self.elsewhere.is_needed else START_UP
             if time.monotonic() - self._created > patience:
                 return Outcome(f"waited {patience:.0f} s in vain for {lacking.rstrip('.')}", 0.0, failed=True)

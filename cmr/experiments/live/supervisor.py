@@ -125,19 +125,19 @@ class Supervisor:
         if code == WRONG_USAGE:
             return "It would fail again."
         if code in ASKED_TO_END:
-            return "Somebody ended it; it is not started again."
+            return "Somebody ended it, so it is not restarted."
         job = state.job
         if job.role == PILOT and (job.once or code > 0):
-            return "It would begin its drive again; the robot stands."
+            return "It would begin its drive again, so it is not restarted; the robot stays still."
         if job.role in (DRIVER, PILOT) and self._held(state.pid):
-            return "It held the robot for a reason, so it is not started again; the robot stands."
+            return "It stopped the robot for a reason, so it is not restarted; the robot stays still."
         return ""
 
 
 def _how(code: int) -> str:
     """Return how a process ended."""
     if code in ASKED_TO_END:
-        return "ended when it was asked to"
+        return "stopped normally"
     if code >= 0:
         return f"ended with exit code {code}"
     try:

@@ -93,7 +93,7 @@ def test_a_driver_or_pilot_that_held_its_robot_stays_down(children: Children) ->
     supervisor.poll(0.0)
     for role in (DRIVER, PILOT):
         kill(supervisor, role)
-        assert "the robot stands" in end_of(supervisor, role, 1.0)
+        assert "the robot stays still" in end_of(supervisor, role, 1.0)
     kill(supervisor, SIM)
     assert "Started again" in end_of(supervisor, SIM, 1.0)
     assert supervisor.given_up() == [DRIVER, PILOT]
@@ -103,9 +103,9 @@ def test_a_drive_is_never_begun_anew(children: Children) -> None:
     """A pilot that ended its drive with a complaint, or drove without looking where it is, would move the robot."""
     supervisor = Supervisor([job(PILOT, FAIL), job(PILOT, LIVE, name="blind", once=True)], children)
     supervisor.poll(0.0)
-    assert "the robot stands" in end_of(supervisor, PILOT, 1.0)
+    assert "the robot stays still" in end_of(supervisor, PILOT, 1.0)
     kill(supervisor, "blind")
-    assert "the robot stands" in end_of(supervisor, "blind", 1.0)
+    assert "the robot stays still" in end_of(supervisor, "blind", 1.0)
     supervisor.poll(1000.0)
     assert supervisor.given_up() == [PILOT, "blind"]
 
