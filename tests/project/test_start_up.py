@@ -42,6 +42,25 @@ def test_nothing_of_ours_imports_the_distributions_of_scipy() -> None:
         assert not any(name.startswith("scipy.stats") for name in names), module
 
 
+def printed_by(program: str) -> list[str]:
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_what_runs_on_a_robot_imports_no_numpy() -> None:
+    commands = ", ".join(f"cmr.commands.{name}" for name in ("umbrella", "estop", "key", "relay", "doctor"))
+    assert printed_by(f"import sys, robot_driver.main, {commands}; print('numpy' in sys.modules)") == ["False"]
+
+
+def test_a_world_is_decoded_where_there_is_no_numpy() -> None:
+    program = (
+        "import sys; sys.modules['numpy'] = None\n"
+        "from cmr.bus.messages import decode, make; from cmr.msg import world_state_t as t\n"
+        "fields = dict.fromkeys(t.__slots__[2:], [1.0]) | {'robot_id': [7], 'origin': [0]}\n"
+        "print(decode('WORLD_STATE', make(t, utime=5, **fields).encode()).message.robot_id[0])"
+    )
+    assert printed_by(program) == ["7"]
+
+
 @pytest.mark.parametrize("parameters", [1, 2, 3])
 def test_the_tail_of_chi_square_is_that_of_scipy(parameters: int) -> None:
     from scipy.stats import chi2
