@@ -15,13 +15,15 @@ ELF_HEADER = struct.Struct("<4s14xH12xQQ6xHHHHH")  # magic, machine, places of b
 SEGMENT = struct.Struct("<8xQ16xQ")  # where a segment lies in the file, and how long it is there
 
 
-def downloaded(pip: list[str], architecture: str, folder: Path) -> dict[str, list[Path]]:
+def downloaded(
+    pip: list[str], architecture: str, folder: Path, pythons: tuple[str, ...] = PYTHONS
+) -> dict[str, list[Path]]:
     """Download the wheels for an architecture into a folder, from the package index; return them for each Python.
 
     Raises SystemExit with pip's words where one cannot be had, or is another than the pinned one.
     """
     found = {}
-    for python in PYTHONS:
+    for python in pythons:
         there = folder / architecture / python
         command = [*pip, "download", "--quiet", "--no-deps", "--only-binary", ":all:", "--implementation", "cp"]
         command += ["--require-hashes", "--requirement", str(PINNED), "--python-version", python, "--dest", str(there)]
