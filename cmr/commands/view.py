@@ -32,7 +32,7 @@ def main(arguments: list[str]) -> int:
     obstacles, geofence = _room(options)
     tls = _encryption(options)
     try:
-        from cmr.view.door import Address
+        from cmr.view.entrance.door import Address
         from cmr.view.server import PageServer
         from cmr.view.showing import LiveShowing, LogShowing
         from cmr.view.visit import Room

@@ -19,13 +19,13 @@ from websockets.asyncio.server import ServerConnection
 
 from cmr.bus.fields import FieldName
 from cmr.view.camera import INITIAL
-from cmr.view.door import Address, Door, address_of, guarding
-from cmr.view.guesses import Guesses
+from cmr.view.entrance.door import Address, Door, address_of, guarding
+from cmr.view.entrance.guesses import Guesses
+from cmr.view.entrance.refusals import Refusals
 from cmr.view.inputs import check_inputs
 from cmr.view.opening import MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.page import REFUSED, Surroundings, refuse
 from cmr.view.picture import Picture, picture_of
-from cmr.view.refusals import Refusals
 from cmr.view.showing import LogShowing, Showing, stop_line
 from cmr.view.uploads import Upload
 from cmr.view.visit import NO_ROOM, Room, Visit, Visitor

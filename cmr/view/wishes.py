@@ -4,7 +4,7 @@ import hmac
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-from cmr.view.guesses import Guesses
+from cmr.view.entrance.guesses import Guesses
 
 COME, LEAVE, CLICK = "come", "leave", "click"  # of a visitor: what needs no token
 STOP, RELEASE, FIGURE_EIGHT = "stop", "release", "figure-eight"

@@ -13,16 +13,18 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
+from websockets.sync.connection import Connection
+from websockets.typing import Origin, Subprotocol
 
 from cmr.cli.errors import CommandError
 from cmr.commands.view import _encryption
-from cmr.view import door, guesses
 from cmr.view.camera import FOLLOW
 from cmr.view.curves import LiveCurves
-from cmr.view.door import Address
-from cmr.view.guesses import FREE, Guesses
+from cmr.view.entrance import door, guesses
+from cmr.view.entrance.door import Address
+from cmr.view.entrance.guesses import FREE, Guesses
+from cmr.view.entrance.refusals import Refusals
 from cmr.view.orders import Orders
-from cmr.view.refusals import Refusals
 from cmr.view.server import PageServer
 from cmr.view.visit import NO_ROOM
 from cmr.view.wishes import Permission
@@ -45,9 +47,10 @@ class Serving:
         self.port = int(self.server.url.rsplit(":", 1)[1])
 
     def connect(self, origin: str | None = None, **options: Any) -> ClientConnection:
-        return connect(
-            f"ws://127.0.0.1:{self.port}", origin=origin, subprotocols=[PROTOCOL], compression=None, **options
-        )  # type: ignore[arg-type]
+        asked = [Subprotocol(PROTOCOL)]
+        named = Origin(origin) if origin is not None else None
+        address = f"ws://127.0.0.1:{self.port}"
+        return connect(address, origin=named, subprotocols=asked, compression=None, **options)
 
     def visit(self) -> ClientConnection:
         """Return a connection whose page is there."""
@@ -85,7 +88,7 @@ def answer(page: Serving, path: str = "/", **headers: str) -> tuple[int, str]:
         return response.status, response.read().decode(errors="replace")
 
 
-def reason_of_closing(connection: ClientConnection) -> str:
+def reason_of_closing(connection: Connection) -> str:
     try:
         while True:
             connection.recv(timeout=PATIENCE)
@@ -118,6 +121,7 @@ def test_an_address_that_is_not_ours_is_said_instead_of_waiting(host: str) -> No
 
 def test_names_that_are_allowed_and_this_hosts_own_address_are_taken() -> None:
     checked = door.Door(Address("0.0.0.0", 8080, ("robots.lab",)), Refusals())
+    named: dict[str, list[str]] = {}
     request: Any = SimpleNamespace(path="/", headers=SimpleNamespace(get_all=lambda name: named[name]))
     for host, own, is_taken in (
         ("robots.lab:8080", "10.0.0.4", True),

@@ -11,7 +11,7 @@ import pytest
 from cmr.recordings.events import event_bytes
 from cmr.view import opening, server
 from cmr.view.data.state import ViewState
-from cmr.view.door import Address
+from cmr.view.entrance.door import Address
 from cmr.view.opening import LARGEST_LOG, MOST_ARRIVING, MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.orders import Orders
 from cmr.view.uploads import Upload
@@ -163,7 +163,7 @@ def test_a_visitor_sends_one_file_at_a_time_and_nothing_is_kept_once_he_has_left
 
 def test_a_full_disk_is_said_to_who_sends_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
     sending = Sending()
-    monkeypatch.setattr(opening.shutil, "disk_usage", lambda _path: SimpleNamespace(free=opening.LEFT_FREE + 99))
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=opening.LEFT_FREE + 99))
     sending.start(start(100, 2))
     assert "nearly full" in sending.said[0]
     monkeypatch.undo()

@@ -5,7 +5,7 @@ import threading
 import time
 from collections import OrderedDict
 
-from cmr.view.refusals import Refusals
+from cmr.view.entrance.refusals import Refusals
 
 FREE = 5  # wrong tokens of an address before it has to wait
 LONGEST_WAIT = 60.0  # s; it doubles from 1 s

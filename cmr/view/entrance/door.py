@@ -22,8 +22,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Data
 
-from cmr.view.page_messages import MOST_BYTES, is_from_a_page
-from cmr.view.refusals import Refusals
+from cmr.view.entrance.refusals import Refusals
+from cmr.view.entrance.sent import MOST_BYTES, is_from_a_page
 
 THIS_COMPUTER = ("127.0.0.1", "localhost")
 MOST_VISITORS = 40  # each costs a core some percent
