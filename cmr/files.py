@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 PIECE_BYTES = 1 << 16
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # what keeps a file from growing
 NO_FILE = "it is no regular file, such as can be read to its end"
 
 

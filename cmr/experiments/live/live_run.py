@@ -11,8 +11,9 @@ from cmr.bus.process import Process
 from cmr.bus.streams import ESTOP, ESTOP_LATCH, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.experiments.live.children import Children
+from cmr.experiments.live.disk import Disk
 from cmr.experiments.live.elsewhere import Elsewhere
-from cmr.experiments.live.jobs import EMULATOR, PILOT, SIM, Job
+from cmr.experiments.live.jobs import EMULATOR, PILOT, RECORDER, SIM, Job
 from cmr.experiments.live.keeping_up import TOO_SLOW
 from cmr.experiments.live.measuring import EndingMetric
 from cmr.experiments.live.preparing import write_emulators, write_sim_scenario
@@ -37,7 +38,10 @@ WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's b
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: in words, and how many seconds after all were ready; `failed` if it never began."""
+    """How a run ended: in words, and how many seconds after all were ready.
+
+    `failed` if it never began, or could not be recorded to its end.
+    """
 
     ended_by: str
     seconds: float
@@ -69,6 +73,7 @@ class LiveRun:
         self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare, self._may_start)
         self.events: list[tuple[float, str]] = []
         self._folder = folder
+        self._disk = Disk(folder)
         self._process = process
         self._emergency_stop = EmergencyStop()
         self._bar = progress
@@ -100,6 +105,8 @@ class LiveRun:
                 GRACE if doubt else ANOTHER_WORD
             ):
                 return self._drive(doubt)
+            if unrecorded := self._why_unrecorded():
+                return Outcome(unrecorded, 0.0, failed=True)
             given_up = self.supervisor.given_up()
             if given_up:
                 return Outcome(f"{given_up[0]} is not started again", 0.0, failed=True)
@@ -141,6 +148,8 @@ class LiveRun:
             self._turn()
             self._send_waypoints()
             self._bar.show(self._progress())
+            if unrecorded := self._why_unrecorded():
+                return Outcome(unrecorded, self._seconds, failed=True)
             reason = self._why_over()
             if reason:
                 return Outcome(reason, self._seconds)
@@ -154,12 +163,28 @@ class LiveRun:
             self._to_send.update(
                 robot_id for robot_id, way in waypoints.items() if way and self._is_moved_elsewhere(robot_id)
             )
-        for sentence in self.supervisor.poll(time.monotonic()):
-            self.say(sentence)
+        self._supervise()
         down = self.supervisor.down()
         ready = process_status_t.RUNNING if self._is_ready else process_status_t.STARTING
         self._process.state = process_status_t.DEGRADED if down else ready
-        self._process.message = f"Not running: {', '.join(down)}." if down else ""
+        self._process.message = f"Not running: {', '.join(down)}." if down else self._disk.shortage
+
+    def _supervise(self) -> None:
+        """Start what died again, and look how much room the disk has."""
+        try:
+            sentences = [self._disk.look(), *self.supervisor.poll(time.monotonic())]
+        except OSError as error:  # the files of a process that was to be started again
+            self._disk.note(error)
+            return
+        for sentence in filter(None, sentences):
+            self.say(sentence)
+
+    def _why_unrecorded(self) -> str:
+        """Return why the run cannot be recorded any more; empty while it can."""
+        if self.supervisor.is_unrecorded and not self._disk.full:
+            said = self.supervisor.last_words(RECORDER)
+            return said.rstrip(".") or f"nothing more can be recorded in {self._folder}"
+        return self._disk.full
 
     def _hear(self, utime: int, channel: str, message: Message) -> None:
         self.watch.handle(utime, channel, message)

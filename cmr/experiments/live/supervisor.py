@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from cmr.experiments.live.children import Children
-from cmr.experiments.live.jobs import DRIVER, PILOT, STOP_ORDER, Job
+from cmr.experiments.live.jobs import CANNOT_WRITE, DRIVER, PILOT, RECORDER, STOP_ORDER, Job
 
 FIRST_DELAY = 0.5  # s until a process that died is started again; doubled each time
 LONGEST_DELAY = 30.0  # s
@@ -97,6 +97,12 @@ class Supervisor:
         """Return those of them that are not started again."""
         return [name for name in self.down() if self.states[name].due is None]
 
+    @property
+    def is_unrecorded(self) -> bool:
+        """Whether a recorder could not write any more."""
+        recorders = (state for state in self.states.values() if state.job.role == RECORDER)
+        return any(_how(CANNOT_WRITE) in state.ends[-1:] for state in recorders)
+
     def last_words(self, name: str) -> str:
         """Return the last line that a process said; empty if there is none."""
         return self._children.last_words(name)
@@ -127,6 +133,8 @@ class Supervisor:
         if code in ASKED_TO_END:
             return "Somebody ended it; it is not started again."
         job = state.job
+        if job.role == RECORDER and code == CANNOT_WRITE:
+            return "It would fail again: the run ends."
         if job.role == PILOT and (job.once or code > 0):
             return "It would begin its drive again; the robot stands."
         if job.role in (DRIVER, PILOT) and self._held(state.pid):
