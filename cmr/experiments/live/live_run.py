@@ -33,6 +33,7 @@ LISTENING = 0.4  # s, in which a cmr-sim publishes its robots eight times at lea
 END_THE_OTHER = "end that cmr-run or cmr-sim, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
+MOST_EVENTS = 2000  # that are kept for the report
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
 
 
@@ -72,6 +73,7 @@ class LiveRun:
         self._elsewhere = Elsewhere(others, self.watch.statuses_elsewhere)
         self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare, self._may_start)
         self.events: list[tuple[float, str]] = []
+        self._left_out = 0
         self._folder = folder
         self._disk = Disk(folder)
         self._process = process
@@ -116,8 +118,13 @@ class LiveRun:
         return Outcome("somebody ended it before all were ready", 0.0, interrupted=True)
 
     def say(self, words: str) -> None:
-        """Report and keep what happened."""
+        """Report and keep what happened; of very much, what was first and last."""
         self.events.append((time.monotonic() - self._created, words))
+        if len(self.events) > MOST_EVENTS:
+            self._left_out += 1
+            self.events[MOST_EVENTS // 2 - 1 : MOST_EVENTS // 2 + 1] = [
+                (self.events[MOST_EVENTS // 2][0], f"... {self._left_out} more events, which are not kept")
+            ]
         self._bar.say(words)
 
     def _taken(self) -> str:

@@ -10,6 +10,7 @@ from cmr.experiments.live.jobs import CANNOT_WRITE, DRIVER, PILOT, RECORDER, STO
 FIRST_DELAY = 0.5  # s until a process that died is started again; doubled each time
 LONGEST_DELAY = 30.0  # s
 PROVEN = 30.0  # s after which a process counts as healthy, and the next delay is the first again
+MOST_ENDS = 50  # that are kept of a process that ends again and again
 WRONG_USAGE = 2
 ASKED_TO_END = frozenset({130, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP})
 
@@ -24,7 +25,7 @@ class State:
     delay: float = FIRST_DELAY
     starts: int = 0
     pid: int = 0  # of the process as it was last started
-    ends: list[str] = field(default_factory=list)  # how it ended, each time
+    ends: list[str] = field(default_factory=list)  # how it ended, each of the last times
 
     @property
     def restarts(self) -> int:
@@ -113,6 +114,7 @@ class Supervisor:
     def _note_end(self, name: str, code: int, now: float) -> str:
         state = self.states[name]
         state.ends.append(_how(code))
+        del state.ends[:-MOST_ENDS]
         said = self._children.last_words(name)
         end = f"{name} {_how(code)}{': ' + said if said and code else '.'}"
         why_not = self._why_not_again(state, code)
