@@ -7,6 +7,7 @@ from itertools import count
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from cmr.litter import temporary_beside
 from cmr.recordings.events import HEADER, SYNC, EventReader
 
 LARGEST_LOG = 200_000_000  # bytes
@@ -49,19 +50,20 @@ class LogFolder:
     """Where logs of visitors are kept until they are closed; the folder goes with the process."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="cmr-view-")
+        self._folder = temporary_beside(Path(tempfile.gettempdir()) / "cmr-view")
+        self._folder.mkdir(mode=0o700)
         self._numbers = count()
 
     def check_room(self, size: int) -> None:
         """Raise RefusedLog where the disk has no room for a file of `size` bytes."""
-        if shutil.disk_usage(self._folder.name).free < size + LEFT_FREE:
+        if shutil.disk_usage(self._folder).free < size + LEFT_FREE:
             raise RefusedLog(
                 "The disk of the computer running cmr-view is nearly full. Free some space there, then try again."
             )
 
     def begin(self) -> BinaryIO:
         """Open a file for a log that is arriving. Raises OSError where there can be none."""
-        return (Path(self._folder.name) / f"{next(self._numbers)}.lcm").open("xb")
+        return (self._folder / f"{next(self._numbers)}.lcm").open("xb")
 
     def drop(self, stream: BinaryIO) -> None:
         """Delete a log of which not everything has come."""
@@ -89,7 +91,7 @@ class LogFolder:
 
     def clean(self) -> None:
         """Delete all that is left."""
-        self._folder.cleanup()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
 
 def _is_crowded(path: Path) -> bool:

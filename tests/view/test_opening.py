@@ -110,7 +110,7 @@ class Sending:
         self.client.handlers["FileTransferPart"](1, message)
 
     def files(self) -> list[Path]:
-        return list(Path(self.logs._folder.name).iterdir())
+        return list(self.logs._folder.iterdir())
 
 
 def test_a_file_that_is_too_large_is_refused_before_anything_of_it_is_kept_and_the_browser_need_not_wait() -> None:
