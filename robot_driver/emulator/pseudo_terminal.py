@@ -11,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 READ_SIZE = 4096  # bytes; what the kernel holds for a pseudo-terminal
+DEFAULT_FOLDER = "cmr-robot-"  # and the number of the robot, among the temporary files
 
 
 class PortsError(Exception):
@@ -141,7 +142,7 @@ class Ports:
         left = self._left_behind()
         for path in left:
             path.unlink(missing_ok=True)
-        if left and not is_new:
+        if left and not is_new and self._folder.name.startswith(DEFAULT_FOLDER):  # nobody else made it
             resources.callback(_remove_if_empty, self._folder)
 
     def _left_behind(self) -> list[Path]:

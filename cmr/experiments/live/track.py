@@ -23,9 +23,10 @@ class Track:
         self.most = min(max(MOST_PLACES // max(robots, 1), FEWEST_MOMENTS), MOST_MOMENTS)
         self.period = period
         self._count = 0
-        # Made once: what is dropped piece by piece leaves holes in the memory of the process.
-        self._utime = np.zeros(self.most, dtype=np.int64)
-        self._places = np.zeros((self.most, 2, robots), dtype=np.float32)
+        # Made once, and written to, so that all of it is there: what is dropped piece by piece leaves holes in the
+        # memory of a process, and what is not there at the beginning may not be there later.
+        self._utime = np.full(self.most, 0, dtype=np.int64)
+        self._places = np.full((self.most, 2, robots), np.nan, dtype=np.float32)
 
     def __len__(self) -> int:
         return self._count
