@@ -82,19 +82,21 @@ def why_not_writable(folder: Path) -> str:
     return "" if os.access(nearest, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)
 
 
-def write_atomically(text: str, path: Path) -> None:
+def write_atomically(text: str, path: Path, mode: int = 0o644) -> None:
     """Write a text so that a reader, or a crash at any moment, finds the old file or the new one.
 
+    `mode` says who may read it: by default everybody, because processes of other people do.
     Raises OSError when the folder cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_beside(path)
     try:
-        with temporary.open("x", encoding="utf-8") as stream:
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
             stream.write(text)
             stream.flush()
             os.fsync(stream.fileno())
-        temporary.chmod(0o644)  # whatever the umask: other people's processes read it too
+        temporary.chmod(mode)
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

@@ -10,7 +10,9 @@ import re
 import secrets
 import shutil
 import socket
-from contextlib import suppress
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -31,6 +33,17 @@ def temporary_beside(path: Path) -> Path:
         _swept.add(folder)
         sweep(folder)
     return path.with_name(f".{path.name}.{_host()}-{os.getpid()}-{secrets.token_hex(4)}.tmp")
+
+
+@contextmanager
+def temporary_folder(name: str) -> Iterator[Path]:
+    """Make a folder among the temporary files, and remove it with all that is in it."""
+    folder = temporary_beside(Path(tempfile.gettempdir()) / name)
+    folder.mkdir(mode=0o700)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def sweep(folder: Path) -> None:

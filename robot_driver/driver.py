@@ -8,11 +8,11 @@ from types import TracebackType
 from cmr.bus.message import Message
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
-from cmr.msg import estop_latch_t, estop_t, motor_command_t
+from cmr.msg import command_claim_t, command_owner_t, estop_latch_t, estop_t, motor_command_t
 from cmr.parameters.following import ParameterFollower
 from robot_driver.bus_stop import BusStop
 from robot_driver.command_gate import CommandGate
-from robot_driver.commanders import Commanders
+from robot_driver.commanders import Commanders, Ownership
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.gyro_device import GyroDevice
@@ -45,7 +45,7 @@ class Driver:
         self._gate = CommandGate()
         self._stop_keeper = StopKeeper(stop_file) if stop_file is not None else None
         self._bus_stop = BusStop(self._gate, settings.robot, self._stop_keeper)
-        self._commanders = Commanders()
+        self._commanders, self._ownership = Commanders(), Ownership(settings.robot, host)
         controller_type = CONTROLLERS[settings.controller]
         port_type = StreamPort if controller_type.streams else SerialPort
         port = port_type(settings.port, settings.baud or controller_type.default_baud_rate, host)
@@ -96,13 +96,17 @@ class Driver:
         if self.follower.poll():
             self._use_parameters()
 
-    def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take a message from the bus."""
+    def handle(self, utime: int, channel: str, message: Message, sender: int | None = None) -> None:
+        """Take a message from the bus; `sender` is the name of the process that sent it, where it is known."""
         if isinstance(message, motor_command_t) and channel == self._commanded_on:
+            if not self._ownership.takes(sender):
+                return
             self._commanders.take(utime, message.left, message.right)
             self._gate.offer(
                 utime, message.left, message.right, now=self._host.seconds_since_boot(), utime=self._host.utime()
             )
+        elif isinstance(message, command_claim_t):
+            self._ownership.claim(message, sender)
         elif isinstance(message, estop_t):
             self._bus_stop.handle(message, utime, utime=self._host.utime())
         elif self.follower.handle(utime, channel, message):
@@ -114,14 +118,19 @@ class Driver:
             stream, message = self._outgoing.get()
             yield stream, self._robot_id, message
 
+    def owner_reports(self) -> list[command_owner_t]:
+        """Return what COMMAND_OWNER_N has to report now, on whose commands are taken."""
+        return self._ownership.reports()
+
     def stop_reports(self) -> list[estop_latch_t]:
         """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
         return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
 
     def news(self) -> Iterator[str]:
         """Yield what happened since the last call, as a person wants to read it."""
-        while self._bus_stop.news:
-            yield self._bus_stop.news.pop(0)
+        for news in (self._bus_stop.news, self._ownership.news):
+            while news:
+                yield news.pop(0)
         while not self._motors.news.empty():
             yield self._motors.news.get()
 
@@ -138,7 +147,8 @@ class Driver:
         Raises what ended a port's thread, if it was a fault of the program.
         """
         found = [self._bus_stop.problem, *(thread.problem for thread in self._threads)]
-        return " ".join(filter(None, [*found, self._commanders.problem(self._host.utime())]))
+        found += [self._ownership.problem() or self._commanders.problem(self._host.utime())]
+        return " ".join(filter(None, found))
 
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""

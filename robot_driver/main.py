@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, ESTOP_LATCH, MOTOR_COMMAND, PARAMETERS
+from cmr.bus.streams import COMMAND_CLAIM, COMMAND_OWNER, ESTOP, ESTOP_LATCH, MOTOR_COMMAND, PARAMETERS
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.options import add_options, made_of
@@ -43,12 +43,14 @@ def main(arguments: list[str]) -> int:
             if driver.warnings:
                 print(f"cmr-driver: {driver.warnings}", file=sys.stderr, flush=True)
             process.subscribe(MOTOR_COMMAND, options.robot, every=True)
+            process.subscribe(COMMAND_CLAIM, options.robot, every=True)
             process.subscribe(ESTOP, every=True)
             process.subscribe(PARAMETERS, options.robot)
             for _ in process.loop(LOOP_RATE):
                 driver.turn()
-                process.dispatch(driver.handle)
+                process.dispatch_named(driver.handle)
                 process.publish_all(list(driver.outgoing()))
+                process.publish_all((COMMAND_OWNER, options.robot, report) for report in driver.owner_reports())
                 process.publish_all((ESTOP_LATCH, options.robot, report) for report in driver.stop_reports())
                 for news in driver.news():
                     process.news(news)

@@ -11,7 +11,7 @@ import pytest
 
 from cmr import litter
 from cmr.files import write_atomically
-from cmr.litter import temporary_beside
+from cmr.litter import temporary_beside, temporary_folder
 from cmr.tools.writing import complete_files_or_none, complete_or_none
 from cmr.view.opening import LogFolder
 from robot_driver.emulator.pseudo_terminal import Ports
@@ -109,7 +109,9 @@ def test_a_folder_is_looked_through_once(tmp_path: Path) -> None:
 def test_what_comes_to_its_end_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = LogFolder()
-    assert list(tmp_path.iterdir())
+    with temporary_folder("cmr-import") as temporary:
+        (temporary / "bag.db3").touch()
+        assert len(list(tmp_path.iterdir())) == 2
     folder.clean()
     with complete_or_none(tmp_path / "run.lcm") as temporary:
         temporary.write_text("log")

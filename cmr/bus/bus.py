@@ -6,8 +6,9 @@ from collections import Counter, deque
 
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
-from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test, warnings
+from cmr.bus.preflight import handled, key_of, open_lcm, resolve_url, self_test, verifier_of, warnings
 from cmr.bus.rejections import Rejections
+from cmr.bus.signing import RefusedSignature, Signer
 from cmr.bus.streams import WORLD_STATE, Stream
 from cmr.bus.texts import make_plain
 
@@ -21,7 +22,8 @@ class Bus:
     `rejected` counts what was not taken, by (channel, reason); `unsent` what could not be sent, by the system's
     words for why. `warnings` are sentences about losses to expect. The bus brings back what a process sends itself,
     if it listens; of WORLD_STATE, which is large, that is passed over.
-    Raises BusError when the bus cannot be used.
+    Where this computer has a key, all is signed, and nothing unsigned is taken but an emergency stop that is engaged.
+    Raises BusError when the bus cannot be used, KeyFileError when the key cannot.
     """
 
     def __init__(self, url: str | None = None) -> None:
@@ -29,6 +31,7 @@ class Bus:
         self.warnings = warnings(self.url)
         self.rejected = Rejections()
         self.unsent: Counter[str] = Counter()
+        self._signer, self._verifier = Signer(key_of(self.url)), verifier_of(self.url)
         self._lcm = open_lcm(self.url)
         self_test(self._lcm, self.url)
         self._every: set[str] = set()
@@ -36,6 +39,11 @@ class Bus:
         self._own: deque[bytes] = deque(maxlen=MOST_OWN)
         self._hears_worlds = False
         self._repeated: dict[str, _Repeated] = {}
+
+    @property
+    def sender(self) -> int:
+        """The name of this process under its commands; it is another one after the clock was set back."""
+        return self._signer.sender
 
     def subscribe(self, stream: Stream[Message], robot_id: int | None = None, *, every: bool = False) -> None:
         """Receive this stream: of one robot, or of all where `robot_id` is None.
@@ -93,7 +101,7 @@ class Bus:
         ]
 
     def _send(self, channel: str, message: Message) -> None:
-        data = message.encode()
+        data = self._signer.sign(channel, message.encode())
         if channel == WORLD_STATE.name and self._hears_worlds:
             self._own.append(data)
         try:
@@ -106,12 +114,13 @@ class Bus:
             self._own.remove(data)
             return
         try:
-            received = decode(channel, data)
-        except RejectedMessage as rejected:
+            signed = self._verifier.verify(channel, data)
+            received = decode(channel, signed.data)
+        except (RejectedMessage, RefusedSignature) as rejected:
             self.rejected.note(channel, rejected.reason)
         else:
             make_plain(received.message)
-            self._arrived.append(received)
+            self._arrived.append(received._replace(sender=signed.sender))
 
 
 class _Repeated:

@@ -31,12 +31,16 @@ REASONS = ("unknown_channel", "foreign", "corrupt", "wrong_robot")
 
 
 class Received(NamedTuple):
-    """One decoded message: the channel it came on, the stream that channel belongs to, and the robot (None: all)."""
+    """One decoded message: the channel it came on, the stream that channel belongs to, and the robot (None: all).
+
+    `sender` is the name that its process made up for itself, None where it is not known: see cmr.bus.signing.
+    """
 
     channel: str
     stream: Stream[Message]
     robot_id: int | None
     message: Message
+    sender: int | None = None
 
     def message_of(self, stream: Stream[M]) -> M | None:
         """Return the message if it came on a channel of this stream; None otherwise."""

@@ -12,6 +12,8 @@ from urllib.parse import parse_qsl, urlsplit
 
 import lcm
 
+from cmr.bus.keys import key_in_use
+from cmr.bus.signing import Verifier
 from cmr.bus.streams import SELF_TEST
 from cmr.cli import configuration
 from cmr.cli.configuration import DEFAULT_URL
@@ -119,9 +121,41 @@ def open_lcm(url: str) -> lcm.LCM:
         ) from error
 
 
+def is_shared(url: str) -> bool:
+    """Return whether what is sent on the bus at `url` leaves this computer. Raises BusError when the URL is wrong."""
+    scheme = _scheme(url)
+    if scheme == "udpm":
+        return parse_udpm(url).ttl > 0
+    return scheme == "tcpq" and urlsplit(url).hostname not in (None, "localhost", "127.0.0.1", "::1")
+
+
+def key_of(url: str) -> bytes | None:
+    """Return the key for the bus at `url`, None where there is none.
+
+    Raises BusError where a bus would be shared without one, KeyFileError when the key cannot be used.
+    """
+    key = key_in_use()
+    if key is None and is_shared(url) and not configuration.is_insecure():
+        raise BusError(
+            f"{url!r} shares the bus with other computers, and there is no key: whoever is on the network could drive "
+            "the robots. Make a key with: cmr key new; copy it to the others. Or start with --insecure."
+        )
+    return key
+
+
+def verifier_of(url: str) -> Verifier:
+    """Return what verifies all that arrives on the bus at `url`; it raises as `key_of` does."""
+    key = key_of(url)
+    return Verifier(None if configuration.is_insecure() else key)
+
+
 def check(url: str | None) -> None:
-    """Try the bus that a process would use, before it does what takes long. Raises BusError where it cannot be used."""
+    """Try the bus that a process would use, before it does what takes long.
+
+    Raises BusError where it cannot be used, also for want of a key.
+    """
     resolved = resolve_url(url)
+    key_of(resolved)
     self_test(open_lcm(resolved), resolved)
 
 

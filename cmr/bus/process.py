@@ -125,6 +125,11 @@ class Process:
         for received in self.received():
             handle(received.message.utime, received.channel, received.message)
 
+    def dispatch_named(self, handle: Callable[[int, str, Message, int | None], object]) -> None:
+        """Hand what has arrived to `handle(utime, channel, message, sender)`, oldest first."""
+        for received in self.received():
+            handle(received.message.utime, received.channel, received.message, received.sender)
+
     def publish_all(self, messages: Iterable[Outgoing]) -> None:
         """Send messages given as (stream, robot id or None, message)."""
         for stream, robot_id, message in messages:

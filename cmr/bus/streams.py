@@ -54,6 +54,8 @@ WHEEL_SPEED_COMMAND = Stream(
     "WHEEL_SPEED_COMMAND", msg.wheel_speed_command_t, True, 20.0, "cmr-pilot, or any controller"
 )
 VELOCITY_COMMAND = Stream("VELOCITY_COMMAND", msg.velocity_command_t, True, 20.0, "cmr-pilot, or any controller")
+COMMAND_CLAIM = Stream("COMMAND_CLAIM", msg.command_claim_t, True, None, "cmr-pilot, or any controller")
+COMMAND_OWNER = Stream("COMMAND_OWNER", msg.command_owner_t, True, 2.0, "cmr-driver")
 MOTOR_FEEDBACK = Stream("MOTOR_FEEDBACK", msg.motor_feedback_t, True, 50.0, "cmr-driver")
 MOTOR_DUTY = Stream("MOTOR_DUTY", msg.motor_duty_t, True, None, "cmr-driver")
 GYRO = Stream("GYRO", msg.gyro_t, True, 50.0, "cmr-driver")
@@ -66,6 +68,7 @@ WAYPOINTS = Stream("WAYPOINTS", msg.waypoints_t, True, None, "whoever plans")
 PARAMETERS = Stream("PARAMETERS", msg.parameters_t, True, 1.0, "whoever wrote the file, and cmr-sim")
 CALIBRATION_STATUS = Stream("CALIBRATION_STATUS", msg.calibration_status_t, True, 2.0, "cmr-calibrate")
 PROCESS_STATUS = Stream("PROCESS_STATUS", msg.process_status_t, False, 1.0, "every process")
+PROCESS_REQUEST = Stream("PROCESS_REQUEST", msg.process_request_t, False, None, "cmr-run, to agents on other computers")
 ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while engaged")
 ESTOP_LATCH = Stream("ESTOP_LATCH", msg.estop_latch_t, True, 1.0, "cmr-driver")
 
@@ -73,6 +76,8 @@ STREAMS: tuple[Stream[Message], ...] = (
     MOTOR_COMMAND,
     WHEEL_SPEED_COMMAND,
     VELOCITY_COMMAND,
+    COMMAND_CLAIM,
+    COMMAND_OWNER,
     MOTOR_FEEDBACK,
     MOTOR_DUTY,
     GYRO,
@@ -85,6 +90,7 @@ STREAMS: tuple[Stream[Message], ...] = (
     PARAMETERS,
     CALIBRATION_STATUS,
     PROCESS_STATUS,
+    PROCESS_REQUEST,
     ESTOP,
     ESTOP_LATCH,
 )

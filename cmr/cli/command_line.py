@@ -70,6 +70,12 @@ def usual_options(bus: str = USUAL_BUS) -> argparse.ArgumentParser:
 
 def _add_usual(options: argparse.ArgumentParser, bus: str, default: str | None) -> None:
     options.add_argument("--lcm-url", default=default, metavar="URL", help=bus)
+    options.add_argument(
+        "--insecure",
+        action=_Insecure,
+        nargs=0,
+        help="share the bus with other computers without a key: whoever is on the network can drive the robots",
+    )
     options.add_argument("--quiet", action=_Quiet, nargs=0, help="print errors and results only: no news, no progress")
 
 
@@ -79,6 +85,13 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_arguments: object) -> None:
         print(f"{parser.prog} {version()}")
         parser.exit()
+
+
+class _Insecure(argparse.Action):
+    """Has this process, and those that it starts, take messages that nobody signed."""
+
+    def __call__(self, *_arguments: object) -> None:
+        configuration.be_insecure()
 
 
 class _Quiet(argparse.Action):

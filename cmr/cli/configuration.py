@@ -1,4 +1,4 @@
-"""What a user sets once for all commands: bus, robot and folders. Command line and environment come before it.
+"""What a user sets once for all commands: bus, key, robot and folders. Command line and environment come before it.
 
 The file is `$XDG_CONFIG_HOME/cmr/config.yaml`, usually `~/.config/cmr/config.yaml`.
 """
@@ -16,7 +16,9 @@ SETTINGS = {
     "robot": "CMR_ROBOT",
     "parameters": "CMR_PARAMETERS",
     "results": "CMR_RESULTS",
+    "key": "CMR_KEY",
 }
+INSECURE = "CMR_INSECURE"  # in the environment, of a process that was started with --insecure and of its own
 
 
 class ConfigurationError(ExpectedError):
@@ -58,6 +60,22 @@ def parameter_file(robot_id: int) -> Path:
 def results() -> Path:
     """Return the folder in which results get a folder of their own; the current one where nothing is set."""
     return Path(_setting("results") or ".").expanduser()
+
+
+def key_file() -> tuple[Path, bool]:
+    """Return where the key of the bus is, or would be, and whether somebody said so."""
+    named = _setting("key")
+    return (Path(named).expanduser(), True) if named else (path().parent / "key", False)
+
+
+def is_insecure() -> bool:
+    """Return whether messages that nobody signed are taken."""
+    return os.environ.get(INSECURE, "") not in ("", "0")
+
+
+def be_insecure() -> None:
+    """Take messages that nobody signed from now on; processes that this one starts do so, too."""
+    os.environ[INSECURE] = "1"
 
 
 def _place(name: str) -> str:

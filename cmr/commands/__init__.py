@@ -60,6 +60,11 @@ def pilot() -> int:
     return run("cmr.commands.pilot")
 
 
+def agent() -> int:
+    """Start cmr-agent."""
+    return run("cmr.commands.agent")
+
+
 def plot() -> int:
     """Start cmr-plot."""
     return run("cmr.tools.plot.main")

@@ -6,11 +6,14 @@ COMMANDS = {
     "doctor": ("cmr.commands.doctor", "check this computer: bus, ports, clock, priority, CPU; with remedies"),
     "demo": ("cmr.commands.demo", "drive, calibrate and drive again, without hardware"),
     "run": ("cmr.commands.run", "run a team experiment from a scenario to its report"),
+    "agent": ("cmr.commands.agent", "run processes of experiments that another computer leads"),
     "driver": ("robot_driver.main", "connect a real robot to the bus"),
     "emulate": ("robot_driver.emulator.main", "emulate a robot: devices on pseudo-terminals, physics behind them"),
     "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
     "pilot": ("cmr.commands.pilot", "drive a real robot by a behaviour"),
     "estop": ("cmr.commands.estop", "engage the emergency stop, release it, or show which robots it holds"),
+    "key": ("cmr.commands.key", "make the key that signs messages, or show whether this computer has it"),
+    "relay": ("cmr.commands.relay", "sign messages of programs that have no key, such as a motion capture system's"),
     "camera": ("cmr.commands.camera", "measure poses of real robots with a camera"),
     "view": ("cmr.commands.view", "show the world in a web page, live or from a log"),
     "calibrate": ("cmr.commands.calibrate", "find the parameters of a robot, live or from a log"),
@@ -24,7 +27,14 @@ COMMANDS = {
     "spy": ("cmr.tools.spy.main", "show what is on the bus"),
     "completion": ("cmr.commands.completion", "print the completion of bash, zsh or fish"),
 }
-UMBRELLA_ONLY = ("init", "doctor", "estop", "completion")  # of the others each is also a command by itself: cmr-sim
+UMBRELLA_ONLY = (
+    "init",
+    "doctor",
+    "estop",
+    "key",
+    "relay",
+    "completion",
+)  # of the others each is also a command by itself: cmr-sim
 
 
 def name_of(name: str) -> str:

@@ -6,8 +6,10 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cmr.bus.preflight import BusError, open_lcm, resolve_url, self_test, warnings
+from cmr.bus.keys import shown
+from cmr.bus.preflight import BusError, is_shared, key_of, open_lcm, resolve_url, self_test, warnings
 from cmr.cli.command_line import add_json, parser, print_json
+from cmr.cli.errors import ExpectedError
 
 GREEN, AMBER, RED = "green", "amber", "red"
 NAPS, NAP = 100, 0.005  # as cmr-driver's loop naps
@@ -39,9 +41,9 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr doctor."""
     options = parser(
         "cmr doctor",
-        "Check whether this computer can run robots: the bus, serial ports and permissions, clock, real-time "
-        "priority, compiled model and CPU. What is red keeps something from working; what is amber matters for real "
-        "robots or several computers. Each comes with its remedy. The exit code is 1 if anything is red.",
+        "Check whether this computer can run robots: the bus and its key, serial ports and permissions, clock, "
+        "real-time priority, compiled model and CPU. What is red keeps something from working; what is amber matters "
+        "for real robots or several computers. Each comes with its remedy. The exit code is 1 if anything is red.",
         "cmr doctor\n  cmr doctor --json",
     )
     add_json(options)
@@ -52,6 +54,7 @@ def checks(url: str | None) -> dict[str, Callable[[], Finding]]:
     """Return all checks by name, in the order in which they are shown."""
     return {
         "bus": lambda: bus(resolve_url(url)),
+        "key": lambda: key(resolve_url(url)),
         "ports": ports,
         "permissions": permissions,
         "clock": clock,
@@ -74,6 +77,20 @@ def bus(url: str) -> Finding:
         sentence, _, remedy = lost[0].partition(": ")
         return Finding(AMBER, f"{sentence}.", remedy)
     return Finding(GREEN, f"A message on {url} comes back.")
+
+
+def key(url: str) -> Finding:
+    """Look whether messages on the bus at `url` are signed, where others could send some."""
+    try:
+        in_use = key_of(url)
+    except ExpectedError as error:
+        sentence, _, remedy = str(error).partition(". ")
+        return Finding(RED, f"{sentence.rstrip('.')}.", remedy)
+    if in_use is not None:
+        return Finding(GREEN, f"Messages are signed by the key {shown(in_use)}; other computers need the same.")
+    if is_shared(url):
+        return Finding(AMBER, "Whoever is on the network can drive the robots: --insecure.", "cmr key new")
+    return Finding(GREEN, "There is no key, and the bus stays on this computer.")
 
 
 def ports() -> Finding:

@@ -3,8 +3,20 @@
 import argparse
 from pathlib import Path
 
+from cmr.bus.claiming import Claim
+from cmr.bus.messages import now_utime
 from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, ESTOP_LATCH, MOTOR_FEEDBACK, PARAMETERS, POSE, WAYPOINTS, WORLD_STATE
+from cmr.bus.streams import (
+    COMMAND_CLAIM,
+    COMMAND_OWNER,
+    ESTOP,
+    ESTOP_LATCH,
+    MOTOR_FEEDBACK,
+    PARAMETERS,
+    POSE,
+    WAYPOINTS,
+    WORLD_STATE,
+)
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
@@ -46,20 +58,39 @@ def main(arguments: list[str]) -> int:
         process.subscribe(POSE, options.robot, every=True)
         process.subscribe(PARAMETERS, options.robot)
         process.subscribe(WAYPOINTS, options.robot)
+        process.subscribe(COMMAND_OWNER, options.robot)
+        claim = Claim("cmr-pilot", options.robot, lambda: process.bus.sender, options.take_over)
         for utime in process.loop(rate_hz=RATE):
-            process.dispatch(pilot.handle)
+            for received in process.received():
+                for handle in (pilot.handle, claim.handle):
+                    handle(received.message.utime, received.channel, received.message)
             pilot.parameters.poll()
-            process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), options.robot)
             process.parameters_sha256 = pilot.parameters.sha256
-            process.state = process_status_t.DEGRADED if pilot.waiting_for else process_status_t.RUNNING
-            waiting = f"Waiting for {pilot.waiting_for}." if pilot.waiting_for else pilot.parameters.message
-            process.message = pilot.left_fence or waiting
+            if claim.lost_to:
+                raise CommandError(f"{claim.lost_to} took over robot {options.robot}.")
+            _command(process, pilot, claim, utime)
             if behaviour.finished:
                 break
-        process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), options.robot)
+        if not claim.others(now_utime()):
+            process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), options.robot)
+            process.publish(COMMAND_CLAIM, claim.end(now_utime()), options.robot)
         if behaviour.problem:
             raise CommandError(behaviour.problem)
         return process.exit_code
+
+
+def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> None:
+    """Command the robot, unless somebody else does, and have the next PROCESS_STATUS say how it is."""
+    claimed = claim.message(utime)
+    if claimed is not None:
+        process.publish(COMMAND_CLAIM, claimed, pilot.robot_id)
+    if others := claim.others(utime):
+        waiting_for = f"the end of {others}, which commands robot {pilot.robot_id}; --take-over does not wait"
+    else:
+        process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), pilot.robot_id)
+        waiting_for = pilot.waiting_for
+    process.state = process_status_t.DEGRADED if waiting_for else process_status_t.RUNNING
+    process.message = pilot.left_fence or (f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message)
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -86,6 +117,11 @@ def command_parser() -> argparse.ArgumentParser:
         default=None,
         help="what to send: duties on MOTOR_COMMAND_N, wheel speeds on WHEEL_SPEED_COMMAND_N, or velocities on "
         "VELOCITY_COMMAND_N; by default what the robot's parameters ask for",
+    )
+    options.add_argument(
+        "--take-over",
+        action="store_true",
+        help="command the robot although another process does, which then ends; otherwise wait until it does",
     )
     options.add_argument(
         "--geofence",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cmr.bus.messages import make
 from cmr.bus.process import EXIT_INTERRUPTED, Process
-from cmr.bus.streams import ESTOP, ESTOP_LATCH, POSE
+from cmr.bus.streams import COMMAND_CLAIM, COMMAND_OWNER, ESTOP, ESTOP_LATCH, POSE
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.options import add_options, made_of
@@ -109,13 +109,15 @@ def _run_speed_robot(options: Namespace, settings: Settings) -> int:
         takes = COMMANDS[options.command]
         robot = SpeedRobot(settings, options.robot, options.command, None if options.no_pose else options.pose_rate)
         process.subscribe(takes, options.robot, every=True)
+        process.subscribe(COMMAND_CLAIM, options.robot, every=True)
         process.subscribe(ESTOP, every=True)
         print(f"cmr-emulate: robot {options.robot} is ready: it takes {takes.channel(options.robot)}", flush=True)
         go_first()
         for _ in process.loop(LOOP_RATE):
             robot.turn()
-            process.dispatch(robot.handle)
+            process.dispatch_named(robot.handle)
             process.publish_all(robot.outgoing())
+            process.publish_all((COMMAND_OWNER, options.robot, report) for report in robot.owner_reports())
             process.publish_all((ESTOP_LATCH, options.robot, report) for report in robot.stop_reports())
             process.message = " ".join(robot.remarks())
     return process.exit_code

@@ -12,6 +12,8 @@ from cmr.bus.process import Outgoing
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, VELOCITY_COMMAND, WHEEL_SPEED_COMMAND, Stream
 from cmr.model.command_kinds import VELOCITY, WHEEL_SPEED
 from cmr.msg import (
+    command_claim_t,
+    command_owner_t,
     estop_latch_t,
     estop_t,
     gyro_t,
@@ -24,6 +26,7 @@ from cmr.plant.commanded import wheel_speeds_of
 from robot_driver.bus_stop import BusStop
 from robot_driver.clock import Stamps
 from robot_driver.command_gate import CommandGate
+from robot_driver.commanders import Ownership
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.sensors import MotionCapture, Pose, YawGyro
 from robot_driver.emulator.settings import Settings
@@ -48,6 +51,7 @@ class SpeedRobot:
     ) -> None:
         self.gate = CommandGate(largest=math.inf)  # too fast is as fast as it can
         self._bus_stop = BusStop(self.gate, robot_id)  # a robot that ends with its process needs no file of it
+        self._ownership = Ownership(robot_id, host)
         self.plant = Plant(settings, settings.plant_of_speeds)
         self._robot_id, self._command_type, self._host = robot_id, COMMANDS[commands].message_type, host
         self._commanded_on = COMMANDS[commands].channel(robot_id)
@@ -66,12 +70,16 @@ class SpeedRobot:
         """Note that the process is alive; to be called before messages are handled."""
         self.gate.note_turn(self._host.seconds_since_boot())
 
-    def handle(self, utime: int, channel: str, message: Message) -> None:
+    def handle(self, utime: int, channel: str, message: Message, sender: int | None = None) -> None:
         """Take a message from the bus; a command takes effect when it was decided, unless that has passed."""
         now = self._host.utime()
         if isinstance(message, estop_t):
             self._bus_stop.handle(message, utime, utime=now)
+        elif isinstance(message, command_claim_t):
+            self._ownership.claim(message, sender)
         elif isinstance(message, self._command_type) and channel == self._commanded_on:
+            if not self._ownership.takes(sender):
+                return
             speeds = self._wheel_speeds(message)
             if self.gate.offer(utime, *speeds, now=self._host.seconds_since_boot(), utime=now):
                 self._go_on(self._now() - max(now - utime, 0) / 1e6)
@@ -85,13 +93,18 @@ class SpeedRobot:
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
+    def owner_reports(self) -> list[command_owner_t]:
+        """Return what COMMAND_OWNER_N has to report now, on whose commands are taken."""
+        return self._ownership.reports()
+
     def stop_reports(self) -> list[estop_latch_t]:
         """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
         return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
 
     def remarks(self) -> list[str]:
         """Return, in sentences, what holds the robot and what was not taken."""
-        return [remark for remark in (*self._bus_stop.remarks(), *self.gate.remarks()) if remark]
+        remarks = (self._ownership.problem(), *self._bus_stop.remarks(), *self.gate.remarks())
+        return [remark for remark in remarks if remark]
 
     def _wheel_speeds(self, command: Command) -> tuple[float, float]:
         """Return the wheel speeds (left, right) that a command asks for (rad/s)."""

@@ -35,7 +35,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.model": {"cmr.litter"},
     "cmr.plant": set(),  # the judge of the model, with which it shares no code
     "cmr.geometry": {"cmr.model"},
-    "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.plain_text"},
+    "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.files", "cmr.plain_text"},
     "cmr.parameters": {*BUS, "cmr.documents", "cmr.files", "cmr.model"},
     "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
     # What is found out about robots, and the world in which they are.

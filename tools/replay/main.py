@@ -12,8 +12,9 @@ from collections import Counter
 import lcm
 
 from cmr.bus.messages import now_utime
-from cmr.bus.preflight import open_lcm, resolve_url, self_test
+from cmr.bus.preflight import key_of, open_lcm, resolve_url, self_test
 from cmr.bus.process import EXIT_INTERRUPTED
+from cmr.bus.signing import Signer, without_signature
 from cmr.bus.streams import LCM_CHANNEL_NAME_LIMIT, MOTOR_COMMAND, identify
 from cmr.cli.command_line import add_channels, add_logs, add_without, logs_of, parse_seconds, parser
 from cmr.cli.errors import CommandError
@@ -32,9 +33,13 @@ KEYS = "space: pause, + -: speed, arrows: 10 s, q: quit"
 
 
 class Sender:
-    """Sends messages on the bus, changed as asked for; counts in `unsent` what could not be sent, by the reason."""
+    """Sends messages on the bus, changed as asked for; counts in `unsent` what could not be sent, by the reason.
 
-    def __init__(self, bus: lcm.LCM, changes: Changes, *, as_of_now: bool) -> None:
+    Those that are sent `as_of_now` are signed anew.
+    """
+
+    def __init__(self, bus: lcm.LCM, changes: Changes, signer: Signer, *, as_of_now: bool) -> None:
+        self._signer = signer
         self.unsent: Counter[str] = Counter()
         self._warned = False
         self._bus, self._changes, self._as_of_now = bus, changes, as_of_now
@@ -46,6 +51,8 @@ class Sender:
         if self._as_of_now:
             new_utime = moved_to(round(self._clock_began + due * 1e6), event.utime, speed)
         channel, data = self._changes.changed(event, new_utime)
+        if self._as_of_now:
+            data = self._signer.sign(channel, without_signature(data))
         if self._as_of_now and not self._warned and channel.startswith(MOTOR_COMMAND.name):
             self._warned = True
             print(f"cmr-replay: {channel} is sent as new: a robot that is on the bus moves.", file=sys.stderr)
@@ -62,7 +69,9 @@ def main(arguments: list[str]) -> int:
     """
     options = _parse(arguments)
     log = open_log(options.log)
-    sender = Sender(_bus(options.lcm_url), Changes(dict(options.remap)), as_of_now=options.now)
+    url = resolve_url(options.lcm_url)
+    signer = Signer(key_of(url))
+    sender = Sender(_bus(url), Changes(dict(options.remap)), signer, as_of_now=options.now)
     chosen = ChannelFilter(options.channel, options.without)
     tape = LogTape(log)
     player = Player(
@@ -94,7 +103,8 @@ def command_parser() -> argparse.ArgumentParser:
         "cmr-replay",
         "Send the messages of an event log on the bus again, at the times at which they were logged. In a terminal, "
         "keys control it: space pauses, + and - change the speed, the arrows left and right jump 10 s, q quits.\n\n"
-        "Times inside the messages stay as recorded, unless --now is given. Beware: with --now, "
+        "Times inside the messages stay as recorded, and so do signatures, which processes with a key refuse as stale, "
+        "unless --now is given. Beware: with --now, "
         "the motor commands of the log move a robot that is on the bus.",
         "cmr-replay run.lcm --speed 10 --channel 'POSE_*'\n"
         "  cmr-replay run.lcm --start 30 --stop 60 --loop --now --without 'MOTOR_COMMAND_*'\n"

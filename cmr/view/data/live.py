@@ -1,9 +1,11 @@
 """What is said on the bus, as it arrives, undecoded."""
 
 import time
+from contextlib import suppress
 
 from cmr.bus.messages import now_utime
-from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test
+from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test, verifier_of
+from cmr.bus.signing import RefusedSignature
 from cmr.view.data.intake import Intake
 
 LONGEST = 0.2  # s in one go; a flood must not keep the page from being drawn
@@ -14,6 +16,7 @@ class Ear:
 
     def __init__(self, url: str | None, intake: Intake) -> None:
         resolved = resolve_url(url)
+        self._verifier = verifier_of(resolved)
         self._lcm = open_lcm(resolved)
         self_test(self._lcm, resolved)
         self._intake = intake
@@ -26,4 +29,5 @@ class Ear:
             pass
 
     def _take(self, channel: str, data: bytes) -> None:
-        self._intake.take(now_utime(), channel, data)
+        with suppress(RefusedSignature):  # the page shows what processes act on; they count what they refuse
+            self._intake.take(now_utime(), channel, self._verifier.verify(channel, data).data)

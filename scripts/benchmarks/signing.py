@@ -1,0 +1,34 @@
+"""Rows of signatures: what signing and verifying a message cost."""
+
+import os
+from collections.abc import Iterator
+from functools import partial
+
+from benchmarks.report import Row, seconds
+from benchmarks.timing import clocked, in_turns
+from cmr.bus.signing import KEY_BYTES, Signer, Verifier
+
+SIZES = (40, 1_400)  # bytes of a motor command, and of what goes into one packet
+LONGEST = 20e-6  # s, signed and verified
+CHANNEL = "MOTOR_COMMAND_0"
+
+
+def signing() -> Iterator[Row]:
+    """Measure a message that is signed, and one that is signed and verified, as its first time on the bus."""
+    key = os.urandom(KEY_BYTES)
+    for size in SIZES:
+        data = os.urandom(size)
+        signer, verifier = Signer(key), Verifier(key)
+
+        def signed_and_verified(data: bytes = data, signer: Signer = signer, verifier: Verifier = verifier) -> object:
+            return verifier.verify(CHANNEL, signer.sign(CHANNEL, data))
+
+        works = {"sign": partial(signer.sign, CHANNEL, data), "both": signed_and_verified}
+        sign, both = in_turns({name: clocked(work) for name, work in works.items()}).values()
+        yield Row(
+            f"a message of {size:,} bytes: signed; signed and verified",
+            f"{seconds(sign)}; {seconds(both)}",
+            "-",
+            f"together {LONGEST * 1e6:g} us",
+            both.median <= LONGEST,
+        )
