@@ -21,7 +21,8 @@ KNOWN: dict[str, set[str]] = {
     # The ground: it knows no robot.
     "cmr.distribution": set(),
     "cmr": {"cmr.distribution"},  # and, by name at the first use, what `import cmr` offers
-    "cmr.files": set(),
+    "cmr.litter": set(),
+    "cmr.files": {"cmr.litter"},
     "cmr.plain_text": set(),
     "cmr.priority": set(),
     "cmr.threads": set(),
@@ -31,7 +32,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.report": set(),
     # Robots: how they move, what they say.
     "cmr.msg": set(),
-    "cmr.model": set(),
+    "cmr.model": {"cmr.litter"},
     "cmr.plant": set(),  # the judge of the model, with which it shares no code
     "cmr.geometry": {"cmr.model"},
     "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.files", "cmr.plain_text"},
@@ -46,7 +47,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.report", "cmr.distribution", "cmr.files", "cmr.workers", "cmr.geometry", "cmr.estimation"),
     },
     "cmr.world": {*RECORDED, "cmr.report", "cmr.geometry"},
-    "cmr.view": {*RECORDED, "cmr.report", "cmr.geometry"},
+    "cmr.view": {*RECORDED, "cmr.litter", "cmr.report", "cmr.geometry"},
     "cmr.robot_log": {*RECORDED, "cmr.report", "cmr.calibration", "cmr.diagnosis", "cmr.distribution"},
     # Teams.
     "cmr.experiments": set(),
@@ -67,7 +68,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.files", "cmr.workers", "cmr.report", "cmr.estimation", "cmr.calibration", "cmr.diagnosis"),
         "cmr.experiments.team",
     },
-    "cmr.tools": {*RECORDED, "cmr.documents", "cmr.files", "cmr.report", "cmr.distribution"},
+    "cmr.tools": {*RECORDED, "cmr.documents", "cmr.files", "cmr.litter", "cmr.report", "cmr.distribution"},
     # Devices: they may import cmr, never the reverse, but for the commands.
     "robot_driver.gyros": set(),
     "robot_driver.gate": set(),  # a process of its own, which has to be small
