@@ -99,6 +99,7 @@ class LiveRun:
 
     def run(self) -> Outcome:
         """Start everything, and return when the run is over; nothing is stopped yet."""
+        self._disk.hold_room()
         if taken := self._taken():
             return Outcome(taken, 0.0, failed=True)
         for _utime in self._process.loop(RATE):
@@ -124,11 +125,12 @@ class LiveRun:
         return Outcome("somebody ended it before all were ready", 0.0, interrupted=True)
 
     def stop(self) -> None:
-        """Stop all processes of the run, here and by the agents of other machines."""
+        """Stop all processes of the run, here and by the agents of other machines; then there is room for a report."""
         for _ in range(STOPPED_TIMES if self.elsewhere.asked_of_agents() else 0):  # any message may be lost
             self._ask_agents(wanted=False)
             time.sleep(REQUESTED_EVERY / STOPPED_TIMES)
         self.supervisor.stop()
+        self._disk.give_room()
 
     def say(self, words: str) -> None:
         """Report and keep what happened; of very much, what was first and last."""

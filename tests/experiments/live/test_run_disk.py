@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import subprocess
 import sys
 import time
@@ -15,7 +16,7 @@ import pytest
 from cmr.cli import news
 from cmr.experiments.live import disk as disk_module
 from cmr.experiments.live.children import Children
-from cmr.experiments.live.disk import Disk
+from cmr.experiments.live.disk import FOR_REPORT, Disk
 from cmr.experiments.live.jobs import CANNOT_WRITE, RECORDER, Job
 from cmr.experiments.live.supervisor import Supervisor
 from cmr.experiments.scenario.reading import shipped
@@ -128,6 +129,23 @@ def test_a_small_disk_is_full_later(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     disk = Disk(tmp_path)
     disk.look()
     assert not disk.full
+
+
+def test_room_for_the_report_is_held_in_a_file_without_a_name_and_given_at_the_end(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.hold_room()
+    assert disk._held is not None
+    assert os.fstat(disk._held.fileno()).st_blocks * 512 >= min(FOR_REPORT, 1e6)
+    assert list(tmp_path.iterdir()) == [], "nothing is left of it by a process that is killed"
+    disk.give_room()
+    assert disk._held.closed
+
+
+def test_a_disk_without_room_for_the_report_is_no_error(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    with no_file_larger_than(1000):
+        disk.hold_room()
+    disk.give_room()
 
 
 def test_news_that_cannot_be_written_do_not_end_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
