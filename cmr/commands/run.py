@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> int:
     check_bus(url)
     _check_reach(scenario, resolve_url(url))
     first_use.compile_first(parts_to_compile(scenario, folder))
-    with Process("cmr-run", url) as process:
+    with Process("cmr-run", url, lives_now=True) as process:
         try:
             prepared = prepare(scenario, folder)
         except OSError as error:

@@ -230,7 +230,7 @@ def test_at_a_low_rate_a_controller_that_was_reset_between_two_turns_is_armed_be
 ) -> None:
     bench = roboclaw(clock, rate_hz=5.0)
     bench.until(lambda: bench.line.device.duty == [FULL_DUTY, FULL_DUTY])
-    bench.line.device._timeout, bench.line.device.duty = 0.0, [0, 0]
+    bench.line.device.board.switch_on()
     began = len(bench.line.said)
     with pytest.raises(PortLost, match="was reset"):
         bench.turn()

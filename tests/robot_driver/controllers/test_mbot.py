@@ -20,9 +20,10 @@ from robot_driver.controllers.mbot import MBot, MBotGyro
 from robot_driver.controllers.mbot.board import TIME_TELLING
 from robot_driver.controllers.mbot.frames import START, packed
 from robot_driver.driver import Driver
+from robot_driver.emulator.boards.mbot_topics import TIMESYNC
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import Faults, FaultyLine
-from robot_driver.emulator.mbot_device import TIMESYNC, MBotDevice
+from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings

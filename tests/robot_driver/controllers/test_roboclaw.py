@@ -113,11 +113,11 @@ def test_13_counts_go_on_where_the_registers_wrap_upwards_and_downwards(tmp_path
     settings = emulated.load_settings().ideal()
     plant = Plant(settings)
     device = RoboclawDevice(settings, plant)
-    device._encoder_zero = [10, -10]
-    assert device._encoders() == (2**32 - 10, 10)
+    device.board.encoder_zero = [10, -10]
+    assert device.board.encoders() == (2**32 - 10, 10)
     with running(tmp_path, "roboclaw", plant, device) as run:
         run.until(lambda: run.feedback and run.feedback[-1].ticks_left > 200 and run.feedback[-1].ticks_right < -100)
-        assert device._encoders()[0] < 2**16 < 2**31 < device._encoders()[1]
+        assert device.board.encoders()[0] < 2**16 < 2**31 < device.board.encoders()[1]
         assert run.driver._motors.jumps == 0
     ticks = [(message.ticks_left, message.ticks_right) for message in run.feedback]
     assert ticks[0] == (0, 0)
@@ -179,10 +179,10 @@ def test_when_one_of_two_units_is_reset_both_are_armed_anew(tmp_path: Path) -> N
     plant, device = pair()
     with running(tmp_path, "roboclaw-pair", plant, device) as run:
         run.until(lambda: device.units[1].duty == [16384, -8192])
-        device.units[1]._timeout = 0.0
+        device.units[1].board.timeout = 0.0
         run.until(lambda: "was reset" in run.driver.problems())
         run.until(lambda: run.driver.problems() == "")
-        assert device.units[1]._timeout == pytest.approx(0.5)
+        assert device.units[1].board.timeout == pytest.approx(0.5)
 
 
 def test_the_counters_of_two_units_wrap_each_for_itself() -> None:

@@ -170,7 +170,7 @@ class Hot(Honest):
 
     too_hot = False
 
-    def _apply(self, duty: list[int]) -> None:
+    def _apply(self, duty: list[float]) -> None:
         super()._apply([0, 0] if self.too_hot else duty)
         self.applied = [*getattr(self, "applied", []), self.duty[0]]
 
@@ -308,7 +308,7 @@ class Misheard(RoboteqDevice):
             self.duties += 1
             data = data if self.duties % 7 else data.replace(b"-", b"")
         elif data == b"?C\r":
-            self.truth.add((*self._encoders(), *self.duty))
+            self.truth.add((*self.encoders(), *self.duty))
         return super().receive(data, time)
 
 
