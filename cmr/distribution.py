@@ -2,20 +2,38 @@
 
 import shutil
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 NAME = "calibrated-mixed-reality"  # what the package index would call it: "cmr" is somebody else's there
+DRIVER_NAME = f"{NAME}-driver"  # the driver with the modules that it needs, alone: for a robot's own computer
 UNKNOWN_VERSION = "0+unknown"
 
 
 def version() -> str:
     """Return the version of the installed distribution; UNKNOWN_VERSION where none is installed."""
+    return next(iter(installed().values()), UNKNOWN_VERSION)
+
+
+def installed() -> dict[str, str]:
+    """Return the distributions of CMR that are installed, each with its version: one, as they hold the same modules."""
     from importlib.metadata import PackageNotFoundError, version  # takes as long as most commands need to start
 
+    found = {}
+    for name in (NAME, DRIVER_NAME):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def has_module(name: str) -> bool:
+    """Return whether this installation has a module of ours: the driver's distribution has few of them."""
+    from importlib.util import find_spec
+
     try:
-        return version(NAME)
-    except PackageNotFoundError:
-        return UNKNOWN_VERSION
+        return find_spec(name) is not None
+    except ModuleNotFoundError:  # not even the package that holds it
+        return False
 
 
 def how_to_install(extra: str) -> str:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sized
+from contextlib import suppress
 from functools import cache
 from operator import attrgetter
 from typing import NamedTuple
@@ -9,11 +10,8 @@ from typing import NamedTuple
 from cmr.bus.message import M, Message
 from cmr.bus.older import as_of_today
 from cmr.bus.streams import Stream, identify
-from cmr.bus.world_state import WorldState
 from cmr.msg import world_state_t
 
-# Faster than those of the generated classes.
-DECODERS: dict[type[Message], Callable[[bytes], Message]] = {world_state_t: WorldState.decode}
 ROBOT_OF = attrgetter("robot_id")  # of the messages whose channel belongs to one robot
 
 
@@ -101,9 +99,23 @@ def decode(channel: str, data: bytes) -> Received:
     if data[:8] != stream.message_type._get_packed_fingerprint():
         raise RejectedMessage("foreign", f"{channel} carries a type other than {stream.message_type.__name__}")
     try:
-        message = DECODERS.get(stream.message_type, stream.message_type.decode)(data)
+        message = _decoder_of(stream.message_type)(data)
     except Exception as error:  # the generated decoder raises whatever its parts raise on damaged bytes
         raise RejectedMessage("corrupt", f"{channel}: {error}") from error
     if robot_id is not None and ROBOT_OF(message) != robot_id:
         raise RejectedMessage("wrong_robot", f"{channel} carries a message of robot {ROBOT_OF(message)}")
     return Received(channel, stream, robot_id, message)
+
+
+@cache
+def _decoder_of(message_type: type[Message]) -> Callable[[bytes], Message]:
+    """Return what decodes a message of this type: its generated class, or what is faster where NumPy is installed.
+
+    NumPy is imported when the first WORLD_STATE comes: a driver, which hears none, runs without it.
+    """
+    if message_type is world_state_t:
+        with suppress(ModuleNotFoundError):
+            from cmr.bus.world_state import WorldState
+
+            return WorldState.decode
+    return message_type.decode

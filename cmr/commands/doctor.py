@@ -10,11 +10,14 @@ from cmr.bus.keys import shown
 from cmr.bus.preflight import BusError, is_shared, key_of, open_lcm, resolve_url, self_test, warnings
 from cmr.cli.command_line import add_json, parser, print_json
 from cmr.cli.errors import ExpectedError
+from cmr.distribution import has_module, installed
 
 GREEN, AMBER, RED = "green", "amber", "red"
 NAPS, NAP = 100, 0.005  # as cmr-driver's loop naps
 LATE = 0.020  # s; a driver's turn that is later loses readings
 SECURE_CORES = 2
+FIRST_USE = "cmr.commands.first_use"
+SOURCES = "CMR runs from its sources."
 TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised
 
 
@@ -41,9 +44,10 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr doctor."""
     options = parser(
         "cmr doctor",
-        "Check whether this computer can run robots: the bus and its key, serial ports and permissions, clock, "
-        "real-time priority, compiled model and CPU. What is red keeps something from working; what is amber matters "
-        "for real robots or several computers. Each comes with its remedy. The exit code is 1 if anything is red.",
+        "Check whether this computer can run robots: the installation, the bus and its key, serial ports and "
+        "permissions, clock, real-time priority, compiled model and CPU. What is red keeps something from working; "
+        "what is amber matters for real robots or several computers. Each comes with its remedy. The exit code is 1 if "
+        "anything is red.",
         "cmr doctor\n  cmr doctor --json",
     )
     add_json(options)
@@ -52,16 +56,30 @@ def command_parser() -> argparse.ArgumentParser:
 
 def checks(url: str | None) -> dict[str, Callable[[], Finding]]:
     """Return all checks by name, in the order in which they are shown."""
+    model = {"compiled model": compiled_model} if has_module(FIRST_USE) else {}  # a driver alone simulates nothing
     return {
+        "installation": installation,
         "bus": lambda: bus(resolve_url(url)),
         "key": lambda: key(resolve_url(url)),
         "ports": ports,
         "permissions": permissions,
         "clock": clock,
         "real-time priority": real_time_priority,
-        "compiled model": compiled_model,
+        **model,
         "CPU": cpu,
     }
+
+
+def installation() -> Finding:
+    """Look whether there is one installation: two overwrite each other's files."""
+    found = installed()
+    if len(found) > 1:
+        return Finding(
+            RED,
+            f"{' and '.join(found)} are installed in one environment; they hold the same files.",
+            f"pip uninstall {' '.join(found)}, then install one of them.",
+        )
+    return Finding(GREEN, "".join(f"{name} {version} is installed." for name, version in found.items()) or SOURCES)
 
 
 def bus(url: str) -> Finding:
@@ -193,6 +211,17 @@ def _latest_waking() -> float:
 
 
 def _show(findings: dict[str, Finding]) -> None:
+    try:
+        _show_in_colour(findings)
+    except ModuleNotFoundError:  # a driver alone has no rich
+        width = max(map(len, findings))
+        for name, (colour, sentence, remedy) in findings.items():
+            print(f"{colour:5}  {name:{width}}  {sentence}")
+            if remedy:
+                print(f"{'':5}  {'':{width}}  {remedy}")
+
+
+def _show_in_colour(findings: dict[str, Finding]) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table

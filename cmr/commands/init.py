@@ -8,6 +8,7 @@ from textwrap import dedent
 
 from cmr.cli.command_line import add_robot, parse_robot_id, parser
 from cmr.cli.errors import CommandError
+from cmr.commands.system_files import USB_IDS, command_line, driver_unit, udev_rule, unit
 from cmr.experiments.live.children import our_command
 from cmr.files import write_atomically
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
@@ -18,8 +19,6 @@ from robot_driver.serial_port import available_ports
 NO_GYRO = "none"
 GYRO_CHOICES = (NO_GYRO, *sorted(GYROS))
 FIRST_GUESS = {"k2_over_k3": 80.0, "k1": 0.065}  # until cmr-calibrate has found the robot's own
-USB_IDS = {"roboclaw": ("03eb", "2404"), "roboclaw-pair": ("03eb", "2404"), "roboteq": ("20d2", "5740")}
-MARK = "put the ids here that `udevadm info -a` shows for the port"
 
 
 @dataclass(frozen=True)
@@ -92,29 +91,20 @@ def contents(answers: Answers, folder: Path) -> dict[str, str]:
     return {
         f"robot_{number}.yaml": file.to_yaml(),
         "60-cmr.rules": _udev_rules(answers),
-        f"cmr-driver-{number}.service": _unit(
-            f"driver of robot {number}", _driver_command(answers, folder), "StateDirectory=cmr"
+        f"cmr-driver-{number}.service": driver_unit(str(number), command_line(_driver_command(answers, folder))),
+        "cmr-sim.service": unit(
+            "simulator", command_line([our_command("cmr-sim"), "--parameters", str(folder)]), "LimitRTPRIO=1"
         ),
-        "cmr-sim.service": _unit("simulator", [our_command("cmr-sim"), "--parameters", str(folder)]),
         f"robot_{number}_scenario.yaml": _scenario(answers),
     }
 
 
 def _udev_rules(answers: Answers) -> str:
     rules = [f"# Ports of robot {answers.robot}. To find the ids of others: udevadm info -a /dev/ttyACM0"]
-    rules.append(_udev_rule(f"cmr-motor-{answers.robot}", USB_IDS.get(answers.controller)))
+    rules.append(udev_rule(f"cmr-motor-{answers.robot}", USB_IDS.get(answers.controller)))
     if answers.gyro != NO_GYRO:
-        rules.append(_udev_rule(f"cmr-gyro-{answers.robot}", None))
+        rules.append(udev_rule(f"cmr-gyro-{answers.robot}", None))
     return "\n".join(rules) + "\n"
-
-
-def _udev_rule(name: str, ids: tuple[str, str] | None) -> str:
-    vendor, product = ids or ("xxxx", "xxxx")
-    comment = "" if ids else f"# {MARK}\n# "
-    return (
-        f'{comment}SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", '
-        f'SYMLINK+="{name}", ENV{{ID_MM_DEVICE_IGNORE}}="1", GROUP="dialout", MODE="0660"'
-    )
 
 
 def _driver_command(answers: Answers, folder: Path) -> list[str]:
@@ -123,17 +113,6 @@ def _driver_command(answers: Answers, folder: Path) -> list[str]:
     if answers.gyro != NO_GYRO:
         command += ["--gyro", answers.gyro, "--gyro-port", answers.gyro_port]
     return [*command, "--parameters", str(folder / f"robot_{answers.robot}.yaml")]
-
-
-def _unit(what: str, command: list[str], *more: str) -> str:
-    """Return a unit of systemd that runs a command; `more` are lines of its section [Service]."""
-    words = " ".join(f'"{word}"' if " " in word else word for word in command).replace("%", "%%")
-    unit = {
-        "Unit": [f"Description=CMR {what}", "After=network-online.target", "Wants=network-online.target"],
-        "Service": [f"ExecStart={words}", "LimitRTPRIO=1", *more, "Restart=on-failure", "RestartSec=2"],
-        "Install": ["WantedBy=multi-user.target"],
-    }
-    return "\n".join("\n".join((f"[{section}]", *lines, "")) for section, lines in unit.items())
 
 
 def _scenario(answers: Answers) -> str:

@@ -68,7 +68,11 @@ def main(arguments: list[str]) -> int:
             outcome = run.run()
             run.say(f"Stopping: {outcome.ended_by}.")
             run.stop()
-        document = write_report(run, outcome, began, folder)
+        try:
+            document = write_report(run, outcome, began, folder)
+        except OSError as error:
+            ended = f"The run ended: {outcome.ended_by}. Its report cannot be written"
+            raise CommandError(f"{ended}: {folder}: {error.strerror or error}.") from error
         if document["metrics"]:
             print(f"Measured: {metrics_in_words(document)}.")
         if document["unreliable"]:

@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from itertools import chain
 
-import numpy as np
-
 from cmr.model import parameters as paper
 from cmr.model.effect import Effect
 from cmr.model.effects import electronics, generic, ground, motors, sensors
@@ -82,6 +80,8 @@ def with_effects(parameters: RobotParameters, values: Mapping[str, object]) -> R
 
 def together(robots: Sequence[RobotParameters]) -> RobotParameters:
     """Return the parameters of many robots as one: arrays of shape (n,); what one lacks is neutral."""
+    import numpy as np  # a driver reads parameters, and has no arrays
+
     names = dict.fromkeys(name for robot in robots for name in robot.values)
     return RobotParameters.of(
         {

@@ -32,6 +32,8 @@ class ParameterDefinition:
 
     def is_neutral(self, value: object) -> bool:
         """Return whether the value, or each of an array of values, is the neutral one."""
+        if isinstance(value, (int, float)):
+            return value == self.neutral
         import numpy as np  # half of the time that cmr-driver would take to start, which needs no arrays
 
         return bool(np.all(np.asarray(value) == self.neutral))

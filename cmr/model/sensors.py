@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.extended.evaluating import Evaluated, evaluated
 from cmr.model.extended.statements import SIDES
+from cmr.model.filtering import FILTER_AGES, FILTER_WEIGHTS
 from cmr.model.motion import Floats, Trajectory
 from cmr.model.parameters import RobotParameters
-from cmr.model.stages import FILTER_AGES, FILTER_WEIGHTS
 
 Times: TypeAlias = NDArray[np.floating]  # s
 

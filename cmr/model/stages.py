@@ -7,14 +7,6 @@ the left (`side` = 1.0) and for the right (`side` = -1.0); stages for the whole 
 
 from dataclasses import dataclass
 
-import numpy as np
-
-# A first-order filter of time constant T weighs the past with exp(-t/T)/T. Poses of three moments stand for it, those
-# of Gauss and Laguerre, exact for motions up to the fifth power of time: how long ago they were, in T, and what they
-# weigh (Abramowitz and Stegun, Handbook of Mathematical Functions, 1964, table 25.9).
-FILTER_AGES = np.array([0.415774556783, 2.294280360279, 6.289945082937])
-FILTER_WEIGHTS = np.array([0.711093009929, 0.278517733569, 0.010389256502])
-
 ALWAYS = {
     "dt": "[s]",
     "time": "[s] since the start, at the step's beginning",

@@ -28,12 +28,12 @@ OTHER_KIND = (
     "another --command than {kind}, or other parameters of robot {robot}: with top_wheel_speed they are of a robot "
     "that takes velocities or wheel speeds, with k1 of one that takes duties"
 )
-AN_ACCEPTED_ZERO = "cmr-driver to accept a zero command (needed after start-up and after an emergency stop)"
 WAITING = (
     "New parameters of robot {robot} wait until it rests: they change the duty for {speed:g} m/s from {now[0]:.3f} to "
     "{new[0]:.3f}, and that for turning at {turn:g} rad/s from {now[1]:.3f} to {new[1]:.3f}."
 )
 UNUSABLE = "New parameters of robot {robot} wait until it rests, as it cannot be driven by them in the same way."
+AN_ACCEPTED_ZERO = "cmr-driver to accept a zero command (needed after start-up and after an emergency stop)"
 FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 

@@ -21,7 +21,7 @@ from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.options import Emulation
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports, PortsError
+from robot_driver.emulator.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
@@ -80,7 +80,7 @@ def _options(arguments: list[str]) -> tuple[Namespace, Emulation]:
 
 
 def _default_folder(robot_id: int) -> Path:
-    return Path(tempfile.gettempdir()) / f"cmr-robot-{robot_id}"
+    return Path(tempfile.gettempdir()) / f"{DEFAULT_FOLDER}{robot_id}"
 
 
 def _devices(options: Namespace, settings: Settings, plant: Plant) -> dict[str, Device]:

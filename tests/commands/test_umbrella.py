@@ -1,5 +1,6 @@
 """`cmr` starts any command, completes its options, sets up a robot and looks after the computer."""
 
+import importlib
 import json
 import os
 import shutil
@@ -16,6 +17,7 @@ from cmr.commands import doctor, init
 from cmr.commands.catalogue import COMMANDS, UMBRELLA_ONLY
 from cmr.commands.completion import SHELLS, script
 from cmr.commands.scenarios import load as load_scenario
+from cmr.distribution import DRIVER_NAME, NAME
 from cmr.parameters.file import load
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.gyros import GYROS
@@ -65,6 +67,18 @@ def test_every_command_of_the_package_is_under_the_umbrella() -> None:
     text = (PROJECT / "pyproject.toml").read_text()
     own = {line.split(" = ")[0] for line in text.splitlines() if line.startswith("cmr-") and " = " in line}
     assert own == {f"cmr-{name}" for name in COMMANDS if name not in UMBRELLA_ONLY}
+
+
+def test_a_driver_alone_lists_what_it_has_and_says_where_the_rest_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    umbrella = importlib.import_module("cmr.commands.umbrella")  # its package has a function of that name
+    monkeypatch.setattr(umbrella, "has_module", lambda name: name in ("robot_driver.main", "cmr.commands.estop"))
+    assert umbrella.main(["--help"]) == 0
+    listed = capsys.readouterr().out.partition("commands:\n")[2].partition("\n\n")[0]
+    assert [line.split()[0] for line in listed.splitlines()] == ["driver", "estop"]
+    assert umbrella.main(["sim"]) == 2
+    assert "calibrated-mixed-reality-driver is installed, which has no sim" in capsys.readouterr().err
 
 
 # Completion
@@ -165,6 +179,20 @@ def test_doctor_says_of_each_part_how_it_is_and_exits_with_1_if_anything_is_red(
     red = any(finding["colour"] == "red" for finding in findings.values())
     assert result.returncode == int(red)
     assert all(finding["remedy"] for finding in findings.values() if finding["colour"] != "green")
+
+
+def test_doctor_finds_two_installations_in_one_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert doctor.installation().colour == doctor.GREEN
+    monkeypatch.setattr(doctor, "installed", lambda: {NAME: "0.1.0", DRIVER_NAME: "0.1.0"})
+    finding = doctor.installation()
+    assert finding.colour == doctor.RED
+    assert f"pip uninstall {NAME} {DRIVER_NAME}" in finding.remedy
+
+
+def test_doctor_says_the_same_without_rich(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(sys.modules, "rich.console", None)
+    doctor._show({"bus": doctor.Finding(doctor.RED, "It is gone.", "Bring it back.")})
+    assert capsys.readouterr().out == "red    bus  It is gone.\n            Bring it back.\n"
 
 
 def test_doctor_is_red_for_a_bus_that_cannot_be_used() -> None:

@@ -4,6 +4,7 @@ import ast
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from cmr.diagnosis.diagnose import p_value
 from cmr.estimation.noise import nonnegative
 from cmr.experiments.fidelity.distances import wasserstein
+from cmr.model.catalogue import CATALOGUE, typical
+from cmr.parameters.file import ParameterFile, Value
 from cmr.threads import LINEAR_ALGEBRA
 from tests.support.project import PROJECT
 
@@ -40,6 +43,39 @@ def test_nothing_of_ours_imports_the_distributions_of_scipy() -> None:
     for module, path in modules(PROJECT).items():
         names = [name for name, _ in imported_by(ast.parse(path.read_text()))] if path.is_file() else []
         assert not any(name.startswith("scipy.stats") for name in names), module
+
+
+def printed_by(program: str) -> list[str]:
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_what_runs_on_a_robot_imports_no_numpy() -> None:
+    commands = ", ".join(f"cmr.commands.{name}" for name in ("umbrella", "estop", "key", "relay", "doctor"))
+    assert printed_by(f"import sys, robot_driver.main, {commands}; print('numpy' in sys.modules)") == ["False"]
+
+
+def test_parameters_with_effects_are_read_where_there_is_no_numpy(tmp_path: Path) -> None:
+    effect = CATALOGUE["deadband"]
+    values = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.2, **typical(effect)}
+    path = tmp_path / "robot_0.yaml"
+    ParameterFile(0, {name: Value(value) for name, value in values.items()}, (effect.name,)).save(path)
+    program = (
+        "import sys; sys.modules['numpy'] = None\n"
+        "from cmr.parameters.following import ParameterFollower; from pathlib import Path\n"
+        f"follower = ParameterFollower(0, Path({str(path)!r}))\n"
+        "print(follower.message or follower.parameters.value('k1'))"
+    )
+    assert printed_by(program) == ["0.065"]
+
+
+def test_a_world_is_decoded_where_there_is_no_numpy() -> None:
+    program = (
+        "import sys; sys.modules['numpy'] = None\n"
+        "from cmr.bus.messages import decode, make; from cmr.msg import world_state_t as t\n"
+        "fields = dict.fromkeys(t.__slots__[2:], [1.0]) | {'robot_id': [7], 'origin': [0]}\n"
+        "print(decode('WORLD_STATE', make(t, utime=5, **fields).encode()).message.robot_id[0])"
+    )
+    assert printed_by(program) == ["7"]
 
 
 @pytest.mark.parametrize("parameters", [1, 2, 3])

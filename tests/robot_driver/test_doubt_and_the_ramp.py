@@ -6,12 +6,12 @@ import pytest
 
 from cmr.model.duty_ramp import Limits, Ramp
 from robot_driver.command_gate import Stop
-from robot_driver.controllers.roboclaw import DRIVE_BOTH, READ_WATCHDOG
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
+from robot_driver.gate.wire_roboclaw import DRIVE_BOTH, READ_WATCHDOG
 from robot_driver.serial_port import PortLost
 from tests.robot_driver.simulated_line import Bench, Clock, clock, steepest
 

@@ -9,9 +9,10 @@ from cmr.msg import motor_feedback_t
 from robot_driver import battery, readings
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import Request, Telemetry
-from robot_driver.controllers.roboclaw import READ_BATTERY, READ_STATUS, READ_TEMPERATURE, RoboClaw
+from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.emulator.boards import roboclaw
 from robot_driver.emulator.device import Transmission
+from robot_driver.gate.wire_roboclaw import READ_BATTERY, READ_STATUS, READ_TEMPERATURE
 from robot_driver.health import Health
 from tests.support.driver_bench import Bench, bench, open_gate, wait_for
 

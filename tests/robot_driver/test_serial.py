@@ -11,9 +11,9 @@ import pytest
 
 from cmr.msg import motor_feedback_t
 from cmr.priority import go_first
-from robot_driver.controllers.roboclaw import DRIVE_BOTH
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import DELAY, Faults
+from robot_driver.gate.wire_roboclaw import DRIVE_BOTH
 from robot_driver.port_thread import PortThread
 from robot_driver.rhythm import Rhythm, quantile
 from tests.support.driver_bench import Bench, NotedRhythm, bench, bench_apart, number, wait_for

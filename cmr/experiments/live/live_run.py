@@ -12,8 +12,9 @@ from cmr.bus.process import Process, Timer
 from cmr.bus.streams import ESTOP, ESTOP_LATCH, PROCESS_REQUEST, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.experiments.live.children import Children
+from cmr.experiments.live.disk import Disk
 from cmr.experiments.live.elsewhere import Elsewhere
-from cmr.experiments.live.jobs import EMULATOR, PILOT, SIM, Job
+from cmr.experiments.live.jobs import EMULATOR, PILOT, RECORDER, SIM, Job
 from cmr.experiments.live.keeping_up import TOO_SLOW
 from cmr.experiments.live.measuring import EndingMetric
 from cmr.experiments.live.preparing import write_emulators, write_sim_scenario
@@ -34,6 +35,7 @@ LISTENING = 0.4  # s, in which a cmr-sim publishes its robots eight times at lea
 END_THE_OTHER = "end that cmr-run or cmr-sim, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
+MOST_EVENTS = 2000  # that are kept for the report
 REQUESTED_EVERY = 1.0  # s
 STOPPED_TIMES = 5
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
@@ -41,7 +43,10 @@ WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's b
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: in words, and how many seconds after all were ready; `failed` if it never began."""
+    """How a run ended: in words, and how many seconds after all were ready.
+
+    `failed` if it never began, or could not be recorded to its end.
+    """
 
     ended_by: str
     seconds: float
@@ -73,7 +78,9 @@ class LiveRun:
         self.elsewhere = Elsewhere(others, self.watch.statuses_elsewhere)
         self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare, self._may_start)
         self.events: list[tuple[float, str]] = []
+        self._left_out = 0
         self._folder = folder
+        self._disk = Disk(folder)
         self._process = process
         self._request = Timer(REQUESTED_EVERY)
         self._emergency_stop = EmergencyStop()
@@ -106,6 +113,8 @@ class LiveRun:
                 GRACE if doubt else ANOTHER_WORD
             ):
                 return self._drive(doubt)
+            if unrecorded := self._why_unrecorded():
+                return Outcome(unrecorded, 0.0, failed=True)
             given_up = self.supervisor.given_up()
             if given_up:
                 return Outcome(f"{given_up[0]} is not restarted", 0.0, failed=True)
@@ -122,8 +131,13 @@ class LiveRun:
         self.supervisor.stop()
 
     def say(self, words: str) -> None:
-        """Report and keep what happened."""
+        """Report and keep what happened; of very much, what was first and last."""
         self.events.append((time.monotonic() - self._created, words))
+        if len(self.events) > MOST_EVENTS:
+            self._left_out += 1
+            self.events[MOST_EVENTS // 2 - 1 : MOST_EVENTS // 2 + 1] = [
+                (self.events[MOST_EVENTS // 2][0], f"... {self._left_out} more events, which are not kept")
+            ]
         self._bar.say(words)
 
     def _taken(self) -> str:
@@ -154,6 +168,8 @@ class LiveRun:
             self._turn()
             self._send_waypoints()
             self._bar.show(self._progress())
+            if unrecorded := self._why_unrecorded():
+                return Outcome(unrecorded, self._seconds, failed=True)
             reason = self._why_over()
             if reason:
                 return Outcome(reason, self._seconds)
@@ -167,14 +183,30 @@ class LiveRun:
             self._to_send.update(
                 robot_id for robot_id, way in waypoints.items() if way and self._is_moved_elsewhere(robot_id)
             )
-        for sentence in self.supervisor.poll(time.monotonic()):
-            self.say(sentence)
+        self._supervise()
         if self._request.due():
             self._ask_agents(wanted=True)
         down = self.supervisor.down()
         ready = process_status_t.RUNNING if self._is_ready else process_status_t.STARTING
         self._process.state = process_status_t.DEGRADED if down else ready
-        self._process.message = f"Not running: {', '.join(down)}." if down else ""
+        self._process.message = f"Not running: {', '.join(down)}." if down else self._disk.shortage
+
+    def _supervise(self) -> None:
+        """Start what died again, and look how much room the disk has."""
+        try:
+            sentences = [self._disk.look(), *self.supervisor.poll(time.monotonic())]
+        except OSError as error:  # the files of a process that was to be started again
+            self._disk.note(error)
+            return
+        for sentence in filter(None, sentences):
+            self.say(sentence)
+
+    def _why_unrecorded(self) -> str:
+        """Return why the run cannot be recorded any more; empty while it can."""
+        if self.supervisor.is_unrecorded and not self._disk.full:
+            said = self.supervisor.last_words(RECORDER)
+            return said.rstrip(".") or f"nothing more can be recorded in {self._folder}"
+        return self._disk.full
 
     def _ask_agents(self, wanted: bool) -> None:
         for request in requests_of(self.elsewhere.asked_of_agents(), self._folder, now_utime(), wanted):

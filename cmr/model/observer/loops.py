@@ -13,7 +13,7 @@ from cmr.model.extended.compose import (
     PSI_LEFT, PSI_RIGHT, RIGHT_BEFORE, THETA, TIME, X, Y,
 )
 from cmr.model.elementary import cos, exp, sin
-from cmr.model.stages import FILTER_AGES, FILTER_WEIGHTS
+from cmr.model.filtering import FILTER_AGES, FILTER_WEIGHTS
 from cmr.model.extended.step_helpers import sign, where
 from cmr.model.extended.stepping import EQUATIONS, LAYOUT, ROBOTS, prepare, prepare_each, send
 '''

@@ -14,7 +14,6 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import estop_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers import CONTROLLERS, Request
-from robot_driver.controllers.roboclaw import crc
 from robot_driver.controllers.roboclaw_pair import RoboClawPair
 from robot_driver.driver import Driver
 from robot_driver.emulator import settings as emulated
@@ -23,6 +22,7 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
+from robot_driver.gate.wire_roboclaw import crc
 from robot_driver.settings import Settings
 from tests.support.driver_bench import PunctualEngine, open_gate_of, wait_for
 from tests.support.exchanges import Exchanges

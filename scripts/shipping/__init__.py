@@ -1,0 +1,1 @@
+"""Builds what is installed on a robot's own computer."""

@@ -1,0 +1,170 @@
+"""The Debian package of the driver alone, with the libraries that it needs: it asks for Python and GLib only."""
+
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+from textwrap import dedent
+
+from documentation.imports import PROJECT
+
+from cmr.commands.system_files import USB_IDS, driver_unit, udev_rule
+from shipping.contents import files_there
+from shipping.libraries import PYTHONS
+from shipping.wheel import SUMMARY, information
+
+NAME = "cmr-driver"
+HOME = f"usr/lib/{NAME}"
+EXECUTABLE, PLAIN, FOLDER = 0o755, 0o644, 0o755
+COMMANDS = {"cmr": "umbrella", "cmr-driver": "driver"}  # with their functions in cmr.commands
+CONFIGURATION = "etc/cmr/robot-0.conf"
+PORT = "cmr-motor"
+FIRST, LAST = (tuple(map(int, python.split("."))) for python in (PYTHONS[0], PYTHONS[-1]))
+
+COMMAND = """\
+#!/usr/bin/python3 -IS
+import sys
+
+sys.path.insert(0, "/{home}")
+from cmr.commands import {function}
+
+sys.exit({function}())
+"""
+ROBOT = f"""\
+# Options of cmr-driver for robot 0; cmr-driver --help lists them. For robot 3, copy this to robot-3.conf.
+# After a change: sudo systemctl restart cmr-driver@0
+ARGUMENTS=--controller roboclaw --port /dev/{PORT}
+"""
+UNIT = (
+    "User=cmr",
+    "Group=cmr",
+    "SupplementaryGroups=dialout",
+    "EnvironmentFile=/etc/cmr/robot-%i.conf",
+    "Environment=XDG_CONFIG_HOME=/etc",  # so it finds /etc/cmr/key and /etc/cmr/config.yaml where they are there
+    "CapabilityBoundingSet=",
+)
+USER = """\
+u cmr - "Driver of robots" /var/lib/cmr
+m cmr dialout
+"""
+AFTER_UNPACKING = f"""\
+#!/bin/sh
+set -e
+[ "$1" = configure ] || exit 0
+systemd-sysusers {NAME}.conf
+/usr/bin/python3 -IS -m compileall -q /{HOME} || echo "{NAME}: not compiled beforehand, so it starts later"
+if [ -d /run/systemd/system ]; then
+    systemctl daemon-reload
+    [ -z "$2" ] || echo "{NAME}: drivers that run are the old ones, until: systemctl restart 'cmr-driver@*'"
+fi
+if [ -d /run/udev ]; then
+    udevadm control --reload
+    udevadm trigger --subsystem-match=tty
+fi
+"""
+BEFORE_REMOVAL = f"""\
+#!/bin/sh
+set -e
+if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
+    systemctl stop 'cmr-driver@*.service'
+fi
+find /{HOME} -name __pycache__ -prune -exec rm -rf {{}} +
+"""
+AFTER_REMOVAL = """\
+#!/bin/sh
+set -e
+if [ "$1" = purge ]; then
+    rm -rf /var/lib/cmr
+    rm -f /etc/systemd/system/multi-user.target.wants/cmr-driver@*.service
+fi
+if [ -d /run/systemd/system ]; then
+    systemctl daemon-reload
+fi
+"""
+
+
+def files_of_package(root: Path, version: str, libraries: dict[str, bytes]) -> dict[str, tuple[bytes, int]]:
+    """Return all files by path, each with its content and mode; `root` is an import root with all of CMR."""
+    modules = {path: (root / path).read_bytes() for path in files_there(root)}
+    private = modules | libraries | information(version, f"calibrated_mixed_reality_driver-{version}.dist-info")
+    rules = dict.fromkeys(udev_rule(PORT, ids) for ids in USB_IDS.values())
+    system = {
+        f"usr/lib/systemd/system/{NAME}@.service": driver_unit("%i", f"/usr/bin/{NAME} --robot %i $ARGUMENTS", *UNIT),
+        "usr/lib/udev/rules.d/60-cmr.rules": "\n".join([*rules, ""]),
+        f"usr/lib/sysusers.d/{NAME}.conf": USER,
+        CONFIGURATION: ROBOT,
+        f"usr/share/doc/{NAME}/copyright": _copyright(),
+    }
+    return {
+        **{f"{HOME}/{path}": (content, PLAIN) for path, content in private.items()},
+        **{path: (text.encode(), PLAIN) for path, text in system.items()},
+        **{
+            f"usr/bin/{name}": (COMMAND.format(home=HOME, function=function).encode(), EXECUTABLE)
+            for name, function in COMMANDS.items()
+        },
+    }
+
+
+def control_files(version: str, architecture: str, installed: int) -> dict[str, tuple[bytes, int]]:
+    """Return what the package manager reads and runs, by name; `installed` is the size of all files [bytes]."""
+    return {
+        "control": (_control(version, architecture, installed).encode(), PLAIN),
+        "conffiles": (f"/{CONFIGURATION}\n".encode(), PLAIN),
+        "postinst": (AFTER_UNPACKING.encode(), EXECUTABLE),
+        "prerm": (BEFORE_REMOVAL.encode(), EXECUTABLE),
+        "postrm": (AFTER_REMOVAL.encode(), EXECUTABLE),
+    }
+
+
+def write_package(
+    root: Path, version: str, architecture: str, libraries: dict[str, bytes], folder: Path, epoch: int
+) -> Path:
+    """Write the package into a folder, with dpkg-deb; return its path. All in it has one time, so it is reproducible.
+
+    Raises SystemExit with the words of dpkg-deb when that cannot do it.
+    """
+    files = files_of_package(root, version, libraries)
+    control = control_files(version, architecture, sum(len(content) for content, _mode in files.values()))
+    package = folder / f"{NAME}_{version}_{architecture}.deb"
+    with tempfile.TemporaryDirectory() as name:
+        tree = Path(name)
+        for path, (content, mode) in {**files, **{f"DEBIAN/{one}": what for one, what in control.items()}}.items():
+            _write(tree / path, content, mode)
+        for entry in (tree, *tree.rglob("*")):
+            if entry.is_dir():
+                entry.chmod(FOLDER)
+            os.utime(entry, (epoch, epoch))
+        command = ["dpkg-deb", "--root-owner-group", "-Zxz", "--build", str(tree), str(package)]
+        environment = {**os.environ, "SOURCE_DATE_EPOCH": str(epoch), "DPKG_DEB_THREADS_MAX": "1"}
+        result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise SystemExit(f"{' '.join(command)} failed:\n{result.stdout}{result.stderr}")
+    return package
+
+
+def _write(path: Path, content: bytes, mode: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    path.chmod(mode)
+
+
+def _control(version: str, architecture: str, installed: int) -> str:
+    return dedent(f"""\
+        Package: {NAME}
+        Version: {version}
+        Architecture: {architecture}
+        Maintainer: the CMR authors
+        Installed-Size: {-(-installed // 1024)}
+        Depends: python3 (>= {FIRST[0]}.{FIRST[1]}), python3 (<< {LAST[0]}.{LAST[1] + 1}), libc6 (>= 2.28), libglib2.0-0 | libglib2.0-0t64, systemd | systemd-standalone-sysusers
+        Section: misc
+        Priority: optional
+        Description: {SUMMARY}
+         It connects a motor controller and a gyro to the bus: cmr-driver@0 is the
+         service of robot 0, configured in /etc/cmr/robot-0.conf. Nothing is started
+         by the installation.
+        """)  # noqa: E501 - a field is one line
+
+
+def _copyright() -> str:
+    licence = (PROJECT / "LICENSE").read_text(encoding="utf-8")
+    return f"{licence}\nlcm, pyserial and PyYAML have licences of their own: /{HOME}/*.dist-info\n"

@@ -1,0 +1,36 @@
+"""What is installed on a robot's own computer is complete, and needs three libraries alone."""
+
+import ast
+import sys
+
+from tests.support.project import PROJECT
+
+sys.path.insert(0, str(PROJECT / "scripts"))
+from documentation.imports import GENERATED, TYPING, imported_by, modules
+from shipping.contents import LIBRARIES, WITHOUT, files_there, modules_there
+
+OURS = {"cmr", "robot_driver"}
+
+
+def test_it_imports_nothing_but_its_three_libraries_and_python_s_own() -> None:
+    sources = modules(PROJECT)
+    needed = {
+        (module, name.partition(".")[0])
+        for module in modules_there()
+        if module != GENERATED
+        for name, kind in imported_by(ast.parse(sources[module].read_text(encoding="utf-8")))
+        if kind != TYPING and name.partition(".")[0] not in {*sys.stdlib_module_names, *OURS}
+    }
+    assert needed - WITHOUT.keys() <= {(module, library) for module in modules_there() for library in LIBRARIES}
+    assert needed >= WITHOUT.keys()
+
+
+def test_it_has_the_driver_and_what_that_starts_and_no_robot_that_is_emulated() -> None:
+    there = set(files_there())
+    assert {"robot_driver/main.py", "cmr/bus/bus.py", "cmr/commands/estop.py", "cmr/msg/estop_t.py"} <= there
+    assert "robot_driver/__init__.py" in there
+    devices = {path.relative_to(PROJECT).as_posix() for path in (PROJECT / "robot_driver").rglob("*.py")}
+    assert {
+        name for name in devices - there if not name.startswith(("robot_driver/emulator", "robot_driver/simulated"))
+    } == set()
+    assert not any(name.startswith(("robot_driver/emulator", "robot_driver/simulated", "cmr/world")) for name in there)
