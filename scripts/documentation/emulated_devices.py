@@ -36,7 +36,7 @@ ROBOTEQ = """
 ## Roboteq
 
 Lines of an SDC2160 with two channels (`roboteq`). Names may be in small letters, numbers in square brackets, and a plus
-sign at the end: clients that are used with real ones write so. In closed loop, what is told is followed as a speed.
+sign at the end: clients that are used with real ones write so. In closed loop, a command is followed as a speed.
 """
 MBOT = """
 ## MBot control board
@@ -55,7 +55,7 @@ def document() -> str:
             _commands("Settings", SETTINGS, KEPT_ONLY),
             *(ROBOTEQ, _lines("Actions", "!", ACTIONS), _lines("Queries", "?", QUERIES)),
             _lines("Settings of the Roboteq", "^", CONFIGURATION),
-            *(MBOT, _topics("Taken", TAKEN), _topics("Said, while it is told the time", SAID)),
+            *(MBOT, _topics("Taken", TAKEN), _topics("Said, while it is sent the time", SAID)),
         )
     )
 

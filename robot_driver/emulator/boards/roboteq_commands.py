@@ -74,7 +74,7 @@ QUERIES = {
     ),
 }
 SETTINGS = {
-    "CLIN": Setting("0: what is told is what is done", True, (0,)),
+    "CLIN": Setting("0: commands are taken as they are", True, (0,)),
     "ECHOF": Setting("1: no echo", False, (0, 1)),
     "EPPR": Setting("pulses a turn of the encoder", True, range(1, 5001)),
     "KD": Setting("gain D of the speed loop, 0.1 s", True, range(251)),
