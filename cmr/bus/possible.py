@@ -8,14 +8,14 @@ import math
 from collections.abc import Callable, Mapping
 from functools import cache
 from operator import attrgetter
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cmr import msg
 from cmr.bus.message import Message
-from cmr.bus.world_state import WorldState
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class Bound(NamedTuple):
@@ -126,6 +126,10 @@ def _mended(message: Message, bounds: Mapping[str, Bound]) -> Screened:
 
 
 def _of_a_world(message: msg.world_state_t) -> Screened:
+    import numpy as np  # which a robot's own computer need not have
+
+    from cmr.bus.world_state import WorldState
+
     state = np.array([getattr(message, name) for name in STATE], dtype=float)
     possible, reasons = _possible(state, STATE)
     if not reasons:
@@ -137,6 +141,8 @@ def _of_a_world(message: msg.world_state_t) -> Screened:
 
 
 def _of_a_path(message: msg.waypoints_t) -> Screened:
+    import numpy as np
+
     points = np.array([message.x, message.y], dtype=float)
     _, reasons = _possible(points, BOUNDS[msg.waypoints_t])
     if not reasons and message.n > 1 and np.hypot(*np.diff(points)).max() > LONGEST_LEG:
@@ -144,8 +150,10 @@ def _of_a_path(message: msg.waypoints_t) -> Screened:
     return Screened(None if reasons else message, reasons)
 
 
-def _possible(rows: NDArray[np.float64], bounds: Mapping[str, Bound]) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+def _possible(rows: "NDArray[np.float64]", bounds: Mapping[str, Bound]) -> "tuple[NDArray[np.bool_], tuple[str, ...]]":
     """Return which columns can be, shape (n,), and what is wrong with others; rows are in the order of the bounds."""
+    import numpy as np
+
     lowest, highest, _ = np.array(list(bounds.values())).T[:, :, np.newaxis]
     right = (lowest <= rows) & (rows <= highest)
     if right.all():
