@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable
 
 SAMPLES = 3  # comparisons of the two clocks; another thread may run in the midst of one
+FURTHEST_BACK = 1_000_000  # us; a clock that was set back by more is followed at once
+SLOWEST = 0.9  # s of stamps in a second, while a clock that was set back by less catches up
 
 
 def seconds_since_boot() -> float:
@@ -18,16 +20,25 @@ def utime_at(monotonic_nanoseconds: int) -> int:
 
 
 class Stamps:
-    """Times of day of one stream of messages: strictly increasing, whatever happens to the clocks meanwhile."""
+    """Times of day of one stream of messages: strictly increasing, unless the clock is set back by more than a second.
+
+    They go by the monotonic clock, and follow the time of day: at once where it is ahead of them or was set back far,
+    and where it was set back less by running more slowly until it has caught up.
+    """
 
     def __init__(self, utime_at: Callable[[int], int] = utime_at) -> None:
         self._utime_at = utime_at
-        self._last = 0
+        self._last: int | None = None  # us
+        self._moment = 0  # the latest one, on the monotonic clock [ns]
 
     def next(self, monotonic_nanoseconds: int) -> int:
         """Return the time of day (us) of a moment, but later than all before it."""
-        self._last = max(self._utime_at(monotonic_nanoseconds), self._last + 1)
-        return self._last
+        utime, last = self._utime_at(monotonic_nanoseconds), self._last
+        if last is not None and last - utime <= FURTHEST_BACK:
+            passed = (monotonic_nanoseconds - self._moment) // 1000
+            utime = max(utime, last + max(int(SLOWEST * passed), 1))
+        self._last, self._moment = utime, max(self._moment, monotonic_nanoseconds)
+        return utime
 
 
 def _compare() -> tuple[int, int]:

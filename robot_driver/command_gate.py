@@ -5,6 +5,7 @@ import threading
 from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from cmr.bus import streams
 from cmr.msg import motor_feedback_t
@@ -48,6 +49,16 @@ class Drive:
     left: float
     right: float
     status: int
+
+
+class InForce(NamedTuple):
+    """The command in force (duty of each side), until when (s), and whether something or the emergency stop holds."""
+
+    left: float
+    right: float
+    expires: float
+    held: bool
+    engaged: bool
 
 
 class CommandGate:
@@ -171,6 +182,14 @@ class CommandGate:
             if status or self._command is None:
                 return Drive(0.0, 0.0, status)
             return Drive(*self._command, status)
+
+    def in_force(self, now: float) -> InForce:
+        """Return what the last gate has to know at `now` (s): zero that has expired where there is no command."""
+        with self._lock:
+            held, engaged = bool(self._stops), Stop.BUS in self._stops
+            if self._command is None or held or now > self._expires:
+                return InForce(0.0, 0.0, -math.inf, held, engaged)
+            return InForce(*self._command, self._expires, held, engaged)
 
     def _forget_the_future(self, utime: int) -> None:
         """Forget when what was decided last where that is still to come: the time of day was set back."""

@@ -143,7 +143,7 @@ class Commanders:
         if len(self._recent) == 3 and _departs(*self._recent):
             self._departures.append(utime)
         for times in (self._commands, self._departures):
-            while times and times[0] < utime - WINDOW:
+            while times and abs(utime - times[0]) > WINDOW:  # also what one with another clock decided later
                 times.popleft()
         if len(self._departures) >= max(FEWEST, SHARE * len(self._commands)):
             self._seen = utime

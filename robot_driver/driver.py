@@ -18,6 +18,7 @@ from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS, Gyro
 from robot_driver.host import THIS_COMPUTER, Host
+from robot_driver.last_gate import Plan, gate_of
 from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort, numbering_warning
@@ -49,6 +50,9 @@ class Driver:
         controller_type = CONTROLLERS[settings.controller]
         port_type = StreamPort if controller_type.streams else SerialPort
         port = port_type(settings.port, settings.baud or controller_type.default_baud_rate, host)
+        latch = stop_file.path if stop_file is not None else None
+        self._last_gate = gate_of(Plan(settings.controller, settings.wiring, settings.rate, latch), self._gate, host)
+        port.guard = self._last_gate.guard
         self._motors = Motors(
             port,
             controller_type,
@@ -75,6 +79,7 @@ class Driver:
         with ExitStack() as inside:
             if self._stop_keeper is not None:
                 inside.enter_context(self._stop_keeper)
+            inside.enter_context(self._last_gate)
             for thread in reversed(self._threads):  # the motors come last, when all else is there
                 inside.enter_context(thread)
             self._inside = inside.pop_all()
@@ -93,6 +98,9 @@ class Driver:
         At the first turn the process has to hear the bus already.
         """
         self._gate.note_turn(self._host.seconds_since_boot())
+        if self._last_gate.has_intervened():
+            self._gate.clear()
+        self._last_gate.feed()
         if self.follower.poll():
             self._use_parameters()
 
@@ -105,10 +113,12 @@ class Driver:
             self._gate.offer(
                 utime, message.left, message.right, now=self._host.seconds_since_boot(), utime=self._host.utime()
             )
+            self._last_gate.feed()
         elif isinstance(message, command_claim_t):
             self._ownership.claim(message, sender)
         elif isinstance(message, estop_t):
             self._bus_stop.handle(message, utime, utime=self._host.utime())
+            self._last_gate.feed()
         elif self.follower.handle(utime, channel, message):
             self._use_parameters()
 
@@ -128,7 +138,7 @@ class Driver:
 
     def news(self) -> Iterator[str]:
         """Yield what happened since the last call, as a person wants to read it."""
-        for news in (self._bus_stop.news, self._ownership.news):
+        for news in (self._bus_stop.news, self._ownership.news, self._last_gate.news):
             while news:
                 yield news.pop(0)
         while not self._motors.news.empty():
@@ -153,7 +163,7 @@ class Driver:
     def remarks(self) -> str:
         """Return what else a person might want to know, in sentences."""
         remarks = [*self._bus_stop.remarks(), self.warnings, self.follower.message, self._motors.rhythm.sentence()]
-        remarks += self._gate.remarks()
+        remarks += [*self._gate.remarks(), *self._last_gate.remarks()]
         if self._motors.faults:
             remarks.append(f"Replies lost or damaged: {self._motors.faults}.")
         if self._gyro is not None and any(self._gyro.counts.values()):

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from robot_driver.controllers.controller import COUNTER_RANGE, signed_step
+from robot_driver.gate.guard import Mounting
 
 FASTEST_WHEEL = 200.0  # rad/s; no wheel of a robot of this kind gets there, whatever its parameters say
 UNTIMED = 0.1  # s that a step may have taken when its time is not known
@@ -93,21 +94,12 @@ def _farther(counts: tuple[int, int]) -> int:
     return max(abs(signed_step(0, count)) for count in counts)
 
 
-@dataclass(frozen=True)
-class Wiring:
-    """How the two channels of a controller are mounted: which is left, and which turns backwards."""
-
-    swap: bool = False
-    invert_left: bool = False
-    invert_right: bool = False
+class Wiring(Mounting):
+    """How the two channels of a controller are mounted: what the last gate knows of it, and the ways back."""
 
     def sides(self, first: float, second: float) -> tuple[float, float]:
         """Return values of the controller's channels as (left, right), without regard to direction."""
         return (second, first) if self.swap else (first, second)
-
-    def channels(self, left: float, right: float) -> tuple[float, float]:
-        """Return the duty of (first, second) channel that drives the sides with this duty."""
-        return self.sides(-left if self.invert_left else left, -right if self.invert_right else right)
 
     def forward(self, first: float, second: float) -> tuple[float, float]:
         """Return duties of the channels as (left, right), positive forward: the inverse of `channels`."""

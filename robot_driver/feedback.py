@@ -1,15 +1,53 @@
-"""What a robot reports of its motors: a motor_feedback_t from the encoders, the duty in force and slow readings."""
+"""What a robot reports of its motors: a motor_feedback_t from the encoders, the duty in force and slow readings.
+
+And a motor_duty_t for each duty that was sent to the controller but is in no feedback, because an answer was lost.
+"""
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from cmr.bus.messages import make
-from cmr.msg import motor_feedback_t
+from cmr.msg import motor_duty_t, motor_feedback_t
 from robot_driver.clock import Stamps
 from robot_driver.controllers import Telemetry
 from robot_driver.encoders import WheelMotion, Wiring
-from robot_driver.sent_duties import SentDuty
 from robot_driver.serial_port import Answer
+
+
+class SentDuty(NamedTuple):
+    """The duty of each side, forward positive, and when it was sent [us since the Unix epoch]."""
+
+    left: float
+    right: float
+    utime: int
+
+
+class SentDuties:
+    """Collects the duties that were sent; publishes those that no feedback contains, as motor_duty_t.
+
+    The motors may have obeyed them although the controller's answer was lost.
+    """
+
+    def __init__(self, robot_id: int, publish: Callable[[motor_duty_t], None]) -> None:
+        self._robot_id = robot_id
+        self._publish = publish
+        self._unreported: list[SentDuty] = []
+
+    def add(self, duty: SentDuty) -> None:
+        """Note that a duty was sent."""
+        self._unreported.append(duty)
+
+    def publish_all_but(self, reported: SentDuty) -> None:
+        """Publish the duties sent since the last call, except the one that the next feedback contains."""
+        for duty in self._unreported:
+            if duty is not reported:
+                left, right = float(duty.left), float(duty.right)
+                message = make(
+                    motor_duty_t, utime=duty.utime, robot_id=self._robot_id, sent_left=left, sent_right=right
+                )
+                self._publish(message)
+        self._unreported.clear()
 
 
 class Feedback:

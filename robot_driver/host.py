@@ -5,6 +5,7 @@ of robot_driver.emulator.simulated_host the same code drives an emulated robot m
 """
 
 import fcntl
+import os
 import queue
 import select
 import termios
@@ -22,6 +23,11 @@ from robot_driver.clock import seconds_since_boot, utime_at
 # pyserial lets termios.error out of its flushing calls; it is neither of the others.
 PORT_ERRORS = (serial.SerialException, OSError, termios.error)
 WRITE_TIMEOUT = 0.1  # s
+TIOCGEXCL = 0x80045440  # of Linux: whether TIOCEXCL holds; Python has no name for it
+
+
+class LineLost(OSError):  # noqa: N818 - as PortLost
+    """A line cannot be used any more, for another reason than its device; the text is a sentence that says which."""
 
 
 class Line(Protocol):
@@ -58,7 +64,9 @@ class Mailbox(Protocol):
 
 
 class Host:
-    """This computer, in real time."""
+    """This computer, in real time: `runs_processes` of the system, which live in no other time."""
+
+    runs_processes = True
 
     def monotonic_ns(self) -> int:
         """Return a steady time (ns)."""
@@ -126,6 +134,19 @@ class Terminal:
     def fileno(self) -> int:
         """Return its file descriptor."""
         return int(self._serial.fileno())
+
+    def reader(self) -> int:
+        """Return another descriptor of it, by which nothing can be written, where the system permits it."""
+        descriptor = self.fileno()
+        locked = fcntl.ioctl(descriptor, TIOCGEXCL, bytes(4)) != bytes(4)
+        try:
+            fcntl.ioctl(descriptor, termios.TIOCNXCL)
+            return os.open(f"/proc/self/fd/{descriptor}", os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:
+            return os.dup(descriptor)
+        finally:
+            if locked:
+                fcntl.ioctl(descriptor, termios.TIOCEXCL)
 
     def write(self, data: bytes) -> None:
         """Write all of it."""

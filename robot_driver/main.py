@@ -21,7 +21,8 @@ LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published
 
 DESCRIPTION = """Drive a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
 
-The motors stop when no command has come for 0.5 s, when ESTOP is engaged, and when this process ends. If this
+The motors stop when no command has come for 0.5 s, when ESTOP is engaged, and when this process ends, hangs or is
+killed: a second, small process that it starts, the last gate, alone writes to their port. If this
 computer fails, the motor controller stops them by itself after 0.5 s, an MBot board after 1 s.
 
 ESTOP holds over restarts, also of the computer, until it is released (cmr estop release). It is kept in the folder

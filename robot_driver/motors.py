@@ -14,11 +14,10 @@ from robot_driver.battery import Thresholds
 from robot_driver.command_gate import CommandGate, Drive
 from robot_driver.controllers import BadReply, Controller, Request, Telemetry
 from robot_driver.encoders import FASTEST_WHEEL, CountersReset, WheelEncoders, Wiring
-from robot_driver.feedback import Feedback
+from robot_driver.feedback import Feedback, SentDuties, SentDuty
 from robot_driver.health import Health
 from robot_driver.port_thread import Device
 from robot_driver.rhythm import Rhythm
-from robot_driver.sent_duties import SentDuties, SentDuty
 from robot_driver.serial_port import NotSent, PortLost, SerialPort
 
 SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off

@@ -8,6 +8,7 @@ import math
 import os
 import re
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Generic, TypeVar
 from serial.tools import list_ports
 
 from robot_driver.controllers import BadReply, Request
-from robot_driver.host import PORT_ERRORS, THIS_COMPUTER, Host, Line
+from robot_driver.host import PORT_ERRORS, THIS_COMPUTER, Host, Line, LineLost
 
 T = TypeVar("T")
 
@@ -50,11 +51,14 @@ class Answer(Generic[T]):
 class SerialPort:
     """The port at `path` of `host` (8N1, no flow control). One thread at a time may use it.
 
+    What is opened is given to `guard`, which may set something before it that decides what is written.
+
     `turnaround` (ns) is how long the device takes to answer, at most: what its fastest answer so far took.
     `strays` counts the times that bytes were waiting, as a request was to be made, which none had asked for.
     """
 
     def __init__(self, path: str, baud_rate: int, host: Host = THIS_COMPUTER) -> None:
+        self.guard: Callable[[Line], Line] = lambda line: line
         self.path = path
         self.host = host
         self.baud_rate = baud_rate
@@ -80,7 +84,9 @@ class SerialPort:
         # The kernel keeps its lock on a pseudo-terminal after we are gone, until its other end closes.
         lock_out = not os.path.realpath(self.path).startswith(PSEUDO_TERMINALS)
         try:
-            self._line = self.host.open_line(path, self.baud_rate, lock_out=lock_out)
+            self._line = self.guard(self.host.open_line(path, self.baud_rate, lock_out=lock_out))
+        except LineLost as lost:
+            raise PortLost(str(lost)) from lost
         except (*PORT_ERRORS, ValueError) as error:
             raise PortLost(why_not_open(path, error)) from error
         if NUMBERED.fullmatch(self.path):
@@ -200,6 +206,8 @@ class SerialPort:
         return self._line
 
     def _lost(self, error: Exception) -> PortLost:
+        if isinstance(error, LineLost):
+            return PortLost(str(error))
         return PortLost(f"The device at {self.path} is gone ({error}). Check the cable and the power.")
 
 

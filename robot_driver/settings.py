@@ -14,6 +14,7 @@ from robot_driver.gyros import GYROS
 BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
 SLOWEST_RATE = 5.0  # Hz; slower, one lost packet is silence enough for the watchdog of 0.5 s in a controller
 LARGEST = 1e4  # Hz, duty per second, V; more than any device has
+GYRO_HELP = f"gyro type (default: dsp3000 with --gyro-port, otherwise the one on the controller {BOARD})"
 BY_DEFAULT = "if not what its kind has by default"
 
 Count = Annotated[int, Between(1, 10_000_000)]
@@ -34,14 +35,14 @@ class Connection:
     port: Annotated[str, Option("serial port of the motor controller", "DEVICE")]
     gyro_port: Annotated[str | None, Option("serial port of the gyro, if it has one of its own", "DEVICE")] = None
     controller: Annotated[ControllerName, Option("kind of motor controller")] = "roboclaw"
-    gyro: Annotated[GyroName | None, Option(f"kind; else {BOARD}, or dsp3000 if it has a port of its own")] = None
+    gyro: Annotated[GyroName | None, Option(GYRO_HELP)] = None
     baud: Annotated[Count | None, Option(f"of the motor controller, {BY_DEFAULT}", "RATE")] = None
     gyro_baud: Annotated[Count | None, Option(f"of the gyro's own port, {BY_DEFAULT}", "RATE")] = None
     rate: Annotated[Rate, Option("how often the motors are served", "HZ")] = 100.0
     acceleration: Annotated[Acceleration, Option("how fast duty may grow", "DUTY/S")] = 10.0
     deceleration: Annotated[Acceleration | None, Option("how fast it may shrink; else twice that", "DUTY/S")] = None
-    battery_warn: Annotated[Voltage, Option("warn when the battery is below", "VOLT")] = 0.0
-    battery_stop: Annotated[Voltage, Option("below, stop until restarted", "VOLT")] = 0.0
+    battery_warn: Annotated[Voltage, Option("warn below this voltage (default: off)", "VOLT")] = 0.0
+    battery_stop: Annotated[Voltage, Option("below this voltage, stop until restarted (default: off)", "VOLT")] = 0.0
     ticks_per_turn: Annotated[Count, Option("encoder counts per turn of a wheel", "TICKS")] = 2048
     swap: Annotated[bool, Option("the controller's first channel is the right side, not the left")] = False
     invert_left: Annotated[bool, Option("motor and encoder of the left side are mounted backwards")] = False

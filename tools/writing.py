@@ -1,13 +1,12 @@
 """Write files so that an interrupted command leaves no half ones."""
 
-import os
 import signal
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cmr.files import folder_for_results
+from cmr.files import folder_for_results, gone_before_and_after
+from cmr.litter import temporary_beside
 
 
 @contextmanager
@@ -17,12 +16,11 @@ def complete_or_none(path: Path) -> Iterator[Path]:
     Raises OSError when the folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
     """
     with _signals_raise():
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        os.close(descriptor)
-        temporary = Path(name)
+        temporary = temporary_beside(path)
         try:
+            temporary.touch(mode=0o600, exist_ok=False)
             yield temporary
-            temporary.chmod(0o644)  # mkstemp makes it private
+            temporary.chmod(0o644)
             temporary.replace(path)
         except BaseException:
             temporary.unlink(missing_ok=True)
@@ -35,14 +33,13 @@ def complete_files_or_none(folder: Path) -> Iterator[Path]:
 
     Raises OSError when the folder cannot be made or written, KeyboardInterrupt on SIGINT or SIGTERM.
     """
-    with (
-        _signals_raise(),
-        folder_for_results(folder),
-        tempfile.TemporaryDirectory(prefix=".partial.", dir=folder) as name,
-    ):
-        yield Path(name)
-        for path in sorted(Path(name).iterdir()):
-            path.replace(folder / path.name)
+    with _signals_raise(), folder_for_results(folder):
+        temporary = temporary_beside(folder / "partial")
+        with gone_before_and_after(temporary):
+            temporary.mkdir(mode=0o700)
+            yield temporary
+            for path in sorted(temporary.iterdir()):
+                path.replace(folder / path.name)
 
 
 @contextmanager

@@ -5,10 +5,13 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from types import FrameType, TracebackType
 from typing import TypeAlias
 
 from cmr.bus.bus import Bus
+from cmr.bus.clock_watch import ClockWatch
+from cmr.bus.gate import Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, Stream
@@ -45,11 +48,12 @@ class Process:
     """A process on the bus; use it as a context manager.
 
     SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. `state`, `message` and
-    `parameters_sha256` are what the next report says.
+    `parameters_sha256` are what the next report says. What is dispatched passes a gate, which lets in no log that is
+    played again where the process `lives_now`.
     Raises BusError on entry when the bus cannot be used.
     """
 
-    def __init__(self, name: str, url: str | None = None) -> None:
+    def __init__(self, name: str, url: str | None = None, *, lives_now: bool = False) -> None:
         self.name = name
         self.stopped_by_signal = False
         self.state = process_status_t.STARTING
@@ -63,6 +67,8 @@ class Process:
         self._published = ""
         self._was_ready = False
         self._turns = 0
+        self._clock = ClockWatch()
+        self._gate = Gate(replays=not lives_now)
         self._report = Timer(STATUS_PERIOD)
         self._status_sent = time.monotonic()
         self._old_handlers: dict[int, SignalHandler] = {}
@@ -110,7 +116,12 @@ class Process:
                 due += late
             due += period
             self._turns += 1
-            yield now_utime()
+            utime = now_utime()
+            was_set = self._clock.look(utime)
+            if was_set:
+                self.news(was_set)
+            self._gate.turn(utime)
+            yield utime
             self.bus.publish_repeated()
             if self._report.due():
                 self.publish_status()
@@ -120,10 +131,15 @@ class Process:
         received, self._received = self._received, []
         return self.bus.latest(received)
 
-    def dispatch(self, handle: Callable[[int, str, Message], object]) -> None:
-        """Hand what has arrived to `handle(utime, channel, message)`, oldest first."""
+    def dispatch(self, handle: Callable[[int, str, Message], object], *, gated: bool = False) -> None:
+        """Hand what has arrived and passes the gate to `handle(utime, channel, message)`, oldest first.
+
+        Who is `gated` has a gate of his own, and takes everything.
+        """
         for received in self.received():
-            handle(received.message.utime, received.channel, received.message)
+            message = received.message if gated else self._gate.let_in(received.channel, received.message)
+            if message is not None:
+                handle(message.utime, received.channel, message)
 
     def dispatch_named(self, handle: Callable[[int, str, Message, int | None], object]) -> None:
         """Hand what has arrived to `handle(utime, channel, message, sender)`, oldest first."""
@@ -160,7 +176,9 @@ class Process:
     def _full_message(self) -> str:
         sentences = [self.message] if self.message else []
         sentences += [warning for warning in self.bus.warnings if warning not in self.message]
-        rejected = [f"{channel} {why} {count}" for (channel, why), count in self.bus.rejected.items()]
+        sentences += [remark for remark in (self._clock.remark(),) if remark]
+        counts = chain(self.bus.rejected.items(), self._gate.refused.items())
+        rejected = [f"{channel} {why} {count}" for (channel, why), count in counts]
         if rejected:
             sentences.append(f"Messages not taken: {', '.join(rejected)}.")
         unsent = [f"{why} {count}" for why, count in self.bus.unsent.items()]

@@ -68,6 +68,7 @@ WAYPOINTS = Stream("WAYPOINTS", msg.waypoints_t, True, None, "whoever plans")
 PARAMETERS = Stream("PARAMETERS", msg.parameters_t, True, 1.0, "whoever wrote the file, and cmr-sim")
 CALIBRATION_STATUS = Stream("CALIBRATION_STATUS", msg.calibration_status_t, True, 2.0, "cmr-calibrate")
 PROCESS_STATUS = Stream("PROCESS_STATUS", msg.process_status_t, False, 1.0, "every process")
+PROCESS_REQUEST = Stream("PROCESS_REQUEST", msg.process_request_t, False, None, "cmr-run, to agents on other computers")
 ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while engaged")
 ESTOP_LATCH = Stream("ESTOP_LATCH", msg.estop_latch_t, True, 1.0, "cmr-driver")
 
@@ -89,6 +90,7 @@ STREAMS: tuple[Stream[Message], ...] = (
     PARAMETERS,
     CALIBRATION_STATUS,
     PROCESS_STATUS,
+    PROCESS_REQUEST,
     ESTOP,
     ESTOP_LATCH,
 )

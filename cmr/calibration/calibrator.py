@@ -36,7 +36,7 @@ HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # a
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
-LOADING = "Loading the estimator; the first time on a computer it has to be compiled, which takes a minute."
+LOADING = "Loading the estimator. At its first use on a computer it is compiled, which takes a minute."
 WAITING = (
     "Waiting for the robot to move: drive figure-eights, both lobes, best for 30 s at about 0.2 m/s and then for 30 s "
     "at about 0.5 m/s."

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cmr.camera.paper import PAPERS
 from cmr.camera.tags import FAMILY
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ CELLS_OF_SQUARE, CELLS_OF_MARKER = 9, 7  # so that squares and markers are made 
 CELL = 0.004  # m
 SQUARE = CELLS_OF_SQUARE * CELL  # m
 BOARD_FAMILY = cv2.aruco.DICT_5X5_100  # none of the robots'
-PAPERS = {"a4": (0.297, 0.210), "a3": (0.420, 0.297), "letter": (0.2794, 0.2159)}  # m, wide and high
 INCH = 0.0254  # m
 TAG_CELLS = 8  # with the black border
 QUIET_CELLS = 1  # of white around a tag, at least

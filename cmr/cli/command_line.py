@@ -7,15 +7,17 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from textwrap import fill
+from typing import TextIO
 
 from cmr.cli import configuration
 from cmr.cli.configuration import DEFAULT_URL, LARGEST_ROBOT_ID
 from cmr.cli.errors import CommandError, ExpectedError
 from cmr.cli.news import be_quiet
 from cmr.distribution import version
-from cmr.files import why_not_writable
+from cmr.files import NO_ROOM, why_not_writable
 from cmr.plain_text import LINES, plain
 
 EXIT_CODES = """\
@@ -32,7 +34,8 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescrip
     """Keeps the examples' lines as they are, and shows the defaults that say something."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default in (None, []) or isinstance(action.default, bool):
+        said = action.help is not None and "(default: " in action.help
+        if said or action.default in (None, []) or isinstance(action.default, bool):
             return action.help
         return super()._get_help_string(action)
 
@@ -201,8 +204,21 @@ def parse_seconds(text: str) -> float:
     return seconds
 
 
+def _say_why_failed(sentence: str) -> None:
+    try:
+        print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {plain(sentence, kept=LINES)}", file=sys.stderr, flush=True)
+    except OSError:
+        _say_nothing_more(sys.stderr)
+
+
+def _say_nothing_more(stream: TextIO) -> None:
+    """Let what is printed from now on, and what is still kept of it, go nowhere."""
+    with suppress(OSError, ValueError):  # it is no file of the system's, as in a notebook
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
-    """Run `main`; turn an expected error into one line on stderr and exit code 1.
+    """Run `main`; turn an expected error, or a disk that is full, into one line on stderr and exit code 1.
 
     Where nobody reads what it says any more, as after `| head`, it says nothing more.
     """
@@ -211,10 +227,17 @@ def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _say_nothing_more(sys.stdout)
         return 1
     except ExpectedError as error:
-        print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {plain(str(error), kept=LINES)}", file=sys.stderr)
+        _say_why_failed(str(error))
+        return 1
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        _say_nothing_more(sys.stdout)  # it may be the file for which there is no room
+        _say_why_failed(f"{where}{error.strerror}. Free some space on that disk, then try again.")
         return 1
     except KeyboardInterrupt:
         return 130

@@ -3,6 +3,7 @@
 import sys
 import time
 
+from cmr.files import NO_ROOM
 from cmr.plain_text import plain
 
 _quiet = False
@@ -20,6 +21,14 @@ def is_quiet() -> bool:
 
 
 def say(process: str, news: str) -> None:
-    """Print what happened to a process on stderr: `cmr-driver: 14:03:12 ready`."""
-    if not _quiet:
+    """Print what happened to a process on stderr: `cmr-driver: 14:03:12 ready`.
+
+    What cannot be written, as stderr is a file on a full disk, is lost: that is no reason to end a driver.
+    """
+    if _quiet:
+        return
+    try:
         print(f"{process}: {time.strftime('%H:%M:%S')} {plain(news)}", file=sys.stderr, flush=True)
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise

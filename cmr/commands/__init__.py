@@ -37,7 +37,7 @@ def driver() -> int:
 
 def emulate() -> int:
     """Start cmr-emulate."""
-    return run("robot_driver.emulator.main")
+    return run("cmr.commands.emulate")
 
 
 def fidelity() -> int:
@@ -58,6 +58,11 @@ def log() -> int:
 def pilot() -> int:
     """Start cmr-pilot."""
     return run("cmr.commands.pilot")
+
+
+def agent() -> int:
+    """Start cmr-agent."""
+    return run("cmr.commands.agent")
 
 
 def plot() -> int:

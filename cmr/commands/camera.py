@@ -11,6 +11,7 @@ from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
+from cmr.camera.paper import PAPERS
 from cmr.cli.command_line import parse_seconds, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
@@ -47,17 +48,15 @@ def main(arguments: list[str]) -> int:
     """Run cmr-camera."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # what is wrong, we say ourselves, in a sentence
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    try:
-        import cv2
-    except ModuleNotFoundError as error:
-        if "--help" not in arguments and "-h" not in arguments and "--version" not in arguments:
-            raise CommandError(f"OpenCV is missing. To install it: {how_to_install('camera')}") from error
-    else:
-        cv2.setNumThreads(1)  # more threads finish a picture hardly sooner, and take the other processes' time
     commands: dict[str, Callable[[list[str]], int]] = {"calibrate": _calibrate, "board": _board, "tags": _tags}
-    if arguments and arguments[0] in commands:
-        return commands[arguments[0]](arguments[1:])
-    return _watch(command_parser().parse_args(arguments))
+    try:
+        if arguments and arguments[0] in commands:
+            return commands[arguments[0]](arguments[1:])
+        return _watch(command_parser().parse_args(arguments))
+    except ModuleNotFoundError as error:
+        if error.name != "cv2":
+            raise
+        raise CommandError(f"OpenCV is missing. To install it: {how_to_install('camera')}") from error
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -101,6 +100,7 @@ def _add_source(options: argparse.ArgumentParser) -> None:
 
 def _watch(options: argparse.Namespace) -> int:
     """Watch a camera until the end of its pictures, or a signal."""
+    _with_one_thread()
     from cmr.camera.floor import Floor
     from cmr.camera.lens import CameraFileError, Lens
     from cmr.camera.sources import SourceError, Video, open_source
@@ -130,6 +130,13 @@ def _watch(options: argparse.Namespace) -> int:
                 video.close()
     print(_summary(watching.pictures, showing))
     return process.exit_code
+
+
+def _with_one_thread() -> None:
+    """Keep OpenCV to one thread: more finish a picture hardly sooner, and take the other processes' time."""
+    import cv2
+
+    cv2.setNumThreads(1)
 
 
 def _check_files(options: argparse.Namespace) -> None:
@@ -264,6 +271,7 @@ def _calibrate(arguments: list[str]) -> int:
     options.add_argument("--pictures", type=int, default=25, metavar="N", help="of a camera: how many with the board")
     options.add_argument("--every", type=parse_seconds, default=1.0, metavar="S", help="of a camera: one so often")
     chosen = options.parse_args(arguments)
+    _with_one_thread()
     from cmr.camera.lens_fit import LensError
     from cmr.camera.sources import SourceError
 
@@ -305,12 +313,12 @@ def _fitted(options: argparse.Namespace) -> "Lens":
 
 def _board(arguments: list[str]) -> int:
     """Write the board for the lens as a PDF."""
-    from cmr.camera.board import PAPERS, save_board
-
     options = parser("cmr-camera board", "Write the board for the lens as a PDF.", "cmr-camera board --out board.pdf")
     options.add_argument("--out", type=Path, default=Path("board.pdf"), metavar="FILE", help="to write")
     options.add_argument("--paper", choices=PAPERS, default="a4", help="size of the paper")
     chosen = options.parse_args(arguments)
+    from cmr.camera.board import save_board
+
     try:
         save_board(chosen.out, chosen.paper)
     except OSError as error:
@@ -321,8 +329,6 @@ def _board(arguments: list[str]) -> int:
 
 def _tags(arguments: list[str]) -> int:
     """Write tags as a PDF."""
-    from cmr.camera.board import PAPERS, BoardError, save_tags
-
     options = parser(
         "cmr-camera tags", "Write tags as a PDF, one a page.", "cmr-camera tags 0-3,100-103 --size 0.16 --out tags.pdf"
     )
@@ -331,6 +337,8 @@ def _tags(arguments: list[str]) -> int:
     options.add_argument("--out", type=Path, default=Path("tags.pdf"), metavar="FILE", help="to write")
     options.add_argument("--paper", choices=PAPERS, default="a4", help="size of the paper")
     chosen = options.parse_args(arguments)
+    from cmr.camera.board import BoardError, save_tags
+
     try:
         save_tags(chosen.out, chosen.numbers, chosen.size, chosen.paper)
     except (BoardError, OSError) as error:

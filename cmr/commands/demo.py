@@ -12,6 +12,7 @@ from pathlib import Path
 import lcm
 import numpy as np
 
+from cmr.bus.message import Message
 from cmr.bus.messages import make, now_utime
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
@@ -20,7 +21,7 @@ from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import DEFAULT_URL, results
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
-from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
+from cmr.commands.first_use import PARTS, compile_first
 from cmr.experiments.live.children import Children, our_command
 from cmr.experiments.live.jobs import STATE
 from cmr.files import gone_before_and_after
@@ -45,7 +46,7 @@ DRIVE = 60.0  # s, of which whole figure-eights come nearest
 # What the lab believed of its robot before: each wrong by a quarter to a third.
 NOMINAL = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.20}
 START_UP = 240.0  # s until all processes are running, on a slow machine that compiles the robot model first
-FIT = 120.0  # s, on a slow machine
+FIT = 600.0  # s, on a slow and busy machine: two cores with a load of 18 took longer than 120 s
 REST_BEFORE = 2.5  # s
 REST = 1_500_000  # us for which robot and leader must stand still before a drive counts as over
 
@@ -66,9 +67,9 @@ def main(arguments: list[str]) -> int:
     check_bus(url)  # what is wrong is said before anything takes time
     folder = free_folder(options.out)
     check_writable(folder)
-    compile_first([MODEL, WORLD, EMULATOR, ESTIMATOR])
+    compile_first(PARTS)
     robot_ends = gone_before_and_after(folder / STATE)
-    with Process("cmr-demo", url) as process, robot_ends, Children(folder) as children:
+    with Process("cmr-demo", url, lives_now=True) as process, robot_ends, Children(folder) as children:
         _prepare(folder)
         demo = _Demo(process, children, read_speeds(options.speed))
         try:
@@ -210,7 +211,7 @@ class _Demo:
         """Start cmr-view and show its page in the browser."""
         self._children.start("view", command)
         self._wait(lambda: bool(self._page()), START_UP, "the page")
-        print(f"Look at {self._page()}: blue is the twin, yellow the robot.", flush=True)
+        print(f"Look at {self._page()}: the robot is yellow, its twin green.", flush=True)
         webbrowser.open(self._page())
 
     def _page(self) -> str:
@@ -261,7 +262,7 @@ class _Demo:
         began = time.monotonic()
         with Progress(expected, "s", lines=expected is not None) as progress:
             for _utime in self._process.loop(rate_hz=20.0):
-                self._listen()
+                self._process.dispatch(self._hear)
                 if condition():
                     return
                 failure = self._children.failed()
@@ -273,18 +274,16 @@ class _Demo:
                 progress.show(what if expected else f"Waiting for {what}", min(waited, expected or waited))
         raise Interrupted
 
-    def _listen(self) -> None:
-        for received in self._process.received():
-            message = received.message
-            if isinstance(message, world_state_t):
-                self._world.handle(message.utime, received.channel, message)
-                self._note_motion()
-            elif isinstance(message, calibration_status_t):
-                self._calibration = message
-            elif isinstance(message, process_status_t):
-                self._states[message.process] = message.state
-                if message.process == "cmr-sim":
-                    self._parameters_in_use = message.parameters_sha256
+    def _hear(self, utime: int, channel: str, message: Message) -> None:
+        if isinstance(message, world_state_t):
+            self._world.handle(utime, channel, message)
+            self._note_motion()
+        elif isinstance(message, calibration_status_t):
+            self._calibration = message
+        elif isinstance(message, process_status_t):
+            self._states[message.process] = message.state
+            if message.process == "cmr-sim":
+                self._parameters_in_use = message.parameters_sha256
 
     def _note_motion(self) -> None:
         for robot_id in (ROBOT, LEADER, FOLLOWER):
@@ -317,7 +316,7 @@ def _report(folder: Path, settings: Settings) -> int:
     before, after = before_and_after(drives)
     draw_before_and_after((before, after), folder / "figure_eight.png")
     print(_table(load(folder / f"robot_{ROBOT}.yaml"), settings.truth))
-    print(_verdict(before, after))
+    print(verdict(before.path_rmse, after.path_rmse))
     if len(drives) > 2:
         print(
             f"The robot was stopped {len(drives) - 2} times on its way, because the computer did not keep up (see "
@@ -351,8 +350,10 @@ def _table(found: ParameterFile, truth: dict[str, float]) -> str:
     return "\n".join(lines)
 
 
-def _verdict(before: Drive, after: Drive) -> str:
+def verdict(before: float, after: float) -> str:
+    """Return how the path error [m] changed; a drive on a busy computer may say little."""
+    change = f"{before / after:.0f} times smaller" if after < before else "no smaller"
     return (
-        f"Path error between the robot and its simulated twin: {before.path_rmse:.3f} m before calibration, "
-        f"{after.path_rmse:.3f} m after: {before.path_rmse / after.path_rmse:.0f} times smaller."
+        f"Path error between the robot and its simulated twin: {before:.3f} m before calibration, {after:.3f} m after: "
+        f"{change}."
     )

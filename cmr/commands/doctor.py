@@ -92,7 +92,7 @@ def bus(url: str) -> Finding:
         sentence, _, remedy = str(error).partition(". ")
         return Finding(RED, f"{sentence.rstrip('.')}.", remedy)
     if lost:
-        sentence, _, remedy = lost[0].partition(": ")
+        sentence, _, remedy = lost[0].partition(". ")
         return Finding(AMBER, f"{sentence}.", remedy)
     return Finding(GREEN, f"A message on {url} comes back.")
 

@@ -10,6 +10,7 @@ from cmr.cli.command_line import add_json, parse_count, parse_robot_id, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.cli.stopping import end_on_signals
+from cmr.commands.first_use import PARTS, compile_first
 from cmr.commands.scenarios import load as load_scenario
 from cmr.experiments.fidelity.study import (
     PREPARATIONS,
@@ -38,6 +39,7 @@ def main(arguments: list[str]) -> int:
     options = command_parser().parse_args(arguments)
     end_on_signals("cmr-fidelity")
     scenario, study = _study(options)
+    compile_first(PARTS)  # else all workers would wait for one of them
     began = time.monotonic()
     try:
         with Journal(options.out / JOURNAL) as journal:

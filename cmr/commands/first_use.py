@@ -11,14 +11,16 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any, NamedTuple
 
 from cmr.cli.progress import Progress
 from cmr.model.cache import lasting_folder
 
-MODEL, WORLD, EMULATOR, ESTIMATOR = "model", "world", "emulator", "estimator"
+MODEL, WORLD, BEHAVIOURS, EMULATOR, ESTIMATOR = "model", "world", "behaviours", "emulator", "estimator"
 HERE = Path(__file__).resolve().parents[1]
 COMPILED = ("model", "world", "plant", "estimation", "calibration")  # packages with compiled functions
 FIRST_USE = "first use on this computer"
@@ -97,7 +99,8 @@ def _cores() -> int:
 def _compile(name: str, mark: Path) -> str:
     """Compile a part in a process of its own; return what went wrong, empty if nothing did."""
     command = [sys.executable, "-m", "cmr.commands.first_use", name]
-    result = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    nothing, here = subprocess.DEVNULL, HERE.parent  # in another checkout, -m would find that one and compile for it
+    result = subprocess.run(command, cwd=here, stdin=nothing, capture_output=True, text=True, check=False)
     if result.returncode:
         return (result.stderr.strip().splitlines() or ["nothing was said"])[-1]
     mark.touch()
@@ -147,18 +150,22 @@ def _load_model() -> None:
 
 
 def _load_world() -> None:
-    """Let two robots and an obstacle touch, and keep a robot clear of others."""
-    import numpy as np
+    """Load what robots touch, hear of and scan each other by."""
+    _load_all_of("cmr.world")
+    _load_all_of("cmr.world.interaction")
 
-    from cmr.geometry.obstacles import Obstacles
-    from cmr.world.bounding import bounded
-    from cmr.world.guarding import load
-    from cmr.world.interaction.contacts import Contacts
 
-    contacts = Contacts(Obstacles([(0.1, 0.0, 0.2)], []))
-    contacts.resolve(np.zeros((5, 2)), np.full(2, 0.1), np.full(2, 0.04), np.zeros((3, 0)))
-    bounded(np.zeros((1, 2)))
-    load()
+def _load_behaviours() -> None:
+    """Load all behaviours that CMR ships: which of them robots use, their first turn would find out."""
+    _load_all_of("cmr.world.behaviours")
+
+
+def _load_all_of(package: str) -> None:
+    """Load the compiled functions of all modules of a package."""
+    for found in iter_modules(import_module(package).__path__, f"{package}."):
+        for function in list(vars(import_module(found.name)).values()):
+            if getattr(function, "unloaded", False) is True:
+                function.loaded()
 
 
 def _load_emulator() -> None:
@@ -180,7 +187,8 @@ def _load_estimator() -> None:
 PARTS = {
     ESTIMATOR: Part("the estimator", 35, _load_estimator),
     MODEL: Part("the robot model", 7, _load_model),
-    WORLD: Part("the world", 6, _load_world),
+    WORLD: Part("the world", 10, _load_world),
+    BEHAVIOURS: Part("behaviours", 10, _load_behaviours),
     EMULATOR: Part("the emulated robot", 5, _load_emulator),
 }
 

@@ -8,7 +8,7 @@ from textwrap import dedent
 
 from cmr.cli.command_line import add_robot, parse_robot_id, parser
 from cmr.cli.errors import CommandError
-from cmr.commands.system_files import USB_IDS, command_line, driver_unit, udev_rule, unit
+from cmr.cli.system_files import USB_IDS, command_line, driver_unit, udev_rule, unit
 from cmr.experiments.live.children import our_command
 from cmr.files import write_atomically
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value

@@ -1,7 +1,10 @@
 """cmr-pilot: drive a real robot by a behaviour, for example after a virtual leader."""
 
 import argparse
+import os
+import signal
 from pathlib import Path
+from threading import Event
 
 from cmr.bus.claiming import Claim
 from cmr.bus.messages import now_utime
@@ -20,6 +23,7 @@ from cmr.bus.streams import (
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
+from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
 from cmr.commands.robots import behaviour_of
 from cmr.geometry.obstacles import FURTHEST, Geofence
 from cmr.model.command_kinds import KINDS
@@ -31,6 +35,7 @@ from cmr.world.guarding import MARGIN
 from cmr.world.pilot import Pilot
 
 RATE = 50.0  # Hz
+CONFIRMING = "To use them at once, on this computer: kill -USR1 {pid}"
 
 
 def main(arguments: list[str]) -> int:
@@ -49,7 +54,10 @@ def main(arguments: list[str]) -> int:
         keep_clear=options.keep_clear,
         kind=options.command,
     )
+    compile_first([WORLD, BEHAVIOURS])
     pilot.prepare()
+    confirmed = Event()
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
     with Process("cmr-pilot", options.lcm_url) as process:
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(ESTOP, every=True)
@@ -61,14 +69,19 @@ def main(arguments: list[str]) -> int:
         process.subscribe(COMMAND_OWNER, options.robot)
         claim = Claim("cmr-pilot", options.robot, lambda: process.bus.sender, options.take_over)
         for utime in process.loop(rate_hz=RATE):
+            pilot.turn(utime)
             for received in process.received():
                 for handle in (pilot.handle, claim.handle):
                     handle(received.message.utime, received.channel, received.message)
             pilot.parameters.poll()
-            process.parameters_sha256 = pilot.parameters.sha256
+            if confirmed.is_set():
+                confirmed.clear()
+                pilot.confirm_parameters()
             if claim.lost_to:
                 raise CommandError(f"{claim.lost_to} took over robot {options.robot}.")
-            _command(process, pilot, claim, utime)
+            waiting_for = _command(process, pilot, claim, utime)
+            process.parameters_sha256 = pilot.parameters_sha256
+            _report(process, pilot, waiting_for)
             if behaviour.finished:
                 break
         if not claim.others(now_utime()):
@@ -79,18 +92,25 @@ def main(arguments: list[str]) -> int:
         return process.exit_code
 
 
-def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> None:
-    """Command the robot, unless somebody else does, and have the next PROCESS_STATUS say how it is."""
+def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
+    """Command the robot, unless somebody else does; return what is waited for."""
     claimed = claim.message(utime)
     if claimed is not None:
         process.publish(COMMAND_CLAIM, claimed, pilot.robot_id)
     if others := claim.others(utime):
-        waiting_for = f"the end of {others}, which commands robot {pilot.robot_id}; --take-over does not wait"
-    else:
-        process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), pilot.robot_id)
-        waiting_for = pilot.waiting_for
-    process.state = process_status_t.DEGRADED if waiting_for else process_status_t.RUNNING
-    process.message = pilot.left_fence or (f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message)
+        return f"the end of {others}, which commands robot {pilot.robot_id}; --take-over does not wait"
+    process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), pilot.robot_id)
+    return pilot.waiting_for
+
+
+def _report(process: Process, pilot: Pilot, waiting_for: str) -> None:
+    """Say what the robot waits for, what was refused, and which parameters wait."""
+    new = f"{pilot.new_parameters} {CONFIRMING.format(pid=os.getpid())}" if pilot.new_parameters else ""
+    waiting = f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message
+    sentences = [pilot.left_fence or waiting, pilot.gate.problem(), new]
+    is_in_doubt = waiting_for or any(sentences[1:])
+    process.state = process_status_t.DEGRADED if is_in_doubt else process_status_t.RUNNING
+    process.message = " ".join(filter(None, sentences))
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -101,7 +121,8 @@ def command_parser() -> argparse.ArgumentParser:
         "MOTOR_COMMAND_N, or (v, omega) on VELOCITY_COMMAND_N if the robot's parameters have a velocity controller. It "
         "stops whenever cmr-sim, the robot, its parameters or poses that came before are missing, and on ESTOP. It "
         "ends when a manoeuvre is over. A robot that left its geofence stands until it is put back inside and "
-        "cmr-pilot is started again.",
+        "cmr-pilot is started again. Parameters that change duties by more than 30 % while it moves are used when "
+        "it rests, or on SIGUSR1.",
         "cmr-pilot --robot 0 --behaviour follow,leader=10,gap=0.5\n"
         "  cmr-pilot --robot 0 --behaviour manoeuvre,name=steps,speed=0.8\n"
         "  cmr-pilot --robot 0 --geofence=-2,-1,2,-1,2,1,-2,1 --margin 0.3\n\n" + help_text(),

@@ -2,13 +2,13 @@
 
 import argparse
 import shlex
-import socket
 import time
 from pathlib import Path
 
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.preflight import parse_udpm, resolve_url
 from cmr.bus.process import Process
+from cmr.bus.streams import PROCESS_STATUS
 from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import results
 from cmr.cli.errors import CommandError
@@ -21,15 +21,17 @@ from cmr.experiments.live.live_run import LiveRun, Outcome
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.recorder import logs_in
 from cmr.experiments.live.report import metrics_in_words, write_report
+from cmr.experiments.live.requests import AGENT, is_this_host, short_name
 from cmr.experiments.scenario import Scenario, ScenarioError
 from cmr.experiments.scenario.reading import SHIPPED, path_of, shipped
 from cmr.experiments.team.metrics import UNITS
 from cmr.files import gone_before_and_after
 
+HEARING_AGENTS, HEARING_RATE = 1.5, 20.0  # s, Hz
 # What processes have to be compiled for, by their role.
 TAKES = {
-    SIM: (first_use.MODEL, first_use.WORLD),
-    PILOT: (first_use.WORLD,),
+    SIM: (first_use.MODEL, first_use.WORLD, first_use.BEHAVIOURS),
+    PILOT: (first_use.WORLD, first_use.BEHAVIOURS),
     EMULATOR: (first_use.EMULATOR,),
     CALIBRATOR: (first_use.ESTIMATOR,),
     DIAGNOSER: (first_use.ESTIMATOR,),
@@ -52,27 +54,31 @@ def main(arguments: list[str]) -> int:
     check_bus(url)
     _check_reach(scenario, resolve_url(url))
     first_use.compile_first(parts_to_compile(scenario, folder))
-    with Process("cmr-run", url) as process:
+    with Process("cmr-run", url, lives_now=True) as process:
         try:
             prepared = prepare(scenario, folder)
         except OSError as error:
             raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
         ours, others = _by_host(jobs_of(prepared, folder, process.bus.url))
-        _tell_others(others, folder)
+        _tell_others(_without_agents(process, others), folder)
         robots_end = gone_before_and_after(folder / STATE)
         with robots_end, Children(folder) as children, Progress(lines=True) as progress:
             run = LiveRun(prepared, folder, process, ours, children, progress, others)
             began = time.time()
             outcome = run.run()
             run.say(f"Stopping: {outcome.ended_by}.")
-            run.supervisor.stop()
-        document = write_report(run, outcome, began, folder)
+            run.stop()
+        try:
+            document = write_report(run, outcome, began, folder)
+        except OSError as error:
+            ended = f"The run ended: {outcome.ended_by}. Its report cannot be written"
+            raise CommandError(f"{ended}: {folder}: {error.strerror or error}.") from error
         if document["metrics"]:
             print(f"Measured: {metrics_in_words(document)}.")
         if document["unreliable"]:
             progress.warn(document["unreliable"])
-        if others:
-            print(f"What was started on {_hosts(others)} is to be ended there.")
+        if by_hand := run.elsewhere.by_hand():
+            print(f"What was started on {_hosts(by_hand)} is to be ended there.")
         logs = where_logs_are(logs_in(folder))
         print(f"Look at {folder}/report.html; {logs}what each process said is beside it.")
         return _exit_code(outcome, folder)
@@ -134,8 +140,8 @@ def parts_to_compile(scenario: Scenario, folder: Path) -> set[str]:
 
 def _by_host(jobs: list[Job]) -> tuple[list[Job], list[Job]]:
     """Return the processes to start here, and those that belong to other machines."""
-    own = {None, "localhost", socket.gethostname(), socket.gethostname().partition(".")[0]}
-    return [job for job in jobs if job.host in own], [job for job in jobs if job.host not in own]
+    ours = [job for job in jobs if job.host in (None, "localhost") or is_this_host(job.host)]
+    return ours, [job for job in jobs if job not in ours]
 
 
 def where_logs_are(logs: list[Path]) -> str:
@@ -157,6 +163,21 @@ def _check_reach(scenario: Scenario, url: str) -> None:
             f"{others[0].name} runs on {others[0].host}, but the bus {url!r} does not leave this machine. "
             "Use an LCM URL with ttl=1, for example with lcm_url in the scenario."
         )
+
+
+def _without_agents(process: Process, others: list[Job]) -> list[Job]:
+    """Return the processes of other machines that no agent starts: each agent says each second that it is there."""
+    if not others:
+        return []
+    heard: set[str] = set()
+    until = time.monotonic() + HEARING_AGENTS
+    process.subscribe(PROCESS_STATUS, every=True)
+    for _ in process.loop(HEARING_RATE):
+        messages = [received.message_of(PROCESS_STATUS) for received in process.received()]
+        heard |= {short_name(status.host) for status in messages if status is not None and status.process == AGENT}
+        if time.monotonic() > until:
+            break
+    return [job for job in others if short_name(job.host or "") not in heard]
 
 
 def _tell_others(others: list[Job], folder: Path) -> None:

@@ -23,7 +23,7 @@ from cmr.bus.streams import (
     Stream,
 )
 from cmr.cli.errors import CommandError
-from cmr.commands.first_use import MODEL, WORLD, compile_first
+from cmr.commands.first_use import BEHAVIOURS, MODEL, WORLD, compile_first
 from cmr.commands.robots import virtual_robots
 from cmr.commands.sim_options import PACKET, command_parser, parse
 from cmr.geometry.obstacles import ObstacleError, Obstacles
@@ -36,6 +36,7 @@ from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.process_noise import ProcessNoise
+from cmr.world.refusals import refusals
 from cmr.world.view import world_messages
 from cmr.world.world import MOST_STRANGERS, VirtualRobot, World
 
@@ -75,7 +76,7 @@ def main(arguments: list[str]) -> int:
     world, loader = _world(options, cast)
     scanner = _scanner(options, cast)
     check_bus(options.lcm_url)
-    compile_first([MODEL, WORLD])
+    compile_first([MODEL, WORLD, BEHAVIOURS] if options.virtual or cast else [MODEL, WORLD])
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
@@ -89,7 +90,8 @@ def main(arguments: list[str]) -> int:
             if follower.by_default:
                 process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
         for utime in process.loop(rate_hz=STEP_RATE):
-            process.dispatch(world.handle)
+            world.turn(utime)
+            process.dispatch(world.handle, gated=True)
             world.advance(utime)
             process.overruns = world.late_steps
             # A turn that follows closely upon a late one makes no step; what holds for a moment is published once.
@@ -245,6 +247,7 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
     reported = [CROWDED] if world.crowded else []
     reported += [*_first(follower.message for follower in followers), loader.message]
+    reported += refusals(world, world.gate.now)
     reported += world.others.problems(world.utime)
     late = lateness.problem(world.utime, world.late_steps)
     reported += ["" if loader.is_starting else late, world.noise_problem]  # to compile makes steps late

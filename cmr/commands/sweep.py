@@ -12,7 +12,7 @@ from cmr.cli.configuration import results
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.cli.stopping import end_on_signals
-from cmr.commands.first_use import EMULATOR, MODEL, WORLD, compile_first
+from cmr.commands.first_use import BEHAVIOURS, EMULATOR, MODEL, WORLD, compile_first
 from cmr.distribution import how_to_install
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def main(arguments: list[str]) -> int:
     name = Path(options.scenario).stem
     out = options.out or results() / f"{name}_sweep"
     check_writable(out)
-    compile_first([MODEL, WORLD, EMULATOR])  # else all workers would wait for one of them
+    compile_first([MODEL, WORLD, BEHAVIOURS, EMULATOR])  # else all workers would wait for one of them
     try:
         with Journal(out / "runs.jsonl") as journal:
             failed = _perform(runs, journal, options)

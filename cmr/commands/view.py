@@ -2,6 +2,7 @@
 
 import argparse
 import secrets
+import ssl
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -29,7 +30,9 @@ def main(arguments: list[str]) -> int:
     options.log = next(iter(logs_of(options)), None)
     _check(options)
     obstacles, geofence = _room(options)
+    tls = _encryption(options)
     try:
+        from cmr.view.entrance.door import Address
         from cmr.view.server import PageServer
         from cmr.view.showing import LiveShowing, LogShowing
         from cmr.view.visit import Room
@@ -41,7 +44,8 @@ def main(arguments: list[str]) -> int:
         process.subscribe(ESTOP_LATCH, every=True)
         try:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
-            server = PageServer(options.host, options.port, token, Room(obstacles, geofence), showing)
+            address = Address(options.host, options.port, tuple(options.allow_host or ()), tls)
+            server = PageServer(address, token, Room(obstacles, geofence), showing)
         except OSError as error:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
@@ -53,7 +57,10 @@ def main(arguments: list[str]) -> int:
                     showing.fulfil(wish, utime)
                 process.publish_all(showing.orders.due(now_utime()))
                 server.show(1.0 / RATE)
-                process.state, process.message = process_status_t.RUNNING, showing.message()
+                if news := server.refusals.news():
+                    process.news(news)
+                process.state = process_status_t.RUNNING
+                process.message = f"{showing.message()} {server.refusals.latest}".strip()
         finally:
             server.stop()
         return process.exit_code
@@ -68,12 +75,20 @@ def command_parser() -> argparse.ArgumentParser:
         "is played for that visitor alone.\n\n"
         "The buttons work after you enter the token that is printed at the start. The emergency stop and "
         "opening a log need no token while the page is served to this computer alone; releasing the stop always does. "
-        "The page is served to this computer alone, unless --host and --token are given.",
-        "cmr-view run.lcm\n  cmr-view\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm",
+        "The page is served to this computer alone, unless --host and --token are given. Browsers have to call it by "
+        "localhost, an address of this computer, or a name that --host or --allow-host gives.",
+        "cmr-view run.lcm\n  cmr-view\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm\n"
+        "  cmr-view --host 0.0.0.0 --token 'a secret of ours' --certificate lab.pem --key lab.key "
+        "--allow-host robots.lab",
     )
     add_logs(options, "a log to play; without it, the bus", single=True)
     options.add_argument("--host", default=LOCAL, metavar="ADDRESS", help="to serve at; others than this need --token")
     options.add_argument("--port", type=_port, default=8080, metavar="N", help="to serve at, or the next that is free")
+    options.add_argument(
+        "--allow-host", action="append", metavar="NAME", help="by which browsers may call this computer; needs --token"
+    )
+    options.add_argument("--certificate", metavar="FILE", help="PEM: encrypts the page (https), with its --key")
+    options.add_argument("--key", metavar="FILE", help="PEM: the private key, if it is not in the certificate's file")
     options.add_argument("--token", metavar="TEXT", help="for the buttons; without it a new one at each start")
     options.add_argument("--scenario", metavar="FILE", help="or name, as of cmr-run: its obstacles and geofence")
     for name, form, what in (
@@ -91,6 +106,26 @@ def _check(options: argparse.Namespace) -> None:
         raise CommandError(f"--token is too short; give one of {SHORTEST_TOKEN} characters or more.")
     if options.host not in (LOCAL, "localhost") and options.token is None:
         raise CommandError(f"--host {options.host} lets others see the page; give the buttons' --token, too.")
+    if options.allow_host and options.token is None:
+        raise CommandError("--allow-host lets others see the page; give the buttons' --token, too.")
+
+
+def _encryption(options: argparse.Namespace) -> ssl.SSLContext | None:
+    """Return what encrypts the page, if it is to be. Raises CommandError for files with which it cannot be."""
+    if options.certificate is None:
+        if options.key is not None:
+            raise CommandError("--key is of no use without --certificate.")
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        # A password is not asked for: nobody may be there to type it.
+        context.load_cert_chain(options.certificate, options.key, password=lambda: "")
+    except (OSError, ValueError) as error:  # SSLError is an OSError
+        reason = error.strerror if isinstance(error, OSError) and not isinstance(error, ssl.SSLError) else ""
+        raise CommandError(
+            f"--certificate, --key: {reason or 'they do not fit together, or are no PEM files without a password'}."
+        ) from error
+    return context
 
 
 def _room(options: argparse.Namespace) -> tuple[Obstacles, Geofence | None]:

@@ -21,7 +21,7 @@ from cmr.model.observer.observer import MOTION, Gains
 from cmr.parameters.file import MOTOR, ParameterFile
 from cmr.recordings.faults.findings import Finding
 
-THINNED = "More was recorded than is needed. Used are: {shares}."
+THINNED = "More was recorded than the estimate needs; it uses {shares}."
 GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns

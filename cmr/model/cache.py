@@ -1,9 +1,13 @@
 """Where compiled code is kept for later processes. Imports no Numba, which takes half a second."""
 
+import atexit
 import os
+import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
+
+from cmr.litter import temporary_beside
 
 
 @cache
@@ -20,4 +24,12 @@ def lasting_folder() -> Path | None:
 @cache
 def cache_folder() -> Path:
     """Return the user's cache folder for compiled code, or a temporary one where that cannot be written."""
-    return lasting_folder() or Path(tempfile.mkdtemp(prefix="cmr-"))
+    return lasting_folder() or _temporary_folder()
+
+
+def _temporary_folder() -> Path:
+    """Make a folder that goes with this process; one of a process that was killed goes with the next."""
+    folder = temporary_beside(Path(tempfile.gettempdir()) / "cmr-cache")
+    folder.mkdir(mode=0o700)
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

@@ -138,6 +138,6 @@ def _why_unread(path: Path, error: Exception) -> str:
     """Return why a parameter file cannot be read, and what to do if there is none."""
     if isinstance(error, FileNotFoundError):
         place = path.absolute()
-        return f"{place} cannot be read: there is no such file. To write one: cmr init --out {place.parent}"
+        return f"There is no {place}; `cmr init --out {place.parent}` writes one"
     why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
     return f"{path}: cannot be read: {why}"

@@ -17,8 +17,12 @@ config: Any = numba.config
 
 # Numba compiles a function again when its own file changes, but not for what it calls in another: all of the plant's
 # sources together name the folder in which compiled code is kept.
-_FOLDER = Path(__file__).parent
-_SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(_FOLDER.glob("*.py")))).hexdigest()[:16]
+_SOURCES = hashlib.sha256(
+    b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))
+).hexdigest()
+# Not beside the sources, where Numba would keep it: pip leaves behind what it has not installed, and such a folder
+# hides the checkout from a later `pip install -e`.
+_FOLDER = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cmr" / f"plant-{_SOURCES[:16]}"
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -27,10 +31,9 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     if config.DISABLE_JIT:
         return function
     before = config.CACHE_DIR
-    if os.access(_FOLDER, os.W_OK):  # else numba finds another place
-        config.CACHE_DIR = before or str(_FOLDER / "__pycache__" / _SOURCES)
+    config.CACHE_DIR = before or str(_FOLDER)
     try:
-        with suppress(RuntimeError):  # where nothing can be written, each process compiles for itself
+        with suppress(RuntimeError, OSError):  # where nothing can be written, each process compiles for itself
             result.enable_caching()
     finally:
         config.CACHE_DIR = before
@@ -53,9 +56,8 @@ def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
         called_before = True
         with ExitStack() as held:
             with suppress(OSError):  # where nothing can be written, each process compiles for itself
-                folder = _FOLDER / "__pycache__"
-                folder.mkdir(exist_ok=True)
-                fcntl.flock(held.enter_context((folder / "lock").open("w")), fcntl.LOCK_EX)
+                _FOLDER.mkdir(parents=True, exist_ok=True)
+                fcntl.flock(held.enter_context((_FOLDER / "lock").open("w")), fcntl.LOCK_EX)
             return result(*arguments, **options)
 
     vars(called)["compiled"] = result

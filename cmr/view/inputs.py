@@ -1,8 +1,21 @@
-"""What viser's inputs and texts need: mypy takes their value for read-only, and only plain texts can be sent."""
+"""Work around viser's stubs, which mark input values read-only, and its encoder, which sends only plain texts.
 
-from typing import Any
+An input is set by what its browser sends only where it takes that: viser itself sets whatever comes, of any size.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import viser
+from viser import _messages
+from viser.infra import ClientId
 
 from cmr.report.markup import Html
+
+LONGEST = 256  # characters of a text
+LARGEST = 2**31 - 1  # of a number without bounds of its own
+
+M = TypeVar("M", bound=_messages.Message)
 
 
 def write(handle: Any, value: object) -> None:
@@ -13,3 +26,42 @@ def write(handle: Any, value: object) -> None:
 def plain(html: Html) -> str:
     """Return markup as a text that can be sent to a browser: viser's encoder takes `str`, but no class made of it."""
     return str(html)
+
+
+def replace_handler(gui: viser.GuiApi, message: type[M], ours: Callable[[ClientId, M], Any]) -> None:
+    """Have a visitor's messages of a type handled by `ours` instead of by viser."""
+    gui._websock_interface.unregister_handler(message)
+    gui._websock_interface.register_handler(message, ours)
+
+
+def check_inputs(client: viser.ClientHandle, count_refused: Callable[[], None]) -> None:
+    """From now on, set inputs of a page only to what they take."""
+    gui = client.gui
+
+    async def update(client_id: ClientId, message: _messages.GuiUpdateMessage) -> None:
+        handle = gui._gui_input_handle_from_uuid.get(message.uuid)
+        if handle is None:  # it is just gone from the page
+            return
+        if takes(handle, message.updates["value"]):
+            await gui._handle_gui_updates(client_id, message)
+        else:
+            count_refused()
+
+    replace_handler(gui, _messages.GuiUpdateMessage, update)
+
+
+def takes(handle: Any, value: object) -> bool:
+    """Return whether an input can be set to a value by who uses the page."""
+    if handle.disabled:
+        return False
+    if isinstance(handle, viser.GuiButtonHandle):
+        return value is True
+    if isinstance(handle, viser.GuiTextHandle):
+        return isinstance(value, str) and len(value) <= LONGEST
+    if isinstance(handle, viser.GuiDropdownHandle):
+        return value in handle.options
+    if isinstance(handle, viser.GuiNumberHandle | viser.GuiSliderHandle):
+        low = -LARGEST if handle.min is None else handle.min
+        high = LARGEST if handle.max is None else handle.max
+        return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+    return False

@@ -1,5 +1,6 @@
 """The panels of one visitor's page, and what only that visitor sees of the scene."""
 
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -29,6 +30,8 @@ SETTLED = 1.0  # s after which a new page takes to where its camera is put
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
 REFUSED = "Nothing was sent. Enter the token from the terminal running cmr-view, then try again."
 WRONG = "Nothing was sent. This is not the token in the terminal running cmr-view."
+WAIT = "Nothing was sent. Too many wrong tokens came from your address: the next is looked at in {:.0f} s."
+TYPED = 0.5  # s after which somebody who types a token has come to its end
 TAB_NAMES = ("view", "robot", "plots", "processes", "bus", "calibration", "twins")
 
 
@@ -69,6 +72,7 @@ class Page:
         self._surroundings = surroundings
         self._camera = Camera(client)
         self._mode_changed = False
+        self._typed, self._tried = 0.0, ""  # when the token was last changed [s], and what was tried of it
         self._close_question: Callable[[], None] | None = None  # of a dialog that is open over the page
         self._overview_due: float | None = time.monotonic() + SETTLED
         gui = client.gui
@@ -103,8 +107,11 @@ class Page:
 
     def wish(self, what: str, value: object = None) -> None:
         """Ask for something, if the visitor may."""
+        self._try_token()
         if self.permission.asks(what):
             self._wishes.put(Wish(what, self.client.client_id, value))
+        elif self.permission.wait > 0.0:
+            self.refuse(WAIT.format(math.ceil(self.permission.wait)))
         else:
             self.refuse(WRONG if self._token.value.strip() else REFUSED)
 
@@ -132,6 +139,8 @@ class Page:
     def show_panels(self, showing: Showing, head: str) -> None:
         """Bring the panels up to date; `head` is HTML for the top."""
         state = showing.state
+        if time.monotonic() - self._typed >= TYPED:
+            self._try_token()
         self._head.content = head
         self._legend.content = legend(state, self._surroundings.has_fence)
         self._plots.show(showing.curves, showing.sources(), state.now)
@@ -164,10 +173,10 @@ class Page:
     def _add_orders(self, gui: viser.GuiApi) -> None:
         has_robots = self._surroundings.has_robots  # a log has none to command
         with gui.add_folder("commands", visible=has_robots or not self.permission.on_this_computer):
-            self._token = gui.add_text("token", "", hint="that cmr-view printed when it started")
+            self._token = gui.add_text("token", "", hint="from the terminal running cmr-view")
             if has_robots:
                 self._add_robot_orders(gui)
-        self._token.on_update(self._take_token)
+        self._token.on_update(self._note_typing)
         self._show_permission()
 
     def _add_robot_orders(self, gui: viser.GuiApi) -> None:
@@ -208,8 +217,16 @@ class Page:
     def _change_mode(self, _event: object) -> None:
         self._mode_changed = True
 
-    def _take_token(self, _event: object) -> None:
-        if self._token.value and self.permission.try_token(self._token.value):
+    def _note_typing(self, _event: object) -> None:
+        self._typed = time.monotonic()
+
+    def _try_token(self) -> None:
+        """Try what was typed, once: each letter on the way to the token would count as a wrong one."""
+        text = self._token.value
+        if not text or text == self._tried or self.permission.granted or self.permission.wait > 0.0:
+            return
+        self._tried = text
+        if self.permission.try_token(text):
             write(self._token, "")
             self._show_permission()
 
@@ -220,6 +237,7 @@ class Page:
 
     def _ask_release(self) -> None:
         """Ask whether the emergency stop is really to be released."""
+        self._try_token()
         if not self.permission.granted:
             self.wish(RELEASE)  # which is refused
             return

@@ -4,28 +4,35 @@ A log that a visitor opens is that visitor's alone: for everybody else the page 
 log. The emergency stop of a live page works meanwhile.
 """
 
+import asyncio
 import io
 import time
+import traceback
 import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from pathlib import Path
 from queue import Empty
 
 import viser
+from websockets.asyncio.server import ServerConnection
 
 from cmr.bus.fields import FieldName
 from cmr.view.camera import INITIAL
+from cmr.view.entrance.door import Address, Door, address_of, guarding
+from cmr.view.entrance.guesses import Guesses
+from cmr.view.entrance.refusals import Refusals
+from cmr.view.inputs import check_inputs
 from cmr.view.opening import MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.page import REFUSED, Surroundings, refuse
 from cmr.view.picture import Picture, picture_of
 from cmr.view.showing import LogShowing, Showing, stop_line
-from cmr.view.uploads import Upload, arriving
+from cmr.view.uploads import Upload
 from cmr.view.visit import NO_ROOM, Room, Visit, Visitor
 from cmr.view.wishes import CLICK, CLOSE, COME, JUMP, LEAVE, OPEN, PAUSE, SPEED, Permission, Wish, Wishes
 
 TRAILS_EVERY = 0.5  # s
 PANELS_EVERY = 0.5  # s
-THIS_COMPUTER = ("127.0.0.1", "localhost")
 SHARE_OF_OPENED = 0.1  # of the time in which the log of one visitor is read; there are MOST_OPENED
 
 
@@ -38,24 +45,28 @@ class _Server(viser.ViserServer):
 
 
 class PageServer:
-    """Serves pages at `host` and `port`; if the port is taken, at the next free one.
+    """Serves pages at an address; if the port is taken, at the next free one.
 
     All visitors see `showing` in a `room` until they open a log. Their wishes go into `wishes`; only those come that
     each visitor is allowed, with the `token`. Raises OSError where it cannot serve.
     """
 
-    def __init__(self, host: str, port: int, token: str, room: Room, showing: Showing) -> None:
+    def __init__(self, address: Address, token: str, room: Room, showing: Showing) -> None:
         self.wishes: Wishes = Wishes()
         self.visits: dict[int, Visit] = {}
         self._token, self._room, self._showing = token, room, showing
-        self._on_this_computer = host in THIS_COMPUTER
+        address.check()
+        self._on_this_computer = address.is_for_this_computer
+        self.refusals = Refusals()
+        self._guesses = Guesses(self.refusals)
         self._logs = LogFolder()
         self._trails_due = self._panels_due = 0.0
         # A visitor who leaves while something is sent to him is no news.
         warnings.filterwarnings("ignore", ".* on a closed connection", UserWarning)
-        with redirect_stdout(io.StringIO()):  # its banner; where the page is, is said by the process
-            self._server = _Server(host, port, "cmr-view", verbose=False)
-        self.url = f"http://{host}:{self._server.get_port()}"
+        # Its banner is not shown: where the page is, is said by the process.
+        with redirect_stdout(io.StringIO()), guarding(Door(address, self.refusals)):
+            self._server = _Server(address.host, address.port, "cmr-view", verbose=False)
+        self.url = address.url(self._server.get_port())
         self._server.gui.configure_theme(
             control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
         )
@@ -101,6 +112,8 @@ class PageServer:
         if wish.what == COME:
             self._welcome(wish.value)
         elif wish.what == LEAVE:
+            if visit is not None:
+                visit.visitor.upload.end()
             self._forget(wish.visitor)
         elif wish.what == CLICK and visit is not None:
             visit.choose(wish.value)
@@ -116,18 +129,20 @@ class PageServer:
         return True
 
     def _welcome(self, client: viser.ClientHandle) -> None:
-        permission = Permission(self._token, self._on_this_computer)
+        address = address_of(self._connection(client.client_id))
+        permission = Permission(self._token, self._on_this_computer, self._guesses, address)
 
         def check(size: int) -> None:
             if not permission.asks(OPEN):
                 raise RefusedLog(REFUSED)
-            check_size(size, sum(arriving(visit.visitor.client) for visit in list(self.visits.values())))
+            check_size(size, sum(visit.visitor.upload.arriving for visit in list(self.visits.values())))
 
-        def take(name: str, content: bytes) -> None:
-            self.wishes.put(Wish(OPEN, client.client_id, self._logs.keep(name, content)))
+        def take(log: OpenedLog) -> None:
+            self.wishes.put(Wish(OPEN, client.client_id, log))
 
         try:
-            upload = Upload(client, check, take, lambda sentence: refuse(client, sentence))
+            check_inputs(client, lambda: self.refusals.count("values that no input takes", address))
+            upload = Upload(client, self._logs, check, take, lambda sentence: refuse(client, sentence))
             self._show_to(Visitor(client, permission, upload), self._showing, None)
         except RuntimeError:  # viser: left at once
             pass
@@ -179,18 +194,37 @@ class PageServer:
             visit.show(picture, head, with_trails, with_panels)
 
     def _do_for(self, visit: Visit, act: Callable[[Visit], None]) -> None:
-        """Do something for one visitor; if it goes wrong because of the visitor's own log, that is closed."""
+        """Do something for one visitor; if it goes wrong, that visitor's own log is closed, or else the page."""
         try:
             act(visit)
         except RuntimeError:  # viser: the visitor has just left
             self._forget(visit.visitor.client.client_id)
         except Exception as error:
             if visit.log is None:
-                raise
+                self._dismiss(visit, error)
+                return
             self._close(visit)  # whatever is in a log, the pages of the others go on
             changed = self.visits.get(visit.visitor.client.client_id)
             if changed is not None:
                 changed.page.refuse(f"{visit.log.name} cannot be played: {error}")
+
+    def _dismiss(self, visit: Visit, error: Exception) -> None:
+        """Close the connection of a visitor whose page cannot be drawn; the browser asks for a new page by itself."""
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        visitor = visit.visitor.client.client_id
+        connection = self._connection(visitor)
+        self.refusals.count(
+            f"pages that could not be drawn ({type(error).__name__} at {where})", address_of(connection)
+        )
+        self._forget(visitor)
+        if connection is not None:
+            asyncio.run_coroutine_threadsafe(
+                connection.close(1011, "This page cannot be drawn."), self._server._event_loop
+            )
+
+    def _connection(self, visitor: int) -> ServerConnection | None:
+        return self._server._websock_server._live_connections.get(visitor)
 
     def _want_curves(self) -> None:
         """Let everything that is shown keep the signals that its visitors plot."""

@@ -1,92 +1,139 @@
-"""Files that a visitor sends to the page: viser's upload, which holds them in memory, with a bound.
+"""Files that a visitor sends to the page: they go to the disk part by part, within bounds.
 
-Viser itself takes files of any size from anybody. So its handlers of a visitor's transfers are replaced by ones that
-refuse before anything is kept.
+Viser itself takes files of any size from anybody, and holds them in memory. So its handlers of a visitor's transfers
+are replaced.
 """
 
+import time
 from collections.abc import Callable
-from typing import TypeVar
+from typing import BinaryIO, NamedTuple
 
 import viser
 from viser import _messages
 from viser.infra import ClientId
 
 from cmr.view import words
-from cmr.view.opening import RefusedLog
+from cmr.view.inputs import replace_handler
+from cmr.view.opening import LogFolder, OpenedLog, RefusedLog
 
 DROP = "Drop an event log, such as run.lcm, anywhere on this page. It is played for you alone."
 LAST = 1e18  # in the order of what is on a page, which otherwise is that of time
+SILENCE = 30.0  # s after which a file of which nothing more comes is given up
 Check = Callable[[int], None]
-Take = Callable[[str, bytes], None]
-M = TypeVar("M", bound=_messages.Message)
+Take = Callable[[OpenedLog], None]
+
+
+class _Transfer(NamedTuple):
+    """A file that is arriving, in parts [bytes] that have to come in their order; `received` of them have."""
+
+    start: _messages.FileTransferStartUpload
+    stream: BinaryIO
+    received: int
+    heard: float
 
 
 class Upload:
     """The folder of a page with which its visitor sends a file; a file that is dropped on the page comes here, too.
 
     It stays when the rest of the page changes, as the browser shows with it how much has been sent. `check(size)`
-    raises RefusedLog where a file of this size [bytes] may not be sent, `take(name, content)` where it is not what was
-    expected; `refuse(sentence)` says so. `check` and `take` are called by viser's threads.
+    raises RefusedLog where a file of this size [bytes] may not be sent; `take(log)` has a log that has come, in `logs`;
+    `refuse(sentence)` says why none is taken. They are called by viser's threads.
     """
 
-    def __init__(self, client: viser.ClientHandle, check: Check, take: Take, refuse: Callable[[str], None]) -> None:
-        self._gui, self._check, self._take, self._refuse = client.gui, check, take, refuse
+    def __init__(
+        self, client: viser.ClientHandle, logs: LogFolder, check: Check, take: Take, refuse: Callable[[str], None]
+    ) -> None:
+        self._gui, self._logs, self._check, self._take, self._refuse = client.gui, logs, check, take, refuse
+        self._transfer: _Transfer | None = None
         self.folder = client.gui.add_folder("open a log", order=LAST)
         with self.folder:
             client.gui.add_html(words.sentence(DROP))
             self.button = client.gui.add_upload_button("open a log ...", disabled=True, color="gray")
-        self.button.on_upload(self._arrived)
-        self._replace(_messages.FileTransferStartUpload, self._start)
-        self._replace(_messages.FileTransferPart, self._part)
+        replace_handler(self._gui, _messages.FileTransferStartUpload, self._start)
+        replace_handler(self._gui, _messages.FileTransferPart, self._part)
+
+    @property
+    def arriving(self) -> int:
+        """How many bytes the visitor is about to send."""
+        transfer = self._transfer
+        if transfer is None or time.monotonic() - transfer.heard > SILENCE:
+            return 0
+        return transfer.start.size_bytes
 
     def allow(self, allowed: bool) -> None:
         """Let the visitor use the button, or not; `check` refuses what comes nevertheless."""
         if self.button.disabled == allowed:
             self.button.disabled = not allowed
 
-    def _replace(self, message: type[M], ours: Callable[[ClientId, M], None]) -> None:
-        self._gui._websock_interface.unregister_handler(message)
-        self._gui._websock_interface.register_handler(message, ours)
+    def end(self) -> None:
+        """Forget a file of which not everything has come."""
+        transfer, self._transfer = self._transfer, None
+        if transfer is not None:
+            self._logs.drop(transfer.stream)
 
-    def _start(self, client_id: ClientId, message: _messages.FileTransferStartUpload) -> None:
+    def _start(self, _client_id: ClientId, message: _messages.FileTransferStartUpload) -> None:
+        self.end()
         try:
             self._check(message.size_bytes)
-        except RefusedLog as refused:
-            self._refuse(str(refused))
-            self._end_progress(message)
+            self._logs.check_room(message.size_bytes)
+            self._transfer = _Transfer(message, self._logs.begin(), 0, time.monotonic())
+        except (RefusedLog, OSError) as refused:
+            self._give_up(message, _sentence(refused))
         else:
-            self._gui._handle_file_transfer_start(client_id, message)
+            if message.part_count == 0:
+                self._finish(self._transfer)
 
-    def _part(self, client_id: ClientId, message: _messages.FileTransferPart) -> None:
-        state = self._gui._current_file_upload_states.get(message.transfer_uuid)
-        if state is not None and state["transferred_bytes"] + len(message.content) > state["total_bytes"]:
-            self._gui._current_file_upload_states.pop(message.transfer_uuid, None)  # more than was announced
-        else:
-            self._gui._handle_file_transfer_part(client_id, message)
+    def _part(self, _client_id: ClientId, message: _messages.FileTransferPart) -> None:
+        transfer = self._transfer
+        if transfer is None or message.transfer_uuid != transfer.start.transfer_uuid:
+            return
+        start, done = transfer.start, transfer.stream.tell() + len(message.content)
+        is_last = transfer.received + 1 == start.part_count
+        fits = done == start.size_bytes if is_last else done < start.size_bytes
+        if message.part_index != transfer.received or not message.content or not fits:
+            self.end()  # that is not how a page sends a file
+            return
+        try:
+            transfer.stream.write(message.content)
+        except OSError as error:
+            self._give_up(start, _sentence(error))
+            return
+        self._transfer = transfer._replace(received=transfer.received + 1, heard=time.monotonic())
+        self._acknowledge(start, done)
+        if is_last:
+            self._finish(self._transfer)
 
-    def _end_progress(self, message: _messages.FileTransferStartUpload) -> None:
-        """Let the browser end its display of progress, and have its button again."""
+    def _finish(self, transfer: _Transfer) -> None:
+        """Have a file looked into by another thread: it takes a moment, and the server serves others meanwhile."""
+        self._transfer = None
+        self._gui._thread_executor.submit(self._arrived, transfer)
+
+    def _arrived(self, transfer: _Transfer) -> None:
+        try:
+            self._take(self._logs.keep(transfer.start.filename, transfer.stream))
+        except (RefusedLog, OSError) as refused:
+            self._refuse(_sentence(refused))
+
+    def _give_up(self, start: _messages.FileTransferStartUpload, sentence: str) -> None:
+        self.end()
+        self._refuse(sentence)
+        self._acknowledge(start, start.size_bytes)  # the browser then ends its display, and has its button again
+
+    def _acknowledge(self, start: _messages.FileTransferStartUpload, done: int) -> None:
         self._gui._websock_interface.queue_message(
             _messages.FileTransferPartAck(
-                source_component_uuid=message.source_component_uuid,
-                transfer_uuid=message.transfer_uuid,
-                transferred_bytes=message.size_bytes,
-                total_bytes=message.size_bytes,
+                source_component_uuid=start.source_component_uuid,
+                transfer_uuid=start.transfer_uuid,
+                transferred_bytes=done,
+                total_bytes=start.size_bytes,
             )
         )
 
-    def _arrived(self, _event: object) -> None:
-        sent = self.button.value
-        self.button._impl.value = viser.UploadedFile("", b"")  # or it would stay in memory
-        try:
-            self._take(sent.name, sent.content)
-        except (RefusedLog, OSError) as refused:
-            self._refuse(str(refused))
 
-
-def arriving(client: viser.ClientHandle) -> int:
-    """Return how many bytes a visitor is about to send."""
-    return sum(state["total_bytes"] for state in list(client.gui._current_file_upload_states.values()))
+def _sentence(refused: Exception) -> str:
+    if isinstance(refused, OSError):
+        return f"The log cannot be kept here: {refused.strerror or refused}."
+    return str(refused)
 
 
 def clear(client: viser.ClientHandle, kept: viser.GuiFolderHandle) -> None:

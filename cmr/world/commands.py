@@ -4,6 +4,8 @@ import math
 
 from cmr.bus.streams import COMMAND_LIFETIME
 
+OTHER_CLOCK = 2 * COMMAND_LIFETIME  # us; what is older than the last command by more is of another clock
+
 
 class CommandMemory:
     """The newest motor command of one robot."""
@@ -14,10 +16,10 @@ class CommandMemory:
     def take(self, utime: int, left: float, right: float) -> None:
         """Take a command decided at `utime` [us].
 
-        One that is no number, or a little older than the last, is passed over; one that is older by more than a
-        command's lifetime comes from another clock, and counts.
+        One that is no number, or a little older than the last, is passed over; one that is much older comes from
+        another clock, and counts.
         """
-        in_order = not 0 < self._command[0] - utime <= COMMAND_LIFETIME
+        in_order = not 0 < self._command[0] - utime <= OTHER_CLOCK
         if in_order and math.isfinite(left) and math.isfinite(right):
             self._command = (utime, left, right)
 

@@ -53,9 +53,12 @@ class PoseGuard:
         self._news = False
         self._heard = 0
 
-    def take(self, message: pose_xyt_t) -> None:
-        """Take a pose_xyt_t; one that is no number is none, and the same one again is no news."""
-        if not math.isfinite(message.x + message.y + message.theta):
+    def take(self, message: pose_xyt_t, now: int) -> None:
+        """Take a pose_xyt_t at `now` [us]; the same one again is no news.
+
+        One of another clock does not take the place of one that is right.
+        """
+        if self._stamp is not None and abs(now - self._stamp) <= OLDEST_POSE < abs(now - message.utime):
             return
         self.place = (message.x, message.y)
         if message.utime != self._stamp:

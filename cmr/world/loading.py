@@ -51,8 +51,8 @@ class Loader:
         """What keeps robots from being simulated by the newest parameters, empty if nothing does for long."""
         if self._is_loading and time.monotonic() - self._since > LONG:
             return (
-                "The robot model is being loaded, or compiled, which takes about 20 s on the first use of a computer. "
-                "Until then no robot moves."
+                "The robot model is still being loaded. What it takes for effects that are new here is compiled first, "
+                "which takes about 20 s. Virtual robots do not move yet."
             )
         return self._failure
 

@@ -3,15 +3,18 @@
 import math
 
 from cmr.bus.estop import EmergencyStop
+from cmr.bus.gate import Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
+from cmr.bus.possible import OUT_OF_REACH, is_out_of_reach
 from cmr.bus.streams import identify
 from cmr.geometry.obstacles import Geofence
 from cmr.model.body import forward
 from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.parameters import RobotParameters
 from cmr.msg import motor_feedback_t, parameters_t, pose_xyt_t, waypoints_t, world_state_t
-from cmr.parameters.file import ParameterFileError
+from cmr.parameters.caution import SPEED, TURN_RATE, Caution, duties_for
+from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import Command
 from cmr.recordings.commanding import command_of
@@ -25,6 +28,12 @@ OTHER_KIND = (
     "another --command than {kind}, or other parameters of robot {robot}: with top_wheel_speed they are of a robot "
     "that takes velocities or wheel speeds, with k1 of one that takes duties"
 )
+WAITING = (
+    "New parameters of robot {robot} wait until it rests: they change the duty for {speed:g} m/s from {now[0]:.3f} to "
+    "{new[0]:.3f}, and that for turning at {turn:g} rad/s from {now[1]:.3f} to {new[1]:.3f}."
+)
+UNUSABLE = "New parameters of robot {robot} wait until it rests, as it cannot be driven by them in the same way."
+AN_ACCEPTED_ZERO = "cmr-driver to accept a zero command (needed after start-up and after an emergency stop)"
 FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
 
 
@@ -52,6 +61,7 @@ class Pilot:
         self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
         self.parameters = parameters
         self.waiting_for = "the world"
+        self.gate = Gate(pose_xyt_t)  # whose stamps are looked at by `_poses`
         self._keep_clear = keep_clear
         self._fence = FenceGuard(robot_id, geofence, margin) if geofence else None
         self._poses = PoseGuard(robot_id, needed=geofence is not None)
@@ -60,6 +70,9 @@ class Pilot:
         self._estop = EmergencyStop()
         self._zeros_to_send = 0
         self._kind = kind
+        self._caution = Caution[ParameterFile](_duties_of)
+        self._sha256 = ""
+        self._look_at_parameters()
 
     @property
     def left_fence(self) -> str:
@@ -73,34 +86,80 @@ class Pilot:
         if self._keep_clear:
             load()
 
+    def turn(self, utime: int) -> None:
+        """Note that it is `utime` [us]; to be called before messages are handled."""
+        self.gate.turn(utime)
+
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N."""
+        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N.
+
+        What stands in them must be possible: `gate` says what was not.
+        """
         _, robot_id = identify(channel) or (None, None)
         self._estop.handle(utime, channel, message)
-        if isinstance(message, world_state_t):
-            self._world.handle(utime, channel, message)
-        elif robot_id != self.robot_id:
+        if robot_id not in (None, self.robot_id):
             return
-        elif isinstance(message, pose_xyt_t):
-            self._poses.take(message)
-        elif isinstance(message, motor_feedback_t):
-            if message.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
+        usable = self.gate.let_in(channel, message)
+        if isinstance(usable, world_state_t):
+            self._world.handle(utime, channel, usable)
+        elif isinstance(usable, pose_xyt_t):
+            self._poses.take(usable, self.gate.now)
+        elif isinstance(usable, motor_feedback_t):
+            if usable.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
                 self._zeros_to_send = FIRST_ZEROS
-        elif isinstance(message, parameters_t):
-            self.parameters.handle(utime, channel, message)
-        elif isinstance(message, waypoints_t):
-            self.behaviour.take_waypoints(list(message.x), list(message.y))
+        elif isinstance(usable, parameters_t):
+            self.parameters.handle(utime, channel, usable)
+        elif isinstance(usable, waypoints_t):
+            self._take_path(channel, usable)
+
+    def _take_path(self, channel: str, path: waypoints_t) -> None:
+        me = self._world.robot(self.robot_id)
+        if me is not None and is_out_of_reach(path, me.state.x, me.state.y):
+            self.gate.refuse(channel, OUT_OF_REACH)
+        else:
+            self.behaviour.take_waypoints(list(path.x), list(path.y))
+
+    @property
+    def parameters_sha256(self) -> str:
+        """The digest of the parameters in use."""
+        return self._sha256
+
+    @property
+    def new_parameters(self) -> str:
+        """The sentence that says that parameters wait until the robot rests, with both duties; empty if none do."""
+        now, new = self._caution.values()
+        if self._caution.waiting is None:
+            return ""
+        text = WAITING if now and new and now[2] == new[2] else UNUSABLE
+        return text.format(robot=self.robot_id, speed=SPEED, turn=TURN_RATE, now=now, new=new)
+
+    def confirm_parameters(self) -> None:
+        """Use the parameters that wait: a person said so."""
+        self._caution.confirm()
+        self._look_at_parameters()
+
+    def _look_at_parameters(self) -> None:
+        """Take over the newest parameters, unless they must wait."""
+        newest = self.parameters.parameters
+        if newest is not None:
+            if newest is not self._caution.now:
+                self._caution.offer(newest)
+            if newest is self._caution.now:
+                self._sha256 = self.parameters.sha256
 
     @property
     def kind(self) -> str:
         """What the robot is commanded, of cmr.model.command_kinds."""
-        known = self.parameters.parameters
+        self._look_at_parameters()
+        known = self._caution.now
         return self._kind or (VELOCITY if known is not None and known.has_velocity_controller else DUTY)
 
     def command(self, utime: int) -> Command:
         """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
+        self.turn(utime)
+        self._look_at_parameters()
         duties = self._decide(utime)
-        known = self.parameters.parameters
+        known = self._caution.now
         controller = known.velocity_controller if known is not None and any(duties) else None
         return command_of(self.kind, utime, self.robot_id, duties, controller)
 
@@ -110,6 +169,8 @@ class Pilot:
 
     def _decide(self, utime: int) -> tuple[float, float]:
         me = self._world.robot(self.robot_id)
+        if me is not None:
+            self._caution.note_motion(me.utime, me.state.psi_left, me.state.psi_right)
         model, without_model = self._model()
         without_poses = self._poses.missing(utime)
         self._look_at_fence(me, model)
@@ -119,7 +180,7 @@ class Pilot:
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
             self._zeros_to_send = FIRST_ZEROS
         elif self._zeros_to_send:
-            self.waiting_for = "the driver to hear of zero, after its start or an emergency stop"
+            self.waiting_for = AN_ACCEPTED_ZERO
             self._zeros_to_send -= 1
         elif me is None or utime - me.utime > OLDEST_WORLD:
             self.waiting_for = f"robot {self.robot_id} in WORLD_STATE (from cmr-sim and its driver)"
@@ -141,13 +202,14 @@ class Pilot:
         return duties
 
     def _model(self) -> tuple[RobotParameters | None, str]:
-        """Return the robot's parameters, or what is missing of them."""
-        if self.parameters.parameters is None:
-            return None, f"parameters of robot {self.robot_id}. {self.parameters.message}"
+        """Return the robot's parameters in use, or what is missing of them."""
+        known = self._caution.now
+        if known is None:
+            return None, f"parameters of robot {self.robot_id}. {self.parameters.message.removesuffix('.')}"
         try:
-            if self.parameters.parameters.has_velocity_controller != (self.kind != DUTY):
+            if known.has_velocity_controller != (self.kind != DUTY):
                 return None, OTHER_KIND.format(kind=self.kind, robot=self.robot_id)
-            return self.parameters.parameters.robot_parameters, ""
+            return known.robot_parameters, ""
         except ParameterFileError as error:
             return None, f"complete parameters of robot {self.robot_id}: {error}"
 
@@ -161,3 +223,11 @@ class Pilot:
             speed = float(forward(me.state.psi_left, me.state.psi_right, model)) if model else 0.0
             going = (speed * math.cos(me.state.theta), speed * math.sin(me.state.theta))
             self._fence.look(me.state.x, me.state.y, going)
+
+
+def _duties_of(parameters: ParameterFile) -> tuple[float, ...] | None:
+    """Return duties for the same speeds, and by what a robot is commanded; None where something is missing."""
+    try:
+        return (*duties_for(parameters.robot_parameters), 1.0 + parameters.has_velocity_controller)
+    except ParameterFileError:
+        return None

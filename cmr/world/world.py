@@ -11,7 +11,9 @@ from types import MappingProxyType
 import numpy as np
 
 from cmr.bus.estop import EmergencyStop
+from cmr.bus.gate import Gate
 from cmr.bus.message import Message
+from cmr.bus.possible import OUT_OF_REACH, is_out_of_reach
 from cmr.bus.streams import identify
 from cmr.geometry.obstacles import Floats, Obstacles
 from cmr.model.body import wrap
@@ -23,14 +25,14 @@ from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.commanding import COMMANDS, duties_of
 from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
-from cmr.world.commands import CommandMemory
 from cmr.world.deciding import Deciding
-from cmr.world.estimator import Estimator
+from cmr.world.estimator import Reset
 from cmr.world.fleet import STEP, Fleet, Key
 from cmr.world.interaction.body import Bodies, body_radius
 from cmr.world.others import Others
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.reaction import Reaction
+from cmr.world.real_robot import RealRobot
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 MEASURED = (motor_feedback_t, pose_xyt_t, gyro_t)  # what only real robots send
@@ -57,15 +59,6 @@ class VirtualRobot:
     y: float = 0.0
     theta: float = 0.0
     radius: float | None = None
-
-
-class _RealRobot:
-    """What the world keeps of a real robot."""
-
-    def __init__(self, robot_id: int) -> None:
-        self.estimator = Estimator(robot_id)
-        self.commands = CommandMemory()
-        self.last_driven = 0
 
 
 def _starting(virtual: list[VirtualRobot], parameters_of: int) -> Robots:
@@ -107,6 +100,7 @@ class World:
     ) -> None:
         self.view = WorldView()
         self.estop = EmergencyStop()
+        self.gate = Gate(world_state_t)  # whose stamps `others` looks at
         self.parameters: dict[int, ParameterFollower] = {}
         self.others = Others(robot.robot_id for robot in virtual)
         self.crowded = False  # whether more robots were heard of than are followed
@@ -123,7 +117,7 @@ class World:
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
         self._absent = {robot_id: _starting(virtual, robot_id) for robot_id in {r.parameters_of for r in virtual}}
-        self._real: dict[int, _RealRobot] = {}
+        self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
         radius = {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None}
         self._fleet = Fleet(self.view.obstacles, radius)
@@ -148,23 +142,31 @@ class World:
         """The ids of the real robots heard of so far."""
         return sorted(self._real)
 
+    def turn(self, utime: int) -> None:
+        """Note that it is `utime` [us]; to be called before messages are handled that may have waited."""
+        self.gate.turn(utime)
+
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take one message from the bus or from a log."""
-        _, robot_id = identify(channel) or (None, None)
+        """Take one message from the bus or from a log, if it can be: `gate` says what cannot."""
         self.estop.handle(utime, channel, message)
-        if isinstance(message, world_state_t):
-            self._take_others(message)
-        if robot_id is None:
-            return
+        usable = self.gate.let_in(channel, message)
+        if isinstance(usable, world_state_t):
+            self._take_others(usable)
+        _, robot_id = identify(channel) or (None, None)
+        if usable is not None and robot_id is not None:
+            self._take(utime, channel, robot_id, usable)
+
+    def _take(self, utime: int, channel: str, robot_id: int, message: Message) -> None:
+        """Take a message of one robot."""
         if isinstance(message, (parameters_t, *MEASURED)) and not self._takes_in(robot_id):
             return
         if isinstance(message, parameters_t):
             if self._parameters_of(robot_id).handle(utime, channel, message):
                 self._take_over(robot_id)
         elif robot_id in self._virtual:
-            self._handle_virtual(robot_id, message)
+            self._handle_virtual(robot_id, channel, message)
         elif isinstance(message, MEASURED) and self._estimates(robot_id):
-            self._real_robot(robot_id).estimator.handle(utime, channel, message)
+            self.gate.refuse(channel, self._real_robot(robot_id).handle(utime, channel, message))
         elif isinstance(message, COMMANDS) and robot_id in self._real:
             duties = duties_of(message, self._controller_of(robot_id))
             if duties is not None:
@@ -184,6 +186,7 @@ class World:
         Of many robots with behaviours of their own, each decides at every second, third, ... step (`deciding`).
         """
         self._time = utime
+        self.gate.turn(utime)
         for robot_id in sorted(self._not_ready):
             self._take_over(robot_id)
         if self._absent:
@@ -229,6 +232,14 @@ class World:
         simulated = (*self._standing(), self._fleet.robots())
         return [*self.real(), *chain.from_iterable(robots.each(self._fleet.utime) for robots in simulated)]
 
+    def waiting(self) -> list[str]:
+        """Return, in sentences, whose parameters wait until a real robot rests."""
+        return [sentence for _, real in sorted(self._real.items()) if (sentence := real.waiting())]
+
+    def resets(self) -> dict[int, Reset]:
+        """Return the last new beginning of each real robot's estimate, by robot."""
+        return {k: real.estimator.reset for k, real in self._real.items() if real.estimator.reset is not None}
+
     def real(self) -> list[Robot]:
         """Return the real robots heard of lately and known; one whose clock is off by more is as good as not heard."""
         return [
@@ -267,9 +278,9 @@ class World:
         self.crowded = len(self.parameters) >= self._most_followed
         return not self.crowded
 
-    def _real_robot(self, robot_id: int) -> _RealRobot:
+    def _real_robot(self, robot_id: int) -> RealRobot:
         if robot_id not in self._real:
-            self._real[robot_id] = _RealRobot(robot_id)
+            self._real[robot_id] = RealRobot(robot_id)
             self.others.claim(robot_id)
             self._parameters_of(robot_id)
             self._take_over(robot_id)
@@ -291,7 +302,7 @@ class World:
         if model is None:
             return
         if robot_id in self._real:
-            self._real[robot_id].estimator.parameters = model
+            self._real[robot_id].use(model)
         ready = [self._ready(one) for one in (model, *self._kinds)]  # all begin to get ready
         if not all(ready):
             self._not_ready.add(robot_id)
@@ -322,9 +333,11 @@ class World:
         own = self._own_parameters
         return together([model if origin == TWIN else own.get(robot_id, model) for robot_id, origin in keys])
 
-    def _handle_virtual(self, robot_id: int, message: Message) -> None:
-        behaviour = self._virtual[robot_id].behaviour
-        if isinstance(message, waypoints_t):
+    def _handle_virtual(self, robot_id: int, channel: str, message: Message) -> None:
+        behaviour, me = self._virtual[robot_id].behaviour, self.view.robot(robot_id)
+        if isinstance(message, waypoints_t) and me is not None and is_out_of_reach(message, me.state.x, me.state.y):
+            self.gate.refuse(channel, OUT_OF_REACH)
+        elif isinstance(message, waypoints_t):
             x, y = list(message.x), list(message.y)
             if isinstance(behaviour, TeamBehaviour):
                 behaviour.take_waypoints(robot_id, x, y)
@@ -343,7 +356,7 @@ class World:
         except ParameterFileError:
             return None  # incomplete
 
-    def _begin_drive(self, robot_id: int, real: _RealRobot, utime: int) -> None:
+    def _begin_drive(self, robot_id: int, real: RealRobot, utime: int) -> None:
         """At the beginning of each drive, put a real robot's twin where its robot is."""
         if not any(self._command_of(robot_id, real, utime)):
             return
@@ -354,7 +367,7 @@ class World:
             self._fleet.place([(robot_id, TWIN)], start, model)
         real.last_driven = utime
 
-    def _command_of(self, robot_id: int, real: _RealRobot, utime: int) -> tuple[float, float]:
+    def _command_of(self, robot_id: int, real: RealRobot, utime: int) -> tuple[float, float]:
         return (0.0, 0.0) if self.estop.holds(robot_id) else real.commands.at(utime)
 
     def _decide(self, utime: int) -> None:

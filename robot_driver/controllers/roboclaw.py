@@ -6,25 +6,34 @@ device does not understand is answered with silence. Source: RoboClaw user manua
 """
 
 import struct
-from binascii import crc_hqx
 from collections.abc import Callable
 from typing import TypeVar
 
 from cmr.msg import motor_feedback_t
 from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
+from robot_driver.gate.wire_roboclaw import (
+    ACKNOWLEDGED,
+    CRC_BYTES,
+    DRIVE_BOTH,
+    FIRST_ADDRESS,
+    FULL_DUTY,
+    READ_BATTERY,
+    READ_CURRENTS,
+    READ_ENCODERS,
+    READ_STATUS,
+    READ_TEMPERATURE,
+    READ_VERSION,
+    READ_WATCHDOG,
+    SET_WATCHDOG,
+    WATCHDOG_STEP,
+    crc,
+    packet,
+)
 
 T = TypeVar("T")
 
-FIRST_ADDRESS = 0x80
-ACKNOWLEDGED = b"\xff"
-FULL_DUTY = 32767  # -32768 is to be avoided
-CRC_BYTES = 2
 LONGEST_VERSION = 48  # bytes, including the final LF and NUL
-WATCHDOG_STEP = 0.1  # s
 STATUS_LENGTHS = (4, 2, 1)  # bytes; by age of the firmware, newest first
-
-SET_WATCHDOG, READ_WATCHDOG, READ_VERSION, READ_BATTERY = 14, 15, 21, 24
-DRIVE_BOTH, READ_CURRENTS, READ_ENCODERS, READ_TEMPERATURE, READ_STATUS = 34, 49, 78, 82, 90
 
 _ESTOP = motor_feedback_t.STATUS_ESTOP
 _TEMPERATURE = motor_feedback_t.STATUS_TEMPERATURE
@@ -45,11 +54,6 @@ STATUS_BITS: dict[int, dict[int, int]] = {
     # of the others: were it another bit, they would be held without need, or go on at once when the stop is released.
     1: {_ESTOP: 0x04, _TEMPERATURE: 0x08, _BATTERY: 0xF0, _MOTOR_FAULT: 0x03},
 }
-
-
-def crc(data: bytes) -> int:
-    """Return the CRC-16/XMODEM of `data`, as every packet carries it, high byte first."""
-    return crc_hqx(data, 0)
 
 
 class RoboClaw(Controller):
@@ -150,9 +154,7 @@ def _write(header: bytes, data: bytes, done: T) -> Request[T]:
             raise BadReply(f"{_name(header)} was answered with {reply.hex()} instead of ff.")
         return done
 
-    packet = header + data
-    packet += struct.pack(">H", crc(packet))
-    return Request(_name(header), packet, 1, lambda reply: 1 - len(reply), parse)
+    return Request(_name(header), packet(header, data), 1, lambda reply: 1 - len(reply), parse)
 
 
 def _read(header: bytes, layout: str, convert: Callable[..., T]) -> Request[T]:

@@ -20,12 +20,11 @@ from typing import TypeVar
 
 from cmr.msg import motor_feedback_t
 from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
+from robot_driver.gate.wire_roboteq import DONE, END, FULL_DUTY
 
 T = TypeVar("T")
 
-END = b"\r"
-DONE, REFUSED = b"+\r", b"-\r"
-FULL_DUTY = 1000
+REFUSED = b"-\r"
 LONGEST_IDENTITY = 80  # bytes; real ones have some 40
 LONGEST_VALUE = 11  # characters: -2147483648
 LONGEST_WATCHDOG = 65000  # ms

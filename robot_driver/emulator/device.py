@@ -1,7 +1,9 @@
 """What every emulated serial device offers to the engine: bytes and time in, bytes and time out, no I/O."""
 
+from collections import Counter
 from typing import NamedTuple, Protocol
 
+MOST_KINDS, OTHERS = 300, "others"
 BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit
 
 
@@ -30,6 +32,20 @@ class Device(Protocol):
 
     def wake(self, time: float) -> list[Transmission]:
         """Act; called when `wake_time` has come."""
+
+
+class NotUnderstood(Counter[str]):
+    """How often a device did not understand what it was sent, by what that was; of many kinds the last are OTHERS."""
+
+    def note(self, what: str) -> None:
+        """Count one."""
+        self[what if what in self or len(self) < MOST_KINDS else OTHERS] += 1
+
+
+def not_understood(device: Device) -> Counter[str]:
+    """Return how often a device did not understand what it was sent, by what that was; empty if it does not count."""
+    counted = getattr(device, "not_understood", None)
+    return counted if isinstance(counted, Counter) else Counter()
 
 
 def byte_time(baud: int) -> float:

@@ -11,7 +11,7 @@ from typing import Protocol
 from cmr.priority import go_first
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.robot_in_time import RobotInTime
+from robot_driver.emulator.robot_in_time import RobotInTime, StreamingAdapter
 from robot_driver.emulator.sensors import MotionCapture, Pose
 
 LONGEST_WAIT = 0.5  # s
@@ -58,6 +58,7 @@ class Engine:
             plant,
             devices,
             lambda name, data: self._ports[name].write(data),
+            adapters={name: StreamingAdapter() for name in devices},
             motion_capture=motion_capture,
             on_pose=on_pose,
         )

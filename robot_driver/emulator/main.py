@@ -3,6 +3,7 @@
 import signal
 import tempfile
 from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping
 from pathlib import Path
 
 from cmr.bus.messages import make
@@ -13,19 +14,21 @@ from cmr.cli.errors import CommandError
 from cmr.cli.options import add_options, made_of
 from cmr.model.command_kinds import DUTY
 from cmr.msg import pose_xyt_t
+from cmr.plain_text import plain
 from cmr.priority import go_first
-from robot_driver.emulator.device import Device
+from robot_driver.emulator.device import Device, not_understood
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.options import Emulation
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports, PortsError
+from robot_driver.emulator.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs
+MOST_NAMED = 10  # kinds of what was not understood
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -77,7 +80,7 @@ def _options(arguments: list[str]) -> tuple[Namespace, Emulation]:
 
 
 def _default_folder(robot_id: int) -> Path:
-    return Path(tempfile.gettempdir()) / f"cmr-robot-{robot_id}"
+    return Path(tempfile.gettempdir()) / f"{DEFAULT_FOLDER}{robot_id}"
 
 
 def _devices(options: Namespace, settings: Settings, plant: Plant) -> dict[str, Device]:
@@ -101,6 +104,7 @@ def _run_on_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
             _announce(options.robot, ports)
             for _ in process.loop(1.0 / CHECK_PERIOD):
                 engine.check()
+        _name_what_was_not_understood(devices)
     return process.exit_code
 
 
@@ -127,11 +131,22 @@ def _run_without_bus(options: Namespace, settings: Settings, ports: Ports) -> in
     plant = Plant(settings)
     # Blocked, the signals wait until they are asked for, also while the ports are being made and removed.
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    with ports, Engine(plant, _devices(options, settings, plant), ports.terminals) as engine:
+    devices = _devices(options, settings, plant)
+    with ports, Engine(plant, devices, ports.terminals) as engine:
         _announce(options.robot, ports)
         while signal.sigtimedwait(SIGNALS, CHECK_PERIOD) is None:
             engine.check()
+    _name_what_was_not_understood(devices)
     return EXIT_INTERRUPTED
+
+
+def _name_what_was_not_understood(devices: Mapping[str, Device]) -> None:
+    """Name what clients sent and devices do not know, the most frequent first."""
+    for port, device in devices.items():
+        counted = not_understood(device).most_common(MOST_NAMED)
+        if counted:
+            named = plain(", ".join(f"{what} ({count})" for what, count in counted))
+            print(f"cmr-emulate: not understood on port {port}: {named}", flush=True)
 
 
 def _announce(robot_id: int, ports: Ports) -> None:

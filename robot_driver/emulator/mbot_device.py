@@ -1,34 +1,57 @@
 """The device's side of the MBot control board: motors, encoders, gyro and battery behind one USB port.
 
-Index 0 is the left wheel, 1 the right one, which turns the other way: forward is + and -. Sources:
+Index 0 is the left wheel, 1 the right one, which turns the other way: forward is + and -. Speeds of wheels and of the
+body are driven in open loop, by the calibration of the motors that the board keeps. Sources:
 mbot-project/mbot_firmware, src/mbot_classic.c, src/mbot_comms.c and comms/src/listener.c.
 """
 
 import math
 import struct
+from collections.abc import Callable
+from ctypes import c_float, c_int64
 
-from robot_driver.emulator.device import Transmission, byte_time
+from robot_driver.emulator.boards.mbot_topics import (
+    ANALOG_IN,
+    ENCODERS,
+    ENCODERS_RESET,
+    IMU,
+    MOTOR_PWM,
+    MOTOR_PWM_CMD,
+    MOTOR_VEL,
+    MOTOR_VEL_CMD,
+    ODOMETRY,
+    ODOMETRY_RESET,
+    SAID,
+    TAKEN,
+    TIMESYNC,
+    VEL,
+    VEL_CMD,
+)
+from robot_driver.emulator.device import NotUnderstood, Transmission, byte_time
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.sensors import YawGyro
 from robot_driver.emulator.settings import Settings
 
 START = b"\xff\xfe"
-TIMESYNC, MOTOR_PWM_CMD = 201, 230
-LENGTHS = {TIMESYNC: 8, MOTOR_PWM_CMD: 20}  # bytes of the commands that are known here
-ODOMETRY, IMU, ENCODERS, ANALOG_IN, MOTOR_VEL, MOTOR_PWM, VEL = 210, 220, 221, 223, 232, 233, 234
+HEADER_BYTES, FRAME_BYTES = 7, 8  # up to the payload; all that is not payload
 GRAVITY = 9.81  # m/s^2
 NO_FIELD, UPRIGHT = (0.0,) * 3, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # magnetometer; roll, pitch, yaw, quaternion
 LONGEST_STEP = 2**31 - 1  # us
 BATTERY_DIVIDER = 5.0
 RAW_PER_VOLT = 4096 / 3.3
+LARGEST_DUTY = 0.995  # beyond it the firmware gives the motors no more
 
 
 class MBotDevice:
-    """A board of the classic kind that drives `plant`; it knows the commands for duties and the time."""
+    """A board of the classic kind that drives `plant`.
+
+    `not_understood` counts frames of topics that it does not take, by number, and damaged ones.
+    """
 
     def __init__(self, settings: Settings, plant: Plant) -> None:
         self.byte_time = byte_time(0)  # USB
         self.duty = (0.0, 0.0)
+        self.not_understood = NotUnderstood()
         self.wake_time = self._period = 1.0 / settings.mbot.rate
         self._settings = settings
         self._plant = plant
@@ -39,31 +62,47 @@ class MBotDevice:
         self._told_time = -math.inf  # s
         self._is_told_time = False
         self._counts = (0, 0)
+        self._count_zero = (0, 0)
         self._last_utime = 0
+        self._odometry = (0.0, 0.0, 0.0)  # x, y (m), heading (rad)
+        self._against_friction = settings.plant.coulomb_friction / settings.robot.k2_over_k3  # duty
+        crossed = settings.mbot.takes_velocities
+        self._takes: dict[int, Callable[..., None]] = {
+            ODOMETRY_RESET: self._take_odometry,
+            VEL_CMD: self._take_velocity,
+            ENCODERS_RESET: self._take_counts,
+            MOTOR_PWM_CMD: self._take_wheel_speeds if crossed else self._take_duties,
+            MOTOR_VEL_CMD: self._take_duties if crossed else self._take_wheel_speeds,
+        }
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
         """Take bytes; carry out the commands that are complete. Nothing is answered at once."""
         self._waiting += data
         while (start := self._waiting.find(START)) >= 0:
             self._waiting = self._waiting[start:]
-            if len(self._waiting) < 7:
-                break
+            if len(self._waiting) < HEADER_BYTES:
+                return []
             length, check, topic = struct.unpack_from("<HBH", self._waiting, 2)
-            if LENGTHS.get(topic) != length or check != checksum(self._waiting[2:4]):
+            if check != checksum(self._waiting[2:4]) or not self._is_known(topic, length):
                 self._waiting = self._waiting[2:]
                 continue
-            if len(self._waiting) < 8 + length:
-                break
-            body, check = self._waiting[5 : 7 + length], self._waiting[7 + length]
+            if len(self._waiting) < FRAME_BYTES + length:
+                return []
+            body, check = self._waiting[5 : HEADER_BYTES + length], self._waiting[HEADER_BYTES + length]
             if check == checksum(body):
                 self._carry_out(topic, body[2:], time)
-            self._waiting = self._waiting[8 + length :]
+            else:
+                self.not_understood.note("wrong checksum")
+            self._waiting = self._waiting[FRAME_BYTES + length :]
+        self._waiting = self._waiting[-1:]  # what may be the beginning of a start
         return []
 
     def wake(self, time: float) -> list[Transmission]:
         """Go through the board's loop once: measure, drive and say everything while the time is known."""
         self.wake_time += self._period
         rate = self._gyro.rate(self._period)
+        forward, turning = self._body()
+        self._odometry = _moved(self._odometry, forward * self._period, turning * self._period)
         said = b""
         if self._is_told_time:
             self._drive(self._commanded)
@@ -73,55 +112,100 @@ class MBotDevice:
             self._is_told_time = False
         return [Transmission(time, said)] if said else []
 
+    def _is_known(self, topic: int, length: int) -> bool:
+        """Tell whether a topic is taken, with a payload of so many bytes; count what is not."""
+        known = topic in TAKEN and struct.calcsize(TAKEN[topic].layout) == length
+        if not known:
+            self.not_understood.note(f"topic {topic}" if topic in TAKEN or topic in SAID else "unknown topic")
+        return known
+
     def _carry_out(self, topic: int, payload: bytes, time: float) -> None:
+        utime, *values = struct.unpack(TAKEN[topic].layout, payload)
         if topic == TIMESYNC:
-            (utime,) = struct.unpack("<q", payload)
-            self._clock_offset = utime - round(time * 1e6)
-            self._told_time, self._is_told_time = time, True
-        elif topic == MOTOR_PWM_CMD:
-            _, left, right, _ = struct.unpack("<q3f", payload)
-            scale = self._settings.robot.k1 if self._settings.mbot.takes_velocities else 1.0
-            self._commanded = (scale * left, scale * right)
+            self._take_time(utime, time)
+        else:
+            self._takes[topic](*values)
+
+    def _take_time(self, utime: int, time: float) -> None:
+        self._clock_offset = utime - round(time * 1e6)
+        self._told_time, self._is_told_time = time, True
+
+    def _take_odometry(self, x: float, y: float, theta: float) -> None:
+        self._odometry = x, y, theta
+
+    def _take_counts(self, left: int, right: int, *_unused: int) -> None:
+        counts = self._turned()
+        self._count_zero = counts[0] - left, counts[1] - right
+
+    def _take_duties(self, left: float, right: float, _third: float) -> None:
+        self._commanded = left, right
+
+    def _take_wheel_speeds(self, left: float, right: float, _third: float) -> None:
+        self._commanded = self._calibrated(left), self._calibrated(right)
+
+    def _take_velocity(self, forward: float, _sideways: float, turning: float) -> None:
+        robot = self._settings.robot
+        of_turn = 0.5 * robot.base_width * turning
+        left, right = ((sign * forward - of_turn) / robot.wheel_radius for sign in (1.0, -1.0))
+        self._take_wheel_speeds(left, right, 0.0)
+
+    def _calibrated(self, speed: float) -> float:
+        """Return the duty for a speed of a wheel (rad/s), as the board's calibration has it; none for no number."""
+        if not abs(speed) > 0.0:
+            return 0.0
+        return c_float(self._settings.robot.k1 * speed + math.copysign(self._against_friction, speed)).value
 
     def _clock(self, time: float) -> int:
-        return round(time * 1e6) + self._clock_offset
+        return c_int64(round(time * 1e6) + self._clock_offset).value
 
     def _drive(self, duty: tuple[float, float]) -> None:
         if duty != self.duty:
             self.duty = duty
-            self._plant.command(duty[0], -duty[1])
+            self._plant.command(_for_motor(duty[0]), _for_motor(-duty[1]))
+
+    def _wheels(self) -> tuple[float, float]:
+        """Return the speeds of both wheels (rad/s)."""
+        return self._plant.left.velocity, -self._plant.right.velocity
+
+    def _body(self) -> tuple[float, float]:
+        """Return the velocity forwards (m/s) and the rate of turn (rad/s) by the wheels."""
+        (left, right), robot = self._wheels(), self._settings.robot
+        return robot.wheel_radius * (left - right) / 2.0, robot.wheel_radius * (-left - right) / robot.base_width
 
     def _everything(self, utime: int, rate: float) -> bytes:
         """Return what one turn of the loop says, in the firmware's order."""
-        wheels = (self._plant.left.velocity, -self._plant.right.velocity)
-        robot = self._settings.robot
-        forward = robot.wheel_radius * (wheels[0] - wheels[1]) / 2.0
-        turning = robot.wheel_radius * (-wheels[0] - wheels[1]) / robot.base_width
         imu = (0.0, 0.0, rate, 0.0, 0.0, GRAVITY, *NO_FIELD, *UPRIGHT, 25.0)
         battery = self._plant.battery_voltage()
         raw = round(battery / BATTERY_DIVIDER * RAW_PER_VOLT)
+        forward, turning = self._body()
         return b"".join(
             (
-                self._encoders(utime),
-                self._frame(ODOMETRY, struct.pack("<q3f", utime, self._plant.x, self._plant.y, self._plant.theta)),
-                self._frame(IMU, struct.pack("<q17f", utime, *imu)),
-                self._frame(ANALOG_IN, struct.pack("<q4h4f", utime, 0, 0, 0, raw, 0.0, 0.0, 0.0, battery)),
-                self._frame(VEL, struct.pack("<q3f", utime, forward, 0.0, turning)),
-                self._frame(MOTOR_VEL, struct.pack("<q3f", utime, *wheels, 0.0)),
-                self._frame(MOTOR_PWM, struct.pack("<q3f", utime, *self.duty, 0.0)),
+                self._frame(ENCODERS, utime, *self._encoders(utime)),
+                self._frame(ODOMETRY, utime, *self._odometry),
+                self._frame(IMU, utime, *imu),
+                self._frame(ANALOG_IN, utime, 0, 0, 0, raw, 0.0, 0.0, 0.0, battery),
+                self._frame(VEL, utime, forward, 0.0, turning),
+                self._frame(MOTOR_VEL, utime, *self._wheels(), 0.0),
+                self._frame(MOTOR_PWM, utime, *self.duty, 0.0),
             )
         )
 
-    def _encoders(self, utime: int) -> bytes:
+    def _turned(self) -> tuple[int, int]:
+        """Return what both encoders have counted since power-up."""
         left, right = self._plant.encoder_counts()
-        counts = (math.floor(left), -math.floor(right))
-        steps = (counts[0] - self._counts[0], counts[1] - self._counts[1])
-        elapsed = min(utime - self._last_utime, LONGEST_STEP)
-        self._counts, self._last_utime = counts, utime
-        return self._frame(ENCODERS, struct.pack("<q3q3ii", utime, *counts, 0, *steps, 0, elapsed))
+        return math.floor(left), -math.floor(right)
 
-    def _frame(self, topic: int, payload: bytes) -> bytes:
-        return frame(topic + self._settings.mbot.topics_from, payload)
+    def _encoders(self, utime: int) -> tuple[int, ...]:
+        """Return counts, counts since the last turn of the loop, and its time (us)."""
+        turned = self._turned()
+        steps = (turned[0] - self._counts[0], turned[1] - self._counts[1])
+        elapsed = max(-LONGEST_STEP, min(utime - self._last_utime, LONGEST_STEP))
+        self._counts, self._last_utime = turned, utime
+        counts = [c_int64(count - zero).value for count, zero in zip(turned, self._count_zero, strict=True)]
+        return *counts, 0, *steps, 0, elapsed
+
+    def _frame(self, topic: int, *values: float) -> bytes:
+        return frame(topic + self._settings.mbot.topics_from, struct.pack(SAID[topic].layout, *values))
 
 
 def frame(topic: int, payload: bytes) -> bytes:
@@ -133,3 +217,16 @@ def frame(topic: int, payload: bytes) -> bytes:
 def checksum(data: bytes) -> int:
     """Return 255 minus the sum of all bytes modulo 256."""
     return 255 - sum(data) % 256
+
+
+def _for_motor(duty: float) -> float:
+    """Return the duty that the motor gets; none where it is not a number."""
+    return 0.0 if math.isnan(duty) else max(-LARGEST_DUTY, min(LARGEST_DUTY, duty))
+
+
+def _moved(odometry: tuple[float, float, float], way: float, turned: float) -> tuple[float, float, float]:
+    """Return x, y (m) and heading (rad) after a way (m) and a turn (rad); one that is not finite leads nowhere."""
+    x, y, theta = odometry
+    if not math.isfinite(theta):
+        return odometry
+    return x + way * math.cos(theta), y + way * math.sin(theta), theta + turned

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 READ_SIZE = 4096  # bytes; what the kernel holds for a pseudo-terminal
+DEFAULT_FOLDER = "cmr-robot-"  # and the number of the robot, among the temporary files
 
 
 class PortsError(Exception):
@@ -128,15 +129,28 @@ class Ports:
 
     def _take_folder(self, resources: contextlib.ExitStack) -> None:
         """Make the folder if need be and lock it: two emulators must not take each other's links."""
-        if not self._folder.exists():
-            self._folder.mkdir(parents=True)
-            resources.callback(_remove_if_empty, self._folder)
+        is_new = not self._folder.exists()
+        self._folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
         resources.callback(os.close, descriptor)
+        if is_new:
+            resources.callback(_remove_if_empty, self._folder)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise PortsError(f"Another emulator has its ports in {self._folder}. Choose another --ports.") from error
+        left = self._left_behind()
+        for path in left:
+            path.unlink(missing_ok=True)
+        if left and not is_new and self._folder.name.startswith(DEFAULT_FOLDER):  # nobody else made it
+            resources.callback(_remove_if_empty, self._folder)
+
+    def _left_behind(self) -> list[Path]:
+        """Return the links of an emulator that was killed; none where the folder holds anything else."""
+        paths = list(self._folder.iterdir())
+        names = {path: path.name.removeprefix(".").partition(".")[0] for path in paths}
+        are_ours = all(path.is_symlink() and name in self.paths for path, name in names.items())
+        return paths if are_ours else []
 
 
 def link(path: Path, target: str) -> None:

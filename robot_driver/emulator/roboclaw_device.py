@@ -1,8 +1,8 @@
-"""The device's side of RoboClaw packet serial. Motor and encoder 1 are the left side, 2 the right side.
+"""The device's side of RoboClaw packet serial: packets, their timing and their checksums.
 
 Source: RoboClaw user manual, "Packet Serial Commands". Requests to read carry no CRC; requests to write and all
 answers to reads end with CRC-16/XMODEM, high byte first. There is no negative answer: what is not understood
-is met with silence.
+is met with silence. The commands are in `boards.roboclaw_commands`.
 """
 
 import binascii
@@ -10,60 +10,56 @@ import math
 import struct
 from collections.abc import Callable
 
-from robot_driver.emulator.device import Transmission, byte_time
+from robot_driver.emulator.boards.roboclaw import RefusedError, RoboclawBoard
+from robot_driver.emulator.boards.roboclaw_commands import COMMANDS, Read, Write
+from robot_driver.emulator.device import NotUnderstood, Transmission, byte_time
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Settings
 
 PACKET_GAP = 0.010  # s; a longer silence within a packet makes the device drop it
-FULL_DUTY = 32767
 ADDRESSES = range(0x80, 0x88)  # of the units that can share a line
 ACKNOWLEDGED = b"\xff"
-BUFFER_EMPTY = 0x80
-TIMEOUT_UNIT = 0.1  # s
-AVERAGE_PERIOD = 1.0  # s; command 108 averages over the last full second
-HEALTHY = 0  # status word of command 90
-BACKWARD = 1  # status byte of the speed commands
-VERSION = b"USB Roboclaw 2x15a v4.2.8\n\x00"
+CRC_BYTES = 2
 
 
 class RoboclawDevice:
-    """A RoboClaw that drives `plant`, by `command` if that is given; it answers one address and ignores the others."""
+    """A RoboClaw that drives `plant`, by `command` if that is given; it answers one address and ignores the others.
+
+    `commands` are those that it knows. `not_understood` counts what it met with silence: commands that it does not know
+    or whose values it refused, by number, and packets with a wrong checksum.
+    """
 
     def __init__(self, settings: Settings, plant: Plant, command: Callable[[float, float], None] | None = None) -> None:
-        self._command = command or plant.command
         self.byte_time = byte_time(settings.roboclaw.baud)
-        self.duty = [0, 0]
-        self._plant = plant
-        self._settings = settings
+        self.board = RoboclawBoard(settings, plant, command)
+        self.commands = dict(COMMANDS)
+        self.not_understood = NotUnderstood()
+        self._address = settings.roboclaw.address
         self._packet = b""
         self._deaf = False
         self._last_byte_time = -math.inf
-        self._timeout = 0.0
-        self._encoder_zero = [0, 0]
-        self._average_due = AVERAGE_PERIOD
-        self._average_start = self._counts()
-        self._average_speeds = (0, 0)
-        self._reads = self._table_of_reads()
-        self._writes = self._table_of_writes()
+
+    @property
+    def duty(self) -> list[int]:
+        """What the motors get."""
+        return self.board.duty
 
     @property
     def wake_time(self) -> float:
-        """When the motors time out or the next full second ends, whichever is first."""
-        return min(self._average_due, self._motor_deadline())
+        """When the motors time out, a loop is to be stepped or the next full second ends, whichever is first."""
+        return min(self.board.average_due, self.board.loop_due, self._motor_deadline())
 
     def wake(self, time: float) -> list[Transmission]:
-        """Stop the motors if the line has been silent too long; measure average speeds once a second."""
+        """Stop the motors if the line has been silent too long; do what else is due."""
+        self.board.time = time
         if time >= self._motor_deadline():
-            self._drive(0, 0)
-        if time >= self._average_due:
-            counts = self._counts()
-            self._average_speeds = (counts[0] - self._average_start[0], counts[1] - self._average_start[1])
-            self._average_start = counts
-            self._average_due += AVERAGE_PERIOD
+            self.board.stop()
+        self.board.go_on()
         return []
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
         """Take bytes of which the last has arrived at `time`; carry out every packet that is complete."""
+        self.board.time = time
         first_byte_start = time - len(data) * self.byte_time
         if first_byte_start - self._last_byte_time > PACKET_GAP:
             self._packet, self._deaf = b"", False
@@ -78,7 +74,8 @@ class RoboclawDevice:
 
     def _motor_deadline(self) -> float:
         """Return when the motors stop unless a byte arrives; infinity while they rest or have no timeout."""
-        return self._last_byte_time + self._timeout if self._timeout and any(self.duty) else math.inf
+        timeout = self.board.timeout
+        return self._last_byte_time + timeout if timeout and self.board.drives else math.inf
 
     def _take(self, byte: int) -> bytes:
         """Add one byte to the packet; return the answer if that completes it, else nothing."""
@@ -88,130 +85,37 @@ class RoboclawDevice:
         packet = self._packet
         if packet[0] not in ADDRESSES:
             self._deaf = True  # noise: where it ends cannot be known, so wait for silence
-        elif packet[0] != self._settings.roboclaw.address:
-            self._pass_over(packet)
-        elif len(packet) >= 2 and packet[1] in self._reads:
-            self._packet = b""
-            return self._with_crc(packet, self._reads[packet[1]]())
-        elif len(packet) >= 2 and packet[1] in self._writes:
-            layout, action = self._writes[packet[1]]
-            if len(packet) == 2 + struct.calcsize(layout) + 2:
-                self._packet = b""
-                return self._write(packet, layout, action)
         elif len(packet) >= 2:
-            self._deaf = True
+            command = self.commands.get(packet[1])
+            if command is None:
+                self._deaf = True
+                self._note(packet, f"command {packet[1]}")
+            elif len(packet) == 2 + _bytes_after(command):
+                self._packet = b""
+                return self._answer(packet, command)
         return b""
 
-    def _pass_over(self, packet: bytes) -> None:
-        """Let another unit's packet end where its command says."""
-        if len(packet) < 2:
-            return
-        if packet[1] in self._reads:
-            self._packet = b""
-        elif packet[1] not in self._writes:
-            self._deaf = True
-        elif len(packet) == 2 + struct.calcsize(self._writes[packet[1]][0]) + 2:
-            self._packet = b""
-
-    def _write(self, packet: bytes, layout: str, action: Callable[..., None]) -> bytes:
-        if int.from_bytes(packet[-2:], "big") != checksum(packet[:-2]):
+    def _answer(self, packet: bytes, command: Read | Write) -> bytes:
+        """Return the answer to a whole packet, nothing to that of another unit."""
+        if packet[0] != self._address:
             return b""
-        action(*struct.unpack(layout, packet[2:-2]))
+        if isinstance(command, Read):
+            answer = command.say(self.board)
+            return answer + checksum(packet + answer).to_bytes(CRC_BYTES, "big")
+        if int.from_bytes(packet[-CRC_BYTES:], "big") != checksum(packet[:-CRC_BYTES]):
+            self._note(packet, "wrong checksum")
+            return b""
+        try:
+            command.do(self.board, *struct.unpack(command.layout, packet[2:-CRC_BYTES]))
+        except RefusedError:
+            self._note(packet, f"command {packet[1]}: value")
+            return b""
         return ACKNOWLEDGED
 
-    @staticmethod
-    def _with_crc(request: bytes, answer: bytes) -> bytes:
-        """Append the CRC, which covers address and command as sent, then the answer."""
-        return answer + checksum(request + answer).to_bytes(2, "big")
-
-    def _table_of_writes(self) -> dict[int, tuple[str, Callable[..., None]]]:
-        """Return layout of the data and action by command number."""
-        return {
-            14: (">B", self._set_timeout),
-            20: (">", self._reset_encoders),
-            32: (">h", lambda duty: self._drive(duty, self.duty[1])),
-            33: (">h", lambda duty: self._drive(self.duty[0], duty)),
-            34: (">hh", self._drive),
-        }
-
-    def _table_of_reads(self) -> dict[int, Callable[[], bytes]]:
-        """Return what composes the answer, by command number."""
-        electrics = self._settings.electrics
-        return {
-            15: lambda: bytes([round(self._timeout / TIMEOUT_UNIT)]),
-            16: lambda: self._encoder_and_status(0),
-            17: lambda: self._encoder_and_status(1),
-            18: lambda: self._speed_and_status(0),
-            19: lambda: self._speed_and_status(1),
-            21: lambda: VERSION,
-            24: lambda: _tenths(self._plant.battery_voltage()),
-            25: lambda: _tenths(electrics.logic_voltage),
-            30: lambda: self._speed_and_status(0),
-            31: lambda: self._speed_and_status(1),
-            47: lambda: bytes([BUFFER_EMPTY, BUFFER_EMPTY]),
-            48: lambda: struct.pack(">hh", *self.duty),
-            49: lambda: struct.pack(">hh", *self._currents()),
-            73: self._everything,
-            78: lambda: struct.pack(">II", *self._encoders()),
-            79: lambda: struct.pack(">ii", *self._speeds()),
-            82: lambda: _tenths(electrics.temperature),
-            83: lambda: _tenths(electrics.temperature),
-            90: lambda: HEALTHY.to_bytes(self._settings.roboclaw.status_bytes, "big"),
-            108: lambda: struct.pack(">ii", *self._average_speeds),
-        }
-
-    def _drive(self, left: int, right: int) -> None:
-        self.duty = [left, right]
-        self._command(left / FULL_DUTY, right / FULL_DUTY)
-
-    def _set_timeout(self, tenths: int) -> None:
-        self._timeout = tenths * TIMEOUT_UNIT
-
-    def _reset_encoders(self) -> None:
-        counts = self._counts()
-        # The average speed of command 108 is a difference of absolute counts; it does not see the reset.
-        self._encoder_zero = list(counts)
-
-    def _counts(self) -> tuple[int, int]:
-        left, right = self._plant.encoder_counts()
-        return math.floor(left), math.floor(right)
-
-    def _encoders(self) -> tuple[int, int]:
-        """Return both registers: counts since the last reset, modulo 2^32."""
-        left, right = self._counts()
-        return (left - self._encoder_zero[0]) & 0xFFFFFFFF, (right - self._encoder_zero[1]) & 0xFFFFFFFF
-
-    def _speeds(self) -> tuple[int, int]:
-        left, right = self._plant.encoder_speeds()
-        return round(left), round(right)
-
-    def _currents(self) -> tuple[int, int]:
-        """Return both currents in units of 10 mA."""
-        left, right = self._plant.motor_currents()
-        return round(left * 100.0), round(right * 100.0)
-
-    def _encoder_and_status(self, motor: int) -> bytes:
-        backward = self._speeds()[motor] < 0
-        return struct.pack(">IB", self._encoders()[motor], 0b10 if backward else 0)
-
-    def _speed_and_status(self, motor: int) -> bytes:
-        speed = self._speeds()[motor]
-        return struct.pack(">iB", speed, BACKWARD if speed < 0 else 0)
-
-    def _everything(self) -> bytes:
-        """Return the 56 bytes of command 73; no speed is ever set, so set points and errors are 0."""
-        electrics = self._settings.electrics
-        temperature, logic = _tenths(electrics.temperature), _tenths(electrics.logic_voltage)
-        milliseconds = round(self._plant.time * 1000.0) & 0xFFFFFFFF
-        return (
-            struct.pack(">II", milliseconds, HEALTHY)
-            + temperature * 2
-            + _tenths(self._plant.battery_voltage())
-            + logic
-            + struct.pack(">hhhh", *self.duty, *self._currents())
-            + struct.pack(">IIiiii", *self._encoders(), 0, 0, *self._speeds())
-            + struct.pack(">HHHH", 0, 0, 0, 0)
-        )
+    def _note(self, packet: bytes, what: str) -> None:
+        """Count what was not understood, unless it was for another unit."""
+        if packet[0] == self._address:
+            self.not_understood.note(what)
 
 
 def checksum(data: bytes) -> int:
@@ -219,6 +123,6 @@ def checksum(data: bytes) -> int:
     return binascii.crc_hqx(data, 0)
 
 
-def _tenths(value: float) -> bytes:
-    """Return a quantity in tenths of its unit as the device sends it: 16 bits, not below 0."""
-    return struct.pack(">H", max(0, round(value * 10.0)))
+def _bytes_after(command: Read | Write) -> int:
+    """Return how many bytes of a request follow the number of a command."""
+    return 0 if isinstance(command, Read) else struct.calcsize(command.layout) + CRC_BYTES

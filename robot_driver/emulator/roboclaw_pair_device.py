@@ -1,6 +1,7 @@
 """Two RoboClaws on one line that drive four wheels, two on each side."""
 
 import dataclasses
+from collections import Counter
 from functools import partial
 
 from robot_driver.emulator.device import Transmission
@@ -26,6 +27,11 @@ class RoboclawPairDevice:
             for unit, address in enumerate(ADDRESSES)
         ]
         self.byte_time = self.units[0].byte_time
+
+    @property
+    def not_understood(self) -> Counter[str]:
+        """What either did not understand."""
+        return self.units[0].not_understood + self.units[1].not_understood
 
     @property
     def wake_time(self) -> float:

@@ -14,6 +14,8 @@ from robot_driver.emulator.device import Device, Transmission
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.sensors import MotionCapture, Pose
 
+LONGEST_HOLD = 0.008  # s; clients of RoboClaws wait 10 ms for the next byte, the device itself waits as long
+
 
 class Adapter(Protocol):
     """What stands between a device's wire and its client."""
@@ -29,6 +31,21 @@ class NoAdapter:
         """Return one piece, at the end."""
         del begin
         return ((end, data),)
+
+
+class StreamingAdapter:
+    """A client that gets long answers in parts, as from any real adapter: it never waits LONGEST_HOLD for the next."""
+
+    def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
+        """Return equal pieces, each when its last byte has left the wire."""
+        if end - begin < LONGEST_HOLD:
+            return [(end, data)]
+        count = min(len(data), math.floor((end - begin) / LONGEST_HOLD) + 1)
+        places = [len(data) * number // count for number in range(count + 1)]
+        moments = [end - (end - begin) * (len(data) - place) / len(data) for place in places]
+        return [
+            (moment, data[place:after]) for place, after, moment in zip(places, places[1:], moments[1:], strict=False)
+        ]
 
 
 class WireLine:

@@ -104,6 +104,21 @@ class Mbot:
 
 
 @dataclass(frozen=True)
+class SpeedLoop:
+    """The velocity loop in a motor controller on a serial line: gains as shares of the full duty.
+
+    `p` for an error of the full speed, `i` in 1/s, `d` in s.
+    """
+
+    p: float
+    i: float
+    d: float
+
+    def __post_init__(self) -> None:
+        require(min(self.p, self.i, self.d) >= 0, "0 or more", "p, i and d")
+
+
+@dataclass(frozen=True)
 class Controller:
     """How wheels follow commanded speeds, by a controller inside the robot; SI units, `rate` in Hz."""
 
@@ -245,6 +260,7 @@ class Settings:
     roboclaw: Roboclaw
     roboteq: Roboteq
     mbot: Mbot
+    speed_loop: SpeedLoop
     velocity_controller: Controller
     dsp3000: Dsp3000
     kvh_binary: KvhBinary

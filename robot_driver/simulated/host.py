@@ -43,6 +43,8 @@ class SimulatedHost(Host):
     The robot is given by `plug_in`, with what is at the other end of each port, by path.
     """
 
+    runs_processes = False
+
     def __init__(self, seed: int = 0, lateness: Lateness | None = None) -> None:
         self.lateness = lateness or Lateness()
         self._seed = seed

@@ -1,7 +1,7 @@
 """Rows of signatures: what signing and verifying a message cost."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from benchmarks.report import Row, seconds
@@ -23,7 +23,10 @@ def signing() -> Iterator[Row]:
         def signed_and_verified(data: bytes = data, signer: Signer = signer, verifier: Verifier = verifier) -> object:
             return verifier.verify(CHANNEL, signer.sign(CHANNEL, data))
 
-        works = {"sign": partial(signer.sign, CHANNEL, data), "both": signed_and_verified}
+        works: dict[str, Callable[[], object]] = {
+            "sign": partial(signer.sign, CHANNEL, data),
+            "both": signed_and_verified,
+        }
         sign, both = in_turns({name: clocked(work) for name, work in works.items()}).values()
         yield Row(
             f"a message of {size:,} bytes: signed; signed and verified",

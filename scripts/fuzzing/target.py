@@ -4,7 +4,7 @@ import sys
 
 import atheris
 
-with atheris.instrument_imports(include=["robot_driver.controllers", "robot_driver.gyros"]):
+with atheris.instrument_imports(include=["robot_driver.controllers", "robot_driver.emulator", "robot_driver.gyros"]):
     from tests.robot_driver.any_bytes import CHECKS
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ LIBRARIES = ("lcm", "serial", "yaml")  # by the names of their modules
 # What these modules import and do without, and how.
 WITHOUT = {
     ("cmr.bus.world_state", "numpy"): "it is imported when a WORLD_STATE comes, where NumPy is installed",
+    ("cmr.bus.possible", "numpy"): "it is imported when worlds or paths come, for which no driver listens",
     ("cmr.commands.doctor", "rich"): "a table without colours",
     ("cmr.model.catalogue", "numpy"): "of many robots at once",
     ("cmr.model.parameters", "numpy"): "of many robots at once",

@@ -8,7 +8,7 @@ from textwrap import dedent
 
 from documentation.imports import PROJECT
 
-from cmr.commands.system_files import USB_IDS, driver_unit, udev_rule
+from cmr.cli.system_files import USB_IDS, driver_unit, udev_rule
 from shipping.contents import files_there
 from shipping.libraries import PYTHONS
 from shipping.wheel import SUMMARY, information

@@ -1,7 +1,7 @@
 """The report of a soak, for a person."""
 
 from cmr.msg import process_status_t
-from soaking.running import LARGEST_GROWTH, Soak, growth, rejected
+from soaking.running import LARGEST_GROWTH, LARGEST_GROWTH_OF_GATE, Soak, growth, rejected
 
 SHOWN = 50  # findings
 COUNTED = ("not_finite", "out_of_range", "future")  # reasons that nothing but the soak's rubbish brings about
@@ -18,8 +18,9 @@ def report(soak: Soak, minutes: float) -> tuple[str, bool]:
     lines += ["longest (s):"]
     lines += [f"  {name}: {seconds:.3f}" for name, seconds in sorted(findings.largest.items())]
     lines += [f"gyro stamps off by (ms): {_quantiles(findings.stamp_errors)}"]
-    first = max(used for passed, used in soak.memory if passed <= 60.0)
-    lines += [f"memory of cmr-driver: {first / 1e6:.1f} MB in the first minute, {growth(soak.memory) / 1e6:+.1f} MB"]
+    for name, memory in (("cmr-driver", soak.memory), ("the last gate", soak.memory_of_gate)):
+        first = max(used for passed, used in memory if passed <= 60.0)
+        lines += [f"memory of {name}: {first / 1e6:.1f} MB in the first minute, {growth(memory) / 1e6:+.2f} MB"]
     lines += [f"rubbish commanded: {dict(sorted(soak.pilot.sent.items()))}"]
     lines += [f"the driver's last words: {soak.statuses[-1].message}"]
     lines += [f"WRONG {text}" for text in findings.wrong[:SHOWN]]
@@ -33,6 +34,8 @@ def _judge_the_whole(soak: Soak) -> None:
     running = [status for status in soak.statuses if status.state != process_status_t.STOPPING]
     if growth(soak.memory) > LARGEST_GROWTH:
         soak.findings.blame(last.utime, f"cmr-driver's memory grew by {growth(soak.memory) / 1e6:.1f} MB")
+    if growth(soak.memory_of_gate) > LARGEST_GROWTH_OF_GATE:
+        soak.findings.blame(last.utime, f"the last gate's memory grew by {growth(soak.memory_of_gate) / 1e6:.2f} MB")
     if running[-1].state != process_status_t.RUNNING:
         soak.findings.blame(last.utime, f"at the end the driver was not well: {running[-1].message}")
     refused = rejected(last.message)

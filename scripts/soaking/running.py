@@ -34,6 +34,7 @@ from soaking.checks import (
 )
 from soaking.pilot import LARGEST_DUTY, Pilot
 from soaking.waiting import Waiting
+from tests.support.gates import gates_of
 from tests.support.private_bus import private_url
 from tests.support.stalls import Stalls
 
@@ -44,6 +45,7 @@ SAMPLE = 0.05  # s between looks at who waits for a processor
 MEMORY_SAMPLE = 5.0  # s
 MEMORY_FROM = 60.0  # s; what is there by then may stay
 LARGEST_GROWTH = 5e6  # bytes
+LARGEST_GROWTH_OF_GATE = 0.3e6  # bytes; Python takes memory in pieces of a quarter of this or more
 LONGEST_STATUS_GAP = 2 * SECOND  # us
 WAITS_FOR_ZERO = "Waiting for zero to be commanded"
 SETTLED = SECOND // 2  # us by which the robot's account must be ahead of what is checked
@@ -58,6 +60,7 @@ class Soak:
         self.findings = Findings()
         self.faults: Counter[str] = Counter()
         self.memory: list[tuple[float, int]] = []  # (s since the start, bytes)
+        self.memory_of_gate: list[tuple[float, int]] = []
         self.statuses: deque[Any] = deque(maxlen=1000)
         self.damages = 0
         self._folder = folder
@@ -121,7 +124,8 @@ class Soak:
     def _loop(self, bus: Bus, connection: Any, driver: subprocess.Popen[bytes], seconds: float) -> None:
         began = due = time.monotonic()
         sample = memory = 0.0
-        waiting = Waiting((driver.pid, self._emulator))
+        gate = _gate_of(driver)
+        waiting = Waiting((driver.pid, gate, self._emulator))
         while (passed := time.monotonic() - began) < seconds:
             if driver.poll() is not None:
                 self.findings.blame(now_utime(), f"cmr-driver ended with {driver.returncode}")
@@ -134,7 +138,11 @@ class Soak:
                 self._note_stalls()
             if passed >= memory:
                 memory += MEMORY_SAMPLE
+                if gates_of(driver.pid) != [gate]:
+                    self.findings.blame(now_utime(), "the last gate has ended")
+                    return
                 self.memory.append((passed, _resident(driver.pid)))
+                self.memory_of_gate.append((passed, _resident(gate)))
             self._hear(connection)
             self._check()
             due = max(due + TURN, time.monotonic())
@@ -237,7 +245,7 @@ def soak(minutes: float, gyro: str, seed: int) -> Soak:
 
 
 def growth(memory: list[tuple[float, int]]) -> int:
-    """Return by how many bytes more the driver has used than by the end of the first minute."""
+    """Return by how many bytes more a process has used than by the end of the first minute."""
     first = [used for passed, used in memory if passed <= MEMORY_FROM]
     return max(used for _, used in memory) - max(first)
 
@@ -245,6 +253,13 @@ def growth(memory: list[tuple[float, int]]) -> int:
 def rejected(message: str) -> dict[str, int]:
     """Return how many commands the driver says that it did not take, by reason."""
     return {reason: int(count) for reason, count in re.findall(r"\b([a-z_]+) (\d+)", message)}
+
+
+def _gate_of(driver: subprocess.Popen[bytes]) -> int:
+    """Return the process of the driver's last gate, as soon as there is one."""
+    while not (found := gates_of(driver.pid)):
+        time.sleep(TURN)
+    return found[0]
 
 
 def _resident(pid: int | None) -> int:

@@ -47,6 +47,8 @@ WIRE = {
     "estop_t": "int64_t utime; boolean engaged; string source; string reason",
     "estop_latch_t": """int64_t utime; int32_t robot_id; boolean engaged; boolean stored; int64_t since_utime;
         string source; string reason""",
+    "process_request_t": """int64_t utime; boolean wanted; boolean once; string host; string run; string name;
+        string role; string command; string after; string files""",
     "command_claim_t": "int64_t utime; int32_t robot_id; int8_t action; string claimant",
     "command_owner_t": "int64_t utime; int32_t robot_id; int64_t sender; int64_t since_utime; string owner",
 }

@@ -11,7 +11,7 @@ from cmr.cli.errors import CommandError
 from cmr.commands import doctor, first_use
 from cmr.commands.demo import free_folder
 from cmr.commands.demo import main as demo
-from cmr.commands.first_use import EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
+from cmr.commands.first_use import BEHAVIOURS, EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
 from cmr.commands.run import parts_to_compile
 from cmr.commands.scenarios import load
 from cmr.experiments.scenario.reading import path_of
@@ -31,6 +31,19 @@ with event.install_recorder("numba:compile") as compiled:
         while not loader.ready(parameters):  # what is no longer starting is ready, or has failed
             assert loader.is_starting or loader.ready(parameters), loader.message
 print(len(compiled.buffer))
+"""
+
+# The compiled functions of the world that none of the parts has loaded.
+LEFT = """
+from importlib import import_module
+from pkgutil import walk_packages
+import cmr.world
+from cmr.commands.first_use import BEHAVIOURS, WORLD, main
+main([WORLD, BEHAVIOURS])
+for module in (import_module(found.name) for found in walk_packages(cmr.world.__path__, "cmr.world.")):
+    for name, value in list(vars(module).items()):
+        if getattr(value, "unloaded", False) is True:
+            print(f"{module.__name__}.{name}")
 """
 
 
@@ -64,8 +77,11 @@ def test_each_part_is_compiled_once_and_announced(compiled: list[str]) -> None:
 
 @pytest.mark.usefixtures("compiled")
 def test_doctor_says_what_is_not_compiled_yet() -> None:
-    assert "the estimator, the robot model, the world and the emulated robot" in doctor.compiled_model().sentence
-    compile_first([MODEL, WORLD, EMULATOR])
+    assert (
+        "the estimator, the robot model, the world, behaviours and the emulated robot"
+        in doctor.compiled_model().sentence
+    )
+    compile_first([MODEL, WORLD, BEHAVIOURS, EMULATOR])
     assert doctor.compiled_model().sentence.startswith("Not compiled yet: the estimator. ")
     compile_first([ESTIMATOR])
     assert doctor.compiled_model().colour == doctor.GREEN
@@ -89,6 +105,15 @@ def test_a_part_that_cannot_be_compiled_is_reported_and_tried_again(
     assert [text.startswith("Not compiled: KeyError") for text in said] == [False, True, False, True]
 
 
+def test_in_another_checkout_the_cmr_that_runs_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cmr" / "commands").mkdir(parents=True)
+    for name in ("__init__", "commands/__init__"):
+        (tmp_path / "cmr" / f"{name}.py").touch()
+    (tmp_path / "cmr" / "commands" / "first_use.py").write_text("raise SystemExit('the other one')")
+    monkeypatch.chdir(tmp_path)
+    assert first_use._compile("no such part", tmp_path / "mark").startswith("KeyError")
+
+
 @pytest.mark.slow
 def test_a_simulator_compiles_nothing_after_that() -> None:
     compile_first([MODEL, WORLD])
@@ -96,9 +121,16 @@ def test_a_simulator_compiles_nothing_after_that() -> None:
     assert (result.stdout.split(), result.returncode) == (["0"], 0), result.stderr
 
 
+@pytest.mark.slow
+def test_no_behaviour_is_compiled_while_robots_drive() -> None:
+    compile_first([WORLD, BEHAVIOURS])
+    result = subprocess.run([sys.executable, "-c", LEFT], capture_output=True, text=True)
+    assert (result.stdout.split(), result.returncode) == ([], 0), result.stderr
+
+
 def test_a_run_compiles_what_its_processes_take() -> None:
     scenario = load(path_of("line"))
-    assert {MODEL, WORLD, EMULATOR} <= parts_to_compile(scenario, Path())
+    assert {MODEL, WORLD, BEHAVIOURS, EMULATOR} <= parts_to_compile(scenario, Path())
     assert (ESTIMATOR in parts_to_compile(scenario, Path())) == any(r.calibrate or r.diagnose for r in scenario.robots)
 
 

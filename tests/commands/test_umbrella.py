@@ -201,6 +201,12 @@ def test_doctor_is_red_for_a_bus_that_cannot_be_used() -> None:
     assert "not a multicast address" in " ".join(result.stdout.split())
 
 
+def test_doctor_says_what_a_bus_without_buffer_loses_and_what_to_add(url: str) -> None:
+    found = doctor.bus(url.partition("&recv_buf_size")[0])
+    assert found.sentence == "The LCM URL sets no recv_buf_size: bursts will be lost."
+    assert found.remedy.startswith("Add recv_buf_size=")
+
+
 def test_doctor_names_the_ports_that_this_user_may_not_use(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robot_driver.serial_port.available_ports", lambda: ["/dev/no-such-port"])
     finding = doctor.permissions()

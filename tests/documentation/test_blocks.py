@@ -50,6 +50,9 @@ ONLY_PARSED = {
     "cmr-sim --virtual": "runs until it is stopped",
     "cmr-spy": "listens for 5 s; tests/tools/test_spy.py runs it",
     "cmr-sweep": "takes minutes; tests/experiments/sweep/test_sweep.py runs it",
+    "cmr-agent": "runs until it is stopped; tests/whole/test_agent_on_another_host.py runs it",
+    "cmr key new": "makes a key for this user; tests/commands/test_key_and_relay.py makes one",
+    "cmr relay": "runs until it is stopped; tests/commands/test_key_and_relay.py runs its parts",
     "cmr estop": "stops robots on the bus; tests/robot_driver/test_latched_stop.py runs it",
     "cmr-view": "serves a page until it is stopped",
 }

@@ -19,6 +19,21 @@ from documentation.notebook_pages import pages as notebook_pages
 
 pytestmark = pytest.mark.slow
 
+# Captures the parsers of all commands where only the extra `docs` is installed.
+WITHOUT_EXTRAS = """
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in "cv2 dask distributed lz4 mcap pandas pyarrow rosbags viser zstandard".split():
+            raise ModuleNotFoundError(name, name=name)
+
+sys.meta_path.insert(0, Missing())
+sys.path[:0] = [PROJECT, PROJECT + "/scripts"]
+from documentation.commands import modules, parsers_of
+assert all(parsers_of(command) for command in modules() if command != "cmr")
+"""
+
 
 class Page(HTMLParser):
     """The targets of a page's links and pictures, and the places that links can lead to."""
@@ -84,6 +99,12 @@ def test_every_command_and_message_has_its_reference(site: Path) -> None:
     for command in modules():
         page = site / "reference/generated/commands" / f"{command.replace(' ', '-')}.html"
         assert command == "cmr" or "--help" in page.read_text("utf-8")
+
+
+def test_the_pages_of_commands_need_no_extra_but_docs() -> None:
+    program = f"PROJECT = {str(PROJECT)!r}\n{WITHOUT_EXTRAS}"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
 
 
 def test_readme_is_short_and_its_links_lead_somewhere() -> None:

@@ -203,7 +203,7 @@ def test_a_file_that_is_away_for_a_moment_does_not_win_over_a_newer_announcement
     follower = ParameterFollower(0, path)
     assert take(follower, announced(with_radius(0.05), now_utime()))
     path.rename(path.with_suffix(".away"))
-    poll_until(follower, lambda: "cannot be read" in follower.message)
+    poll_until(follower, lambda: "There is no " in follower.message)
     path.with_suffix(".away").rename(path)
     poll_until(follower, lambda: follower.message == "")
     assert radius_of(follower) == 0.05

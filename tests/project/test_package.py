@@ -11,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from setuptools.config.pyprojecttoml import read_configuration
 
 from cmr import msg
 from tests.support.project import PROJECT
@@ -155,6 +156,14 @@ def test_the_metadata_name_the_licence_and_nobody_else_s_package(wheel: Path) ->
     assert "\nLicense-Expression: BSD-3-Clause\n" in text
     assert (metadata.parent / "licenses" / "LICENSE").is_file()
     assert not re.search(r"^Requires-Dist: cmr\b", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("extra", ["docs", "test"])
+def test_the_extras_whose_programs_read_pyproject_toml_bring_a_setuptools_that_can(extra: str) -> None:
+    """A new environment has one of Python's own: 65.5 with 3.11, which refuses the licence."""
+    content = read_configuration(PROJECT / "pyproject.toml", expand=False)
+    [needed] = [one for one in content["build-system"]["requires"] if one.startswith("setuptools")]
+    assert needed in content["project"]["optional-dependencies"][extra]
 
 
 def test_no_text_says_to_install_the_stranger_s_package() -> None:

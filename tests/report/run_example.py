@@ -37,7 +37,7 @@ def document(virtual: int, real: int = 1) -> RunDocument:
                 "name": "sim",
                 "command": ["cmr-sim"],
                 "starts": 1,
-                "ends": ["ended when it was asked to"],
+                "ends": ["stopped normally"],
                 "last_words": "ready",
                 "loop_rate_hz": 50.0,
                 "overruns": 2,

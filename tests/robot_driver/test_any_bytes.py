@@ -8,7 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robot_driver.controllers import BadReply
-from robot_driver.controllers.roboclaw import RoboClaw, crc
+from robot_driver.controllers.roboclaw import RoboClaw
+from robot_driver.gate.wire_roboclaw import crc
 from robot_driver.gyros.dsp3000 import LONGEST_LINE, Dsp3000
 from robot_driver.gyros.kvh_messages import Answer, Stream
 from tests.robot_driver.any_bytes import CHECKS

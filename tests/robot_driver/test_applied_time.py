@@ -5,11 +5,11 @@ from itertools import pairwise, product
 
 import pytest
 
-from robot_driver.controllers.roboclaw import DRIVE_BOTH, FULL_DUTY
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.devices import CONTROLLER_DEVICES
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import load_settings
+from robot_driver.gate.wire_roboclaw import DRIVE_BOTH, FULL_DUTY
 from robot_driver.motors import PROBES, SLOWEST_ADAPTER
 from robot_driver.serial_port import USB_FRAME
 from tests.robot_driver.simulated_line import Bench, Clock, clock

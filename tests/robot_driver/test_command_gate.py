@@ -247,3 +247,27 @@ def test_commands_that_waited_while_the_process_was_held_up_move_nothing() -> No
     assert gate.rejected == {"held_up": 1}
     gate.command(14.2, 0.4, 0.4)
     assert gate.drive(14.2) == Drive(0.4, 0.4, 0)
+
+
+@pytest.mark.parametrize(
+    ("left", "age", "why"),
+    [
+        (math.nan, 0.0, "not_finite"),
+        (-math.inf, 0.0, "not_finite"),
+        (1e300, 0.0, "out_of_range"),
+        (500.0, 0.0, "out_of_range"),
+        (0.5, -3600.0, "future"),
+        (0.5, 3600.0, "old"),
+    ],
+)
+def test_a_command_that_cannot_be_neither_moves_nor_stops_a_robot_that_is_commanded_well(
+    left: float, age: float, why: str
+) -> None:
+    gate = Gate()
+    for k in range(100):
+        now = 10.0 + 0.02 * k
+        gate.command(now, 0.25, 0.25)
+        gate.command(now + 0.01, left, 0.25, age=age)
+        assert gate.drive(now + 0.01) == Drive(0.25, 0.25, 0)
+    assert gate.rejected == {why: 100}
+    assert why in gate.remarks()[-1]

@@ -60,3 +60,11 @@ def test_the_report_ends_when_one_is_alone_again() -> None:
         commanders.take(*command)
     assert commanders.problem(2_000_000)
     assert not commanders.problem(8_000_000)
+
+
+def test_one_command_stamped_an_hour_ahead_does_not_fill_the_memory() -> None:
+    commanders = Commanders()
+    commanders.take(3_600_000_000, 0.1, 0.1)
+    for command in sender(50.0, 60.0, 0, 1):
+        commanders.take(*command)
+    assert len(commanders._commands) < 60

@@ -6,12 +6,12 @@ import pytest
 
 from cmr.model.duty_ramp import Limits, Ramp
 from robot_driver.command_gate import Stop
-from robot_driver.controllers.roboclaw import DRIVE_BOTH, READ_WATCHDOG
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
+from robot_driver.gate.wire_roboclaw import DRIVE_BOTH, READ_WATCHDOG
 from robot_driver.serial_port import PortLost
 from tests.robot_driver.simulated_line import Bench, Clock, clock, steepest
 
@@ -230,7 +230,7 @@ def test_at_a_low_rate_a_controller_that_was_reset_between_two_turns_is_armed_be
 ) -> None:
     bench = roboclaw(clock, rate_hz=5.0)
     bench.until(lambda: bench.line.device.duty == [FULL_DUTY, FULL_DUTY])
-    bench.line.device._timeout, bench.line.device.duty = 0.0, [0, 0]
+    bench.line.device.board.switch_on()
     began = len(bench.line.said)
     with pytest.raises(PortLost, match="was reset"):
         bench.turn()

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from robot_driver.controllers import Request
-from robot_driver.controllers.mbot import MBot, board, frames
-from robot_driver.controllers.roboclaw import RoboClaw, crc
+from robot_driver.controllers.mbot import MBot
+from robot_driver.controllers.roboclaw import RoboClaw
 from robot_driver.controllers.roboteq import Roboteq
 from robot_driver.emulator import mbot_device
 from robot_driver.emulator.dsp3000_device import Dsp3000Device
@@ -19,6 +19,8 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice, checksum
 from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import Settings, load_settings
+from robot_driver.gate import wire_mbot
+from robot_driver.gate.wire_roboclaw import crc
 from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
 from robot_driver.gyros.kvh_messages import Sample, SelfTest, Stream
 from robot_driver.gyros.kvh_messages import checksum as crc_32
@@ -110,13 +112,13 @@ def test_a_healthy_status_of_every_age_is_sent_and_understood(width: int, reply:
 
 def test_both_ends_pack_an_mbot_frame_as_the_boards_own_daemon_does() -> None:
     payload = golden.MBOT_VELOCITY[7:-1]
-    assert frames.packed(214, payload) == mbot_device.frame(214, payload) == golden.MBOT_VELOCITY
+    assert wire_mbot.packed(214, payload) == mbot_device.frame(214, payload) == golden.MBOT_VELOCITY
 
 
 def test_the_driver_tells_an_mbot_duties_and_the_time_in_golden_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(MBot, "monotonic_ns", lambda _board: 7000)
     told = MBot().drive(0.5, 0.25).data  # the right wheel is mirrored
-    assert told.lstrip(b"\0") == board.REPEATED * golden.MBOT_DUTIES + golden.MBOT_TIME
+    assert told.lstrip(b"\0") == wire_mbot.REPEATED * golden.MBOT_DUTIES + golden.MBOT_TIME
     assert MBot().drive(0.0, 0.0).data.lstrip(b"\0").startswith(golden.MBOT_STOP[:11])
 
 

@@ -9,9 +9,10 @@ from cmr.msg import motor_feedback_t
 from robot_driver import battery, readings
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import Request, Telemetry
-from robot_driver.controllers.roboclaw import READ_BATTERY, READ_STATUS, READ_TEMPERATURE, RoboClaw
-from robot_driver.emulator import roboclaw_device
+from robot_driver.controllers.roboclaw import RoboClaw
+from robot_driver.emulator.boards import roboclaw
 from robot_driver.emulator.device import Transmission
+from robot_driver.gate.wire_roboclaw import READ_BATTERY, READ_STATUS, READ_TEMPERATURE
 from robot_driver.health import Health
 from tests.support.driver_bench import Bench, bench, open_gate, wait_for
 
@@ -156,7 +157,7 @@ def test_18_an_emergency_stop_of_the_controller_holds_from_the_first_moment_of_a
         run.until_moving()
         run.line.faults.silent = True
         run.until(lambda: "does not answer" in run.thread.problem)
-        monkeypatch.setattr(roboclaw_device, "HEALTHY", PRESSED)
+        monkeypatch.setattr(roboclaw, "HEALTHY", PRESSED)
         run.line.faults.silent = False
         assert_still(run)
         assert run.thread.problem == "The motor controller reports: its emergency stop is engaged."
@@ -167,7 +168,7 @@ def test_18_an_emergency_stop_of_the_controller_is_not_released_by_a_connection_
 ) -> None:
     with bench(tmp_path) as run:
         run.until_moving()
-        monkeypatch.setattr(roboclaw_device, "HEALTHY", PRESSED)
+        monkeypatch.setattr(roboclaw, "HEALTHY", PRESSED)
         run.until(lambda: run.feedback[-1].status & ESTOP)
         run.line.faults.silent = True
         run.until(lambda: "does not answer" in run.thread.problem)
@@ -193,7 +194,7 @@ def test_18_an_emergency_stop_of_the_controller_holds_until_it_is_told_that_it_i
 ) -> None:
     with bench(tmp_path) as run:
         muted = mute(run)
-        monkeypatch.setattr(roboclaw_device, "HEALTHY", PRESSED)
+        monkeypatch.setattr(roboclaw, "HEALTHY", PRESSED)
         run.until(lambda: run.feedback[-1].status & ESTOP)
         muted.add(READ_STATUS)
         assert_still(run, 80)

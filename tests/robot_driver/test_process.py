@@ -23,7 +23,7 @@ from robot_driver import gyro_device
 from robot_driver.clock import seconds_since_boot
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import Driver
-from robot_driver.emulator import roboclaw_device
+from robot_driver.emulator.boards import roboclaw
 from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.main import command_parser, main
 from robot_driver.serial_port import why_not_open
@@ -123,11 +123,11 @@ def test_gyro_readings_without_a_rate_are_counted_by_reason_and_explained(
 def test_what_the_controller_says_is_wrong_is_told_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with bench(tmp_path) as run:
         assert run.thread.problem == ""
-        monkeypatch.setattr(roboclaw_device, "HEALTHY", 0x00010000)
+        monkeypatch.setattr(roboclaw, "HEALTHY", 0x00010000)
         wait_for(lambda: "controller reports: a motor takes too much current" in run.thread.problem)
-        monkeypatch.setattr(roboclaw_device, "HEALTHY", 0x00000001)
+        monkeypatch.setattr(roboclaw, "HEALTHY", 0x00000001)
         wait_for(lambda: "controller reports: its emergency stop is engaged." in run.thread.problem)
-        monkeypatch.setattr(roboclaw_device, "HEALTHY", 0)
+        monkeypatch.setattr(roboclaw, "HEALTHY", 0)
         wait_for(lambda: run.thread.problem == "")
 
 

@@ -11,9 +11,9 @@ import pytest
 
 from cmr.msg import motor_feedback_t
 from cmr.priority import go_first
-from robot_driver.controllers.roboclaw import DRIVE_BOTH
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import DELAY, Faults
+from robot_driver.gate.wire_roboclaw import DRIVE_BOTH
 from robot_driver.port_thread import PortThread
 from robot_driver.rhythm import Rhythm, quantile
 from tests.support.driver_bench import Bench, NotedRhythm, bench, bench_apart, number, wait_for
@@ -227,15 +227,15 @@ def test_6_a_device_that_no_longer_understands_duties_is_left_alone_until_it_sto
 ) -> None:
     with bench(tmp_path) as run:
         run.until_moving()
-        writes = dict(run.device._writes)
+        known = dict(run.device.commands)
         if reads_are_understood:
-            del run.device._writes[DRIVE_BOTH]
+            del run.device.commands[DRIVE_BOTH]
         else:
             run.line.faults.deaf = True
         # 0.4 s without an acknowledged duty, 0.5 s of attempts at zero, 0.5 s until the device's watchdog.
         run.until(lambda: run.device.duty == [0, 0], 3.0)
         run.line.faults.deaf = False
-        run.device._writes.update(writes)
+        run.device.commands.update(known)
         run.until_moving()
         assert run.thread.problem == ""
 
@@ -256,10 +256,9 @@ def test_13_a_device_that_was_reset_in_a_silence_goes_on_from_the_total(tmp_path
         run.until_transactions(60)
         run.line.faults.silent = True
         wait_for(lambda: "does not answer" in run.thread.problem)
-        wait_for(lambda: run.device._speeds() == (0, 0))
+        wait_for(lambda: run.device.board.speeds() == (0, 0))
         before = run.feedback[-1]
-        run.device._reset_encoders()
-        run.device._timeout = 0.0
+        run.device.board.switch_on()
         run.line.faults.silent = False
         seen = len(run.feedback)
         wait_for(lambda: len(run.feedback) > seen)

@@ -13,12 +13,12 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.process import EXIT_INTERRUPTED
 from cmr.bus.streams import MOTOR_COMMAND
 from cmr.msg import motor_command_t
-from robot_driver.controllers.roboclaw import ACKNOWLEDGED
 from robot_driver.driver import Driver
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
+from robot_driver.gate.wire_roboclaw import ACKNOWLEDGED
 from robot_driver.settings import Settings
 from tests.robot_driver.golden_vectors import ROBOCLAW_STOP
 from tests.support.driver_bench import DriverProcess, Robot, bench, driving, number, wait_for

@@ -143,7 +143,7 @@ class Bench:
         self.until(lambda: self.device.duty == [6553, 6553])
 
     def set_battery(self, voltage: float) -> None:
-        self.device._plant._electrics = dataclasses.replace(load_settings().electrics, battery_voltage=voltage)
+        self.device.board.plant._electrics = dataclasses.replace(load_settings().electrics, battery_voltage=voltage)
 
     def until_transactions(self, count: int) -> None:
         """Drive to and fro until the device has been asked so many times more."""

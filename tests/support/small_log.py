@@ -43,6 +43,10 @@ FIELDS: dict[str, dict[str, Any]] = {
         **{"loop_rate_hz": 99.5, "loop_overruns": 0.0, "message": ""},
     },
     "ESTOP": {"engaged": True, "source": "a person", "reason": "smoke"},
+    "PROCESS_REQUEST": {
+        **{"wanted": True, "once": False, "host": "robot-pi", "run": "line-1", "name": "driver 0", "role": "driver"},
+        **{"command": '["cmr-driver"]', "after": "", "files": "{}"},
+    },
     "COMMAND_CLAIM": {"action": 0, "claimant": "cmr-pilot on lab1 (process 7)"},
     "COMMAND_OWNER": {"sender": -5, "owner": "cmr-pilot on lab1 (process 7)", "since_utime": 0},
     "ESTOP_LATCH": {

@@ -52,8 +52,8 @@ def row(said: str, channel: str) -> list[str]:
 
 def test_info_tells_start_duration_and_what_is_on_each_channel(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = info(log, capsys)
-    assert f"{log}: 103 events on 20 channels" in said
-    assert "1.020 s from 2023-11-14 22:13:20 UTC on" in said
+    assert f"{log}: 104 events on 21 channels" in said
+    assert "1.030 s from 2023-11-14 22:13:20 UTC on" in said
     assert "no damage" in said
     assert row(said, "GYRO_4") == ["gyro_t", "84", "100.00", "3.1", "0", "0.010", "0.00", "0", "0"]
     assert row(said, "ESTOP") == ["estop_t", "1", "-", "0.0", "-", "-", "-", "0", "0"]
@@ -99,7 +99,7 @@ def test_info_tells_the_size_of_the_damage(log: Path, capsys: pytest.CaptureFixt
     said = info(log, capsys)
     damaged = 7 + len(event_bytes(WHOLE[0])) - 3
     assert f"{damaged} of {log.stat().st_size} bytes, in 2 places, are damaged; the intact events are used." in said
-    assert f"{log}: 103 events" in said
+    assert f"{log}: 104 events" in said
 
 
 def test_info_says_when_a_file_is_no_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,6 +27,7 @@ NAMES = sorted(MESSAGES)
 WITHOUT_UNIT = {
     *("robot_id", "origin", "valid", "status", "n", "state", "progress", "pid", "loop_overruns", "engaged"),
     *("stored", "action", "claimant", "sender", "owner"),
+    *("wanted", "once", "run", "name", "role", "command", "after", "files"),
     *("sha256", "yaml", "message", "process", "host", "parameters_sha256", "source", "reason"),
     *("camera", "width", "height", "jpeg"),
 }

@@ -7,19 +7,25 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from viser import UploadedFile
 
 from cmr.recordings.events import event_bytes
-from cmr.view import server
+from cmr.view import opening, server
 from cmr.view.data.state import ViewState
+from cmr.view.entrance.door import Address
 from cmr.view.opening import LARGEST_LOG, MOST_ARRIVING, MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.orders import Orders
-from cmr.view.uploads import Upload, arriving
+from cmr.view.uploads import Upload
 from cmr.view.visit import NO_ROOM
 from cmr.view.wishes import CLOSE, COME, JUMP, LEAVE, OPEN, STOP, Permission, Wish
 from tests.support.small_log import small_log
 
 LOG = b"".join(map(event_bytes, small_log()))
+
+
+def keep(folder: LogFolder, name: str, content: bytes) -> OpenedLog:
+    stream = folder.begin()
+    stream.write(content)
+    return folder.keep(name, stream)
 
 
 # What is taken
@@ -37,8 +43,8 @@ def test_files_that_are_too_large_or_too_many_are_refused_with_what_to_do() -> N
 def test_what_is_no_log_is_refused_with_what_is_expected_and_not_kept(content: bytes) -> None:
     folder = LogFolder()
     with pytest.raises(RefusedLog, match=r"picture.png is not an LCM event log. Expected is a file such as run.lcm"):
-        folder.keep("../../picture.png", content)
-    log = folder.keep("../../etc/run.lcm", LOG[:-3])
+        keep(folder, "../../picture.png", content)
+    log = keep(folder, "../../etc/run.lcm", LOG[:-3])
     assert log.name == "run.lcm"
     assert list(log.path.parent.iterdir()) == [log.path]
     folder.clean()
@@ -64,36 +70,114 @@ class FakeClient:
         )
         self.gui = SimpleNamespace(
             _websock_interface=connection,
-            _current_file_upload_states={},
-            _handle_file_transfer_start=lambda _client, message: self.kept.append(message),
-            _handle_file_transfer_part=lambda _client, message: self.kept.append(message),
+            _thread_executor=SimpleNamespace(submit=lambda call, *arguments: call(*arguments)),
             add_upload_button=lambda *_text, **_look: self.button,
             add_folder=lambda *_text, **_look: nullcontext(),
             add_html=lambda _text: None,
         )
 
 
-def test_nothing_of_a_file_that_is_refused_or_larger_than_announced_is_kept_in_memory() -> None:
-    client, said = FakeClient(), list[str]()
-    taken: list[tuple[str, bytes]] = []
-    upload = Upload(
-        client,  # type: ignore[arg-type]
-        lambda size: check_size(size, arriving(client)),  # type: ignore[arg-type]
-        lambda name, content: taken.append((name, content)),
-        said.append,
+def start(size: int, parts: int, uuid: str = "b") -> Any:
+    return SimpleNamespace(
+        size_bytes=size, part_count=parts, source_component_uuid="a", transfer_uuid=uuid, filename="run.lcm"
     )
-    start, part = client.handlers["FileTransferStartUpload"], client.handlers["FileTransferPart"]
-    start(1, SimpleNamespace(size_bytes=10**12, source_component_uuid="a", transfer_uuid="b"))
-    assert client.kept == ["FileTransferPartAck"], "the browser need not wait"
-    assert "larger than" in said[0]
-    client.gui._current_file_upload_states["c"] = {"transferred_bytes": 90, "total_bytes": 100}
-    assert arriving(client) == 100  # type: ignore[arg-type]
-    part(1, SimpleNamespace(transfer_uuid="c", content=bytes(20)))
-    assert client.gui._current_file_upload_states == {}
-    client.button.value = UploadedFile("run.lcm", LOG)
-    upload._arrived(None)
-    assert taken == [("run.lcm", LOG)]
-    assert client.button._impl.value.content == b""
+
+
+def part(index: int, content: bytes, uuid: str = "b") -> Any:
+    return SimpleNamespace(part_index=index, content=content, transfer_uuid=uuid, source_component_uuid="a")
+
+
+class Sending:
+    """A visitor who sends files, with the folder into which they come."""
+
+    def __init__(self) -> None:
+        self.client, self.logs = FakeClient(), LogFolder()
+        self.said: list[str] = []
+        self.taken: list[OpenedLog] = []
+        client: Any = self.client
+        self.upload = Upload(
+            client,
+            self.logs,
+            lambda size: check_size(size, self.upload.arriving),
+            self.taken.append,
+            self.said.append,
+        )
+
+    def start(self, message: Any) -> None:
+        self.client.handlers["FileTransferStartUpload"](1, message)
+
+    def part(self, message: Any) -> None:
+        self.client.handlers["FileTransferPart"](1, message)
+
+    def files(self) -> list[Path]:
+        return list(self.logs._folder.iterdir())
+
+
+def test_a_file_that_is_too_large_is_refused_before_anything_of_it_is_kept_and_the_browser_need_not_wait() -> None:
+    sending = Sending()
+    sending.start(start(10**12, 1))
+    assert sending.client.kept == ["FileTransferPartAck"]
+    assert "larger than" in sending.said[0]
+    assert sending.files() == []
+
+
+def test_a_file_comes_part_by_part_to_the_disk() -> None:
+    sending = Sending()
+    sending.start(start(len(LOG), 2))
+    sending.part(part(0, LOG[:99]))
+    assert sending.upload.arriving == len(LOG)
+    sending.part(part(1, LOG[99:]))
+    assert [log.path.read_bytes() for log in sending.taken] == [LOG]
+    assert sending.upload.arriving == 0
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        [part(0, bytes(101))],
+        [part(0, bytes(60)), part(1, bytes(60))],
+        [part(0, bytes(60)), part(1, bytes(20))],
+        [part(1, bytes(60))],
+        [part(0, bytes(60)), part(0, bytes(40))],
+        [part(0, b"")],
+    ],
+)
+def test_nothing_is_kept_of_a_file_that_does_not_come_as_it_was_announced(parts: list[Any]) -> None:
+    sending = Sending()
+    sending.start(start(100, 2))
+    for message in parts:
+        sending.part(message)
+    assert sending.files() == []
+    assert sending.taken == []
+
+
+def test_a_visitor_sends_one_file_at_a_time_and_nothing_is_kept_once_he_has_left() -> None:
+    sending = Sending()
+    for number in range(5):
+        sending.start(start(100, 2, str(number)))
+        sending.part(part(0, bytes(50), str(number)))
+    assert len(sending.files()) == 1
+    sending.upload.end()
+    assert sending.files() == []
+
+
+def test_a_full_disk_is_said_to_who_sends_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    sending = Sending()
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=opening.LEFT_FREE + 99))
+    sending.start(start(100, 2))
+    assert "nearly full" in sending.said[0]
+    monkeypatch.undo()
+    sending.start(start(100, 2))
+    assert sending.upload._transfer is not None
+    sending.upload._transfer.stream.close()
+    full = OSError(28, "No space left on device")
+    broken: Any = SimpleNamespace(
+        tell=lambda: 0, write=lambda _data: (_ for _ in ()).throw(full), close=lambda: None, name=sending.files()[0]
+    )
+    sending.upload._transfer = sending.upload._transfer._replace(stream=broken)
+    sending.part(part(0, bytes(50)))
+    assert sending.said[1] == "The log cannot be kept here: No space left on device."
+    assert sending.files() == []
 
 
 # For whom
@@ -117,6 +201,7 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> server.PageServer:
     """A server of a live world with visitors 1 to 6."""
     gui = SimpleNamespace(configure_theme=lambda **_look: None)
     fake = SimpleNamespace(gui=gui, initial_camera=SimpleNamespace(), get_port=lambda: 8080, stop=lambda: None)
+    fake._websock_server = SimpleNamespace(_live_connections={})
     fake.on_client_connect = fake.on_client_disconnect = lambda _call: None
     monkeypatch.setattr(server, "_Server", lambda *_address, **_look: fake)
     monkeypatch.setattr(server, "Visit", FakeVisit)
@@ -124,7 +209,8 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> server.PageServer:
     live: Any = SimpleNamespace(
         state=ViewState(), orders=Orders(), name="live", curves=curves, panel=lambda: None, head=lambda: ""
     )
-    result = server.PageServer("127.0.0.1", 8080, "secret of ours", NO_ROOM, live)
+    monkeypatch.setattr(server, "guarding", lambda _door: nullcontext())
+    result = server.PageServer(Address("127.0.0.1", 8080), "secret of ours", NO_ROOM, live)
     for visitor in range(1, 7):
         result.wishes.put(Wish(COME, visitor, SimpleNamespace(client_id=visitor, gui=FakeClient().gui)))
     result.wished(0)
@@ -132,7 +218,7 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> server.PageServer:
 
 
 def kept(pages: server.PageServer) -> OpenedLog:
-    return pages._logs.keep("run.lcm", LOG)
+    return keep(pages._logs, "run.lcm", LOG)
 
 
 def do(pages: server.PageServer, *wishes: Wish) -> list[Wish]:

@@ -11,6 +11,9 @@ from cmr.commands.view import main
     [
         (["--host", "0.0.0.0"], "--token"),
         (["--token", "short"], "8 characters"),
+        (["--allow-host", "robots.lab"], "--token"),
+        (["--key", "lab.key"], "--certificate"),
+        (["--certificate", "/nowhere.pem"], "No such file"),
         (["--geofence=0,0,1,1"], "3 corners"),
         (["--geofence=0,0,1"], "3 numbers are no points of x and y"),
         (["--obstacle", "1,2"], "--obstacle"),

@@ -22,7 +22,7 @@ from cmr.bus.streams import PARAMETERS, PROCESS_STATUS
 from cmr.calibration.calibrate import AVERAGE
 from cmr.calibration.calibrator import Calibrator
 from cmr.commands.calibrate import main as calibrate
-from cmr.commands.demo import _commands, before_and_after, command_parser
+from cmr.commands.demo import _commands, before_and_after, command_parser, verdict
 from cmr.commands.demo import main as demo
 from cmr.diagnosis.diagnose import diagnose
 from cmr.msg import world_state_t
@@ -139,6 +139,11 @@ def test_the_table_shows_truth_found_and_deviation(default: Run) -> None:
     for name, true in TRUTH.items():
         assert re.search(rf"{name} .*{true:.4g} .*%", default.output)
     assert "times smaller" in default.output
+
+
+def test_a_path_error_that_did_not_fall_is_not_called_smaller() -> None:
+    assert verdict(3.824, 0.049).endswith(": 78 times smaller.")
+    assert verdict(0.552, 1.452).endswith(" 1.452 m after: no smaller.")
 
 
 def test_the_figure_is_a_picture(default: Run) -> None:

@@ -65,6 +65,12 @@ def test_it_stands_still_without_parameters(tmp_path: Path) -> None:
     assert "parameters" in pilot.waiting_for
 
 
+def test_what_writes_missing_parameters_is_named_without_a_full_stop_at_its_path(tmp_path: Path) -> None:
+    pilot = Pilot(0, Follow(leader=10), ParameterFollower(0, tmp_path / "robot_0.yaml"))
+    drive(pilot, EPOCH)
+    assert pilot.waiting_for.endswith(f" There is no {tmp_path}/robot_0.yaml; `cmr init --out {tmp_path}` writes one")
+
+
 def test_it_stops_for_an_emergency_stop_until_its_release(pilot: Pilot) -> None:
     drive(pilot, EPOCH)
     for engaged in (True, False):

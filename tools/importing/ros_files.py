@@ -1,11 +1,11 @@
 """Which files make a bag, and which reader each needs: by its first bytes, since names of bags lie."""
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from cmr.files import open_regular
+from cmr.litter import temporary_folder
 from cmr.tools.importing import ros_bag1, ros_mcap, ros_sqlite
 from cmr.tools.importing.ros_records import BagError, BagReader
 from cmr.tools.importing.unpacking import copy_unpacked, most_unpacked, too_much
@@ -52,8 +52,8 @@ def opened(path: Path, wanted: frozenset[str]) -> Iterator[BagReader]:
     if path.suffix != ZSTANDARD_SUFFIX:
         yield _reader_class(path)(path, wanted)
         return
-    with tempfile.TemporaryDirectory(prefix="cmr-import.") as folder:
-        unpacked = Path(folder) / path.stem
+    with temporary_folder("cmr-import") as folder:
+        unpacked = folder / path.stem
         is_whole = _unpack(path, unpacked)
         reader = _reader_class(unpacked)(unpacked, wanted)
         if not is_whole:

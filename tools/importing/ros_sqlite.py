@@ -6,12 +6,11 @@ that were compressed one by one are recognised by Zstandard's magic, which no CD
 
 import shutil
 import sqlite3
-import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from urllib.parse import quote
 
+from cmr.litter import temporary_folder
 from cmr.plain_text import plain
 from cmr.tools.importing.ros_records import LONGEST_NAME, BagError, BagReader, Message, Topic
 from cmr.tools.importing.unpacking import decompress
@@ -58,8 +57,8 @@ class SqliteReader(BagReader):
         if not journal.exists() and not self._is_cut_off():
             yield f"file:{quote(str(self.path))}?mode=ro&immutable=1"
             return
-        with tempfile.TemporaryDirectory(prefix="cmr-import.") as folder:
-            copy = Path(folder) / "bag.db3"
+        with temporary_folder("cmr-import") as folder:
+            copy = folder / "bag.db3"
             shutil.copyfile(self.path, copy)
             if journal.exists():
                 shutil.copyfile(journal, copy.with_name("bag.db3-wal"))

@@ -5,9 +5,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import lcm
-
 from cmr.bus.messages import MICROSECONDS
+from cmr.recordings.log_file import LogFile
 from cmr.tools.importing.converting import Conversion, ConversionError, Event, convert
 from cmr.tools.importing.csv_source import read_csv
 from cmr.tools.importing.inputs import Recorded
@@ -110,11 +109,6 @@ def write_log(path: Path, events: Iterable[Event], robot_id: int) -> None:
     The log appears under its name when it is complete, in place of one that was there. Raises OSError when the
     folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
     """
-    with complete_or_none(path) as temporary:
-        log = lcm.EventLog(str(temporary), "w", overwrite=True)
-        try:
-            for event in events:
-                channel = event.stream.channel(robot_id)
-                log.write_event(event.message.utime, channel, event.message.encode())
-        finally:
-            log.close()
+    with complete_or_none(path) as temporary, LogFile(temporary) as log:
+        for event in events:
+            log.write(event.message.utime, event.stream.channel(robot_id), event.message.encode())

@@ -111,9 +111,7 @@ def _sentence(finding: Finding, name: str, closed: Closing) -> str:
 
 def _by_chance(one: Distance) -> str:
     """Return, of a distance that may be there by chance alone, how often that makes as much."""
-    return (
-        f", which chance alone makes in {one.p_value:.0%} of cases".replace("%", " %") if one.p_value > CHANCE else ""
-    )
+    return f", no more than expected by chance (p = {one.p_value:.2f})" if one.p_value > CHANCE else ""
 
 
 def cautions(findings: Sequence[Finding]) -> list[str]:

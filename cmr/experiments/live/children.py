@@ -1,6 +1,7 @@
 """Start other processes and see to it that every one of them ends, whatever happens."""
 
 import ctypes
+import os
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 
 PATIENCE = 3.0  # s for a process to end after SIGTERM; ours take less than 1 s
+LAST_BYTES = 1 << 14  # in which the last line of what a process says is looked for
 PR_SET_PDEATHSIG = 1  # Linux, prctl(2): the signal a process gets when its parent dies
 
 
@@ -90,7 +92,11 @@ class Children:
 
     def last_words(self, name: str) -> str:
         """Return the last line that a process has written; empty if there is none."""
-        said = self.said(name).strip().splitlines() if name in self._started else []
+        if name not in self._started:
+            return ""
+        with self._file(name).open("rb") as stream:
+            stream.seek(max(stream.seek(0, os.SEEK_END) - LAST_BYTES, 0))
+            said = stream.read().decode(errors="replace").strip().splitlines()
         return said[-1] if said else ""
 
     def _file(self, name: str) -> Path:

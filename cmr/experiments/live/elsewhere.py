@@ -1,4 +1,4 @@
-"""The processes of a run on other machines, where somebody else starts them: are they there, and are they well?"""
+"""The processes of a run on other machines, where agents or people start them: are they there, and are they well?"""
 
 import time
 from collections import Counter
@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from cmr.experiments.live.jobs import PILOT, RECORDER, SIM, Job
+from cmr.experiments.live.requests import AGENT, short_name
 from cmr.msg import process_status_t
 
 LONGEST_SILENCE = 5.0  # s; each says how it is once a second
@@ -24,6 +25,8 @@ class Elsewhere:
         statuses: Mapping[tuple[str, int], process_status_t],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._jobs = jobs
+        self._with_agent: set[str] = set()  # hosts
         self._wanted = Counter(_program(job) for job in jobs)
         self._movers = frozenset(_program(job) for job in jobs if job.role in (PILOT, SIM))
         self._statuses, self._clock = statuses, clock
@@ -52,6 +55,18 @@ class Elsewhere:
         fresh = movers - self._greeted
         self._greeted |= movers
         return bool(fresh)
+
+    def asked_of_agents(self) -> list[Job]:
+        """Return the processes that agents are asked for: those of hosts with one, where nobody started any by hand."""
+        there = self._in_service()
+        by_hand = {short_name(status.host) for status in there if status.process in self._wanted}
+        agents = {short_name(status.host) for status in there if status.process == AGENT}
+        self._with_agent |= agents - by_hand
+        return [job for job in self._jobs if short_name(job.host or "") in self._with_agent]
+
+    def by_hand(self) -> list[Job]:
+        """Return the processes that somebody has to start, and to end."""
+        return [job for job in self._jobs if short_name(job.host or "") not in self._with_agent]
 
     def _in_service(self) -> list[process_status_t]:
         """Return what those said last that are there; one that says nothing any more has died or is out of reach."""

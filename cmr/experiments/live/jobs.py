@@ -19,6 +19,7 @@ STOP_ORDER = (PILOT, CALIBRATOR, DIAGNOSER, SIM, DRIVER, EMULATOR, RECORDER)
 
 OPEN_LOOP = "manoeuvre"  # the behaviour that drives without looking where it is
 LOG = "run.lcm"
+CANNOT_WRITE = 74  # exit code of a recorder that cannot write any more; EX_IOERR of sysexits.h
 SIM_SCENARIO = "sim.yaml"
 STATE = "state"  # folder in which drivers of emulated robots keep an emergency stop: it ends with the run, as they do
 

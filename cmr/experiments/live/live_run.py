@@ -7,15 +7,18 @@ from pathlib import Path
 
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.message import Message
-from cmr.bus.process import Process
-from cmr.bus.streams import ESTOP, ESTOP_LATCH, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
+from cmr.bus.messages import now_utime
+from cmr.bus.process import Process, Timer
+from cmr.bus.streams import ESTOP, ESTOP_LATCH, PROCESS_REQUEST, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.experiments.live.children import Children
+from cmr.experiments.live.disk import Disk
 from cmr.experiments.live.elsewhere import Elsewhere
-from cmr.experiments.live.jobs import EMULATOR, PILOT, SIM, Job
+from cmr.experiments.live.jobs import EMULATOR, PILOT, RECORDER, SIM, Job
 from cmr.experiments.live.keeping_up import TOO_SLOW
 from cmr.experiments.live.measuring import EndingMetric
 from cmr.experiments.live.preparing import write_emulators, write_sim_scenario
+from cmr.experiments.live.requests import requests_of
 from cmr.experiments.live.supervisor import Supervisor
 from cmr.experiments.live.virtual import waypoints_message
 from cmr.experiments.live.watch import TeamWatch
@@ -32,12 +35,18 @@ LISTENING = 0.4  # s, in which a cmr-sim publishes its robots eight times at lea
 END_THE_OTHER = "end that cmr-run or cmr-sim, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
+MOST_EVENTS = 2000  # that are kept for the report
+REQUESTED_EVERY = 1.0  # s
+STOPPED_TIMES = 5
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: in words, and how many seconds after all were ready; `failed` if it never began."""
+    """How a run ended: in words, and how many seconds after all were ready.
+
+    `failed` if it never began, or could not be recorded to its end.
+    """
 
     ended_by: str
     seconds: float
@@ -48,6 +57,7 @@ class Outcome:
 class LiveRun:
     """A run of a scenario, whose files lie in `folder`, by the processes `jobs` here and `others` on other machines.
 
+    Agents there are asked to run them, as soon as they are heard.
     What happens is reported on the terminal and on PROCESS_STATUS, and kept in `events` as (seconds since the start,
     words).
     """
@@ -65,11 +75,14 @@ class LiveRun:
         self.scenario = scenario
         self.watch = TeamWatch(scenario)
         self._ending_metric = EndingMetric(scenario, self.watch)
-        self._elsewhere = Elsewhere(others, self.watch.statuses_elsewhere)
+        self.elsewhere = Elsewhere(others, self.watch.statuses_elsewhere)
         self.supervisor = Supervisor(jobs, children, self.watch.is_degraded, self._prepare, self._may_start)
         self.events: list[tuple[float, str]] = []
+        self._left_out = 0
         self._folder = folder
+        self._disk = Disk(folder)
         self._process = process
+        self._request = Timer(REQUESTED_EVERY)
         self._emergency_stop = EmergencyStop()
         self._bar = progress
         self._created = time.monotonic()
@@ -86,6 +99,7 @@ class LiveRun:
 
     def run(self) -> Outcome:
         """Start everything, and return when the run is over; nothing is stopped yet."""
+        self._disk.hold_room()
         if taken := self._taken():
             return Outcome(taken, 0.0, failed=True)
         for _utime in self._process.loop(RATE):
@@ -100,17 +114,32 @@ class LiveRun:
                 GRACE if doubt else ANOTHER_WORD
             ):
                 return self._drive(doubt)
+            if unrecorded := self._why_unrecorded():
+                return Outcome(unrecorded, 0.0, failed=True)
             given_up = self.supervisor.given_up()
             if given_up:
-                return Outcome(f"{given_up[0]} is not started again", 0.0, failed=True)
-            patience = START_UP_BY_HAND if self._elsewhere.is_needed else START_UP
+                return Outcome(f"{given_up[0]} is not restarted", 0.0, failed=True)
+            patience = START_UP_BY_HAND if self.elsewhere.is_needed else START_UP
             if time.monotonic() - self._created > patience:
                 return Outcome(f"waited {patience:.0f} s in vain for {lacking.rstrip('.')}", 0.0, failed=True)
         return Outcome("somebody ended it before all were ready", 0.0, interrupted=True)
 
+    def stop(self) -> None:
+        """Stop all processes of the run, here and by the agents of other machines; then there is room for a report."""
+        for _ in range(STOPPED_TIMES if self.elsewhere.asked_of_agents() else 0):  # any message may be lost
+            self._ask_agents(wanted=False)
+            time.sleep(REQUESTED_EVERY / STOPPED_TIMES)
+        self.supervisor.stop()
+        self._disk.give_room()
+
     def say(self, words: str) -> None:
-        """Report and keep what happened."""
+        """Report and keep what happened; of very much, what was first and last."""
         self.events.append((time.monotonic() - self._created, words))
+        if len(self.events) > MOST_EVENTS:
+            self._left_out += 1
+            self.events[MOST_EVENTS // 2 - 1 : MOST_EVENTS // 2 + 1] = [
+                (self.events[MOST_EVENTS // 2][0], f"... {self._left_out} more events, which are not kept")
+            ]
         self._bar.say(words)
 
     def _taken(self) -> str:
@@ -141,6 +170,8 @@ class LiveRun:
             self._turn()
             self._send_waypoints()
             self._bar.show(self._progress())
+            if unrecorded := self._why_unrecorded():
+                return Outcome(unrecorded, self._seconds, failed=True)
             reason = self._why_over()
             if reason:
                 return Outcome(reason, self._seconds)
@@ -149,17 +180,39 @@ class LiveRun:
     def _turn(self) -> None:
         """Listen, start what died again, and say on PROCESS_STATUS how it goes."""
         self._process.dispatch(self._hear)
-        if self._elsewhere.newcomers():
+        if self.elsewhere.newcomers():
             waypoints = self.watch.remaining_waypoints()
             self._to_send.update(
                 robot_id for robot_id, way in waypoints.items() if way and self._is_moved_elsewhere(robot_id)
             )
-        for sentence in self.supervisor.poll(time.monotonic()):
-            self.say(sentence)
+        self._supervise()
+        if self._request.due():
+            self._ask_agents(wanted=True)
         down = self.supervisor.down()
         ready = process_status_t.RUNNING if self._is_ready else process_status_t.STARTING
         self._process.state = process_status_t.DEGRADED if down else ready
-        self._process.message = f"Not running: {', '.join(down)}." if down else ""
+        self._process.message = f"Not running: {', '.join(down)}." if down else self._disk.shortage
+
+    def _supervise(self) -> None:
+        """Start what died again, and look how much room the disk has."""
+        try:
+            sentences = [self._disk.look(), *self.supervisor.poll(time.monotonic())]
+        except OSError as error:  # the files of a process that was to be started again
+            self._disk.note(error)
+            return
+        for sentence in filter(None, sentences):
+            self.say(sentence)
+
+    def _why_unrecorded(self) -> str:
+        """Return why the run cannot be recorded any more; empty while it can."""
+        if self.supervisor.is_unrecorded and not self._disk.full:
+            said = self.supervisor.last_words(RECORDER)
+            return said.rstrip(".") or f"nothing more can be recorded in {self._folder}"
+        return self._disk.full
+
+    def _ask_agents(self, wanted: bool) -> None:
+        for request in requests_of(self.elsewhere.asked_of_agents(), self._folder, now_utime(), wanted):
+            self._process.publish(PROCESS_REQUEST, request)
 
     def _hear(self, utime: int, channel: str, message: Message) -> None:
         self.watch.handle(utime, channel, message)
@@ -170,7 +223,7 @@ class LiveRun:
 
     def _missing(self) -> str:
         """Return which robots or processes are not there; empty if all are."""
-        if elsewhere := self._elsewhere.silent():
+        if elsewhere := self.elsewhere.silent():
             return elsewhere
         missing = self.watch.missing()
         if missing:
@@ -183,7 +236,7 @@ class LiveRun:
         """Return the first process that does not say that it is well, with what it says; empty if there is none."""
         states = self.supervisor.states
         ill = [name for name in states if self._is_heard(name) and self.watch.is_degraded(states[name].pid)]
-        return self._words_of(ill[0]) if ill else self._elsewhere.doubt()
+        return self._words_of(ill[0]) if ill else self.elsewhere.doubt()
 
     def _words_of(self, name: str) -> str:
         status = self.watch.statuses.get(self.supervisor.states[name].pid)
@@ -218,7 +271,7 @@ class LiveRun:
     def _is_moved_elsewhere(self, robot_id: int) -> bool:
         robot = self.scenario.robot(robot_id)
         is_virtual = robot is not None and robot.kind == "virtual"
-        return self._elsewhere.has_sim if is_virtual else robot_id in self._elsewhere.with_pilot
+        return self.elsewhere.has_sim if is_virtual else robot_id in self.elsewhere.with_pilot
 
     def _send_waypoints(self) -> None:
         """Send robots their waypoints once the process that moves them is ready."""

@@ -36,13 +36,13 @@ def measure(
     if not others:
         return kept
     since = max(watch.first_utime, watch.utime - over * 1e6)
-    there = np.flatnonzero(np.array(watch.sample_utime, dtype=np.int64) >= since)
+    there = np.flatnonzero(watch.track.utime >= since)
     there = there[:: math.ceil(len(there) / most_moments) or 1]
-    places: Floats = np.array([watch.samples[k] for k in there], dtype=float).reshape(-1, 2, len(watch.ids))
+    places: Floats = watch.track.places[there].astype(np.float64)
     whole = np.isfinite(places).all(axis=(1, 2))
     if np.count_nonzero(whole) < 2:
         return kept
-    utimes = np.array([watch.sample_utime[k] for k in there[whole]], dtype=np.int64)
+    utimes = watch.track.utime[there[whole]]
     seconds = np.asarray(utimes - watch.first_utime, dtype=np.float64) * 1e-6
     x, y = places[whole].transpose(1, 0, 2)
     return kept | scores(scenario, watch.ids.tolist(), seconds, x, y, others)

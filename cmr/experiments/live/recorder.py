@@ -6,14 +6,14 @@ Usage: python -m cmr.experiments.live.recorder FILE [--lcm-url URL]
 import argparse
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
-
-import lcm
 
 from cmr.bus.messages import now_utime
 from cmr.bus.preflight import handled, open_lcm
 from cmr.bus.process import Process
-from cmr.experiments.live.jobs import LOG
+from cmr.experiments.live.jobs import CANNOT_WRITE, LOG
+from cmr.recordings.log_file import LogFile
 
 RATE = 10.0  # Hz, of looking how it goes
 LONGEST_WAIT = 100  # ms for a message, before it looks whether it is to end
@@ -27,10 +27,8 @@ class Recorder:
 
     def __init__(self, path: Path, url: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb"):
-            pass  # LCM's own error does not say why a file cannot be written
         self.events = 0
-        self._log = lcm.EventLog(str(path), "w", overwrite=True)
+        self._log = LogFile(path)
         self._lcm = open_lcm(url)
         subscription = self._lcm.subscribe(".*", self._write)
         subscription.set_queue_capacity(0)  # unlimited
@@ -50,22 +48,29 @@ class Recorder:
             raise self._error
 
     def close(self) -> None:
-        """Write what has arrived, and close the file."""
+        """Write what has arrived, and close the file; `check` raises what keeps it from that."""
         self._is_closing = True
         self._thread.join()
-        while self._error is None and handled(self._lcm):
-            pass
-        self._log.close()
+        try:
+            while self._error is None and handled(self._lcm):
+                pass
+            self._log.close()
+        except OSError as error:
+            self._error = self._error or error
 
     def _listen(self) -> None:
         try:
-            while not self._is_closing:
+            while not self._is_closing and self._error is None:
                 handled(self._lcm, LONGEST_WAIT)
+                self._log.flush_if_due()
         except Exception as error:  # of whatever kind: reported by the thread that looks how it goes
             self._error = error
 
     def _write(self, channel: str, data: bytes) -> None:
-        self._log.write_event(now_utime(), channel, data)
+        try:
+            self._log.write(now_utime(), channel, data)
+        except OSError as error:  # LCM's own are tried again by `handled`
+            self._error = self._error or error
         self.events += 1
 
 
@@ -91,15 +96,26 @@ def main(arguments: list[str]) -> int:
     options.add_argument("--lcm-url")
     chosen = options.parse_args(arguments)
     path = free_path(chosen.file)
-    with Process("cmr-run recorder", chosen.lcm_url) as process:
-        recorder = Recorder(path, process.bus.url)
-        try:
-            for _ in process.loop(RATE):
-                recorder.check()
-                process.message = f"{recorder.events} messages in {path}."
-        finally:
-            recorder.close()
-    return process.exit_code
+    try:
+        with Process("cmr-run recorder", chosen.lcm_url) as process:
+            _record(process, path)
+            return process.exit_code
+    except OSError as error:
+        with suppress(OSError):  # what it says goes to the same disk
+            print(f"{path}: nothing more can be recorded: {error.strerror or error}.", file=sys.stderr, flush=True)
+        return CANNOT_WRITE
+
+
+def _record(process: Process, path: Path) -> None:
+    """Record until a signal comes. Raises OSError when the file cannot be written."""
+    recorder = Recorder(path, process.bus.url)
+    try:
+        for _ in process.loop(RATE):
+            recorder.check()
+            process.message = f"{recorder.events} messages in {path}."
+    finally:
+        recorder.close()
+    recorder.check()
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> 
 def document_of(run: LiveRun, outcome: Outcome, began: float) -> RunDocument:
     """Return what was measured: lengths in m, times in s since all robots were ready."""
     watch, scenario = run.watch, run.scenario
-    first = watch.first_utime or (watch.sample_utime[0] if watch.sample_utime else 0)
+    first = watch.first_utime or first_seen(watch)
     near = watch.nearest
     return {
         "schema": SCHEMA,
@@ -86,20 +86,25 @@ def metrics_in_words(document: RunDocument) -> str:
     )
 
 
+def first_seen(watch: TeamWatch) -> int:
+    """Return when a robot was first seen [us]; 0 where none was."""
+    return int(watch.track.utime[0]) if len(watch.track) else 0
+
+
 def mean_rate(watch: TeamWatch) -> float:
     """Return how often the world was published on average [Hz], since all were ready if they are."""
-    if not watch.sample_utime:
+    if not len(watch.track):
         return 0.0
-    span = (watch.utime - (watch.first_utime or watch.sample_utime[0])) * 1e-6
+    span = (watch.utime - (watch.first_utime or first_seen(watch))) * 1e-6
     counted = watch.worlds if watch.first_utime else watch.worlds - 1
     return counted / span if span > 0.0 else 0.0
 
 
 def _robots(run: LiveRun, first: int) -> list[RobotDocument]:
     watch = run.watch
-    paths: Floats = np.array(watch.samples, dtype=float).reshape(-1, 2, len(watch.ids))
-    step = max(math.ceil(len(paths) / max(MOST_POINTS // len(watch.ids), FEWEST_POINTS)), 1)
-    seconds = np.asarray(np.array(watch.sample_utime[::step], dtype=np.int64) - first, dtype=np.float64) * 1e-6
+    step = max(math.ceil(len(watch.track) / max(MOST_POINTS // len(watch.ids), FEWEST_POINTS)), 1)
+    paths: Floats = watch.track.places[::step].astype(np.float64)
+    seconds = np.asarray(watch.track.utime[::step] - first, dtype=np.float64) * 1e-6
     plans = {robot.robot_id: robot for robot in run.scenario.robots}
     remaining = watch.remaining_waypoints()
     return [
@@ -111,7 +116,7 @@ def _robots(run: LiveRun, first: int) -> list[RobotDocument]:
             "waypoints": plans[robot_id].waypoints,
             "waypoints_left": len(remaining.get(robot_id, ())),
             "goal_reached_at_s": (reached - first) * 1e-6 if (reached := watch.reached_utime.get(robot_id)) else None,
-            "path": _path(seconds, paths[::step, :, index]),
+            "path": _path(seconds, paths[:, :, index]),
         }
         for index, robot_id in enumerate(watch.ids.tolist())
     ]

@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from cmr.experiments.live.children import Children
-from cmr.experiments.live.jobs import DRIVER, PILOT, STOP_ORDER, Job
+from cmr.experiments.live.jobs import CANNOT_WRITE, DRIVER, PILOT, RECORDER, STOP_ORDER, Job
 
 FIRST_DELAY = 0.5  # s until a process that died is started again; doubled each time
 LONGEST_DELAY = 30.0  # s
 PROVEN = 30.0  # s after which a process counts as healthy, and the next delay is the first again
+MOST_ENDS = 50  # that are kept of a process that ends again and again
 WRONG_USAGE = 2
 ASKED_TO_END = frozenset({130, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP})
 
@@ -24,7 +25,7 @@ class State:
     delay: float = FIRST_DELAY
     starts: int = 0
     pid: int = 0  # of the process as it was last started
-    ends: list[str] = field(default_factory=list)  # how it ended, each time
+    ends: list[str] = field(default_factory=list)  # how it ended, each of the last times
 
     @property
     def restarts(self) -> int:
@@ -97,6 +98,12 @@ class Supervisor:
         """Return those of them that are not started again."""
         return [name for name in self.down() if self.states[name].due is None]
 
+    @property
+    def is_unrecorded(self) -> bool:
+        """Whether a recorder could not write any more."""
+        recorders = (state for state in self.states.values() if state.job.role == RECORDER)
+        return any(_how(CANNOT_WRITE) in state.ends[-1:] for state in recorders)
+
     def last_words(self, name: str) -> str:
         """Return the last line that a process said; empty if there is none."""
         return self._children.last_words(name)
@@ -107,6 +114,7 @@ class Supervisor:
     def _note_end(self, name: str, code: int, now: float) -> str:
         state = self.states[name]
         state.ends.append(_how(code))
+        del state.ends[:-MOST_ENDS]
         said = self._children.last_words(name)
         end = f"{name} {_how(code)}{': ' + said if said and code else '.'}"
         why_not = self._why_not_again(state, code)
@@ -125,19 +133,21 @@ class Supervisor:
         if code == WRONG_USAGE:
             return "It would fail again."
         if code in ASKED_TO_END:
-            return "Somebody ended it; it is not started again."
+            return "Somebody ended it, so it is not restarted."
         job = state.job
+        if job.role == RECORDER and code == CANNOT_WRITE:
+            return "It would fail again: the run ends."
         if job.role == PILOT and (job.once or code > 0):
-            return "It would begin its drive again; the robot stands."
+            return "It would begin its drive again, so it is not restarted; the robot stays still."
         if job.role in (DRIVER, PILOT) and self._held(state.pid):
-            return "It held the robot for a reason, so it is not started again; the robot stands."
+            return "It stopped the robot for a reason, so it is not restarted; the robot stays still."
         return ""
 
 
 def _how(code: int) -> str:
     """Return how a process ended."""
     if code in ASKED_TO_END:
-        return "ended when it was asked to"
+        return "stopped normally"
     if code >= 0:
         return f"ended with exit code {code}"
     try:

@@ -15,6 +15,7 @@ from cmr.bus.channel_statistics import per_second
 from cmr.bus.message import Message
 from cmr.bus.senders import keep
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.experiments.live.track import Track
 from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.team.metrics import passed
 from cmr.geometry.places import Point, Pose
@@ -24,7 +25,6 @@ from cmr.world.view import OLDEST, TWIN
 Floats: TypeAlias = NDArray[np.float64]
 
 LOOK_PERIOD = 100_000  # us between two looks at where robots are, and at first between the places that are kept
-MOST_SAMPLES = 6_000  # then every second one is dropped, and half as many are kept from then on
 JITTER = 0.02  # m; a robot that moves less stands, and its estimate trembles
 STANDING = 0.2  # rad/s; a slower wheel rests
 
@@ -60,9 +60,7 @@ class TeamWatch:
         self._fastest: dict[int, float] = {}  # rate of each process's loop [Hz], by pid, when it kept up best
         self._world_utimes: deque[int] = deque(maxlen=100)
         self._looked = 0  # us; when it looked last at where robots are
-        self._period = LOOK_PERIOD
-        self.sample_utime: list[int] = []
-        self.samples: list[Floats] = []  # (2, robots): x and y [m] at each of these moments
+        self.track = Track(count, LOOK_PERIOD)
         self.statuses: dict[int, process_status_t] = {}  # the last of each process here, by pid
         self.statuses_elsewhere: dict[tuple[str, int], process_status_t] = {}  # elsewhere: by host and pid
         self._host = socket.gethostname()
@@ -178,17 +176,10 @@ class TeamWatch:
         self._looked = utime
         present = (self.seen > 0) & (utime - self.seen <= OLDEST)
         places = np.where(present, [self.x, self.y], np.nan)
-        if not self.sample_utime or utime - self.sample_utime[-1] >= self._period:
-            self._keep(utime, places)
+        self.track.add(utime, places)
         self._add_distances(places)
         self._note_nearest(places, np.flatnonzero(present), utime)
         self._note_goals(places, utime)
-
-    def _keep(self, utime: int, places: Floats) -> None:
-        self.sample_utime.append(utime)
-        self.samples.append(places)
-        if len(self.samples) > MOST_SAMPLES:
-            self.samples, self.sample_utime, self._period = self.samples[::2], self.sample_utime[::2], 2 * self._period
 
     def _add_distances(self, places: Floats) -> None:
         step = np.hypot(*(places - self._anchor))

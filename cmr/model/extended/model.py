@@ -3,7 +3,6 @@
 import hashlib
 import importlib.util
 import sys
-import tempfile
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cmr.litter import temporary_beside
 from cmr.model.cache import cache_folder
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, MODELLED
 from cmr.model.effect import Effect
@@ -210,9 +210,9 @@ def composed_module(compose: Callable[[], str], parts: object) -> ModuleType:
     name = f"cmr_model_{key}"
     path = cache_folder() / f"{name}.py"
     if not path.exists():
-        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".new", delete=False) as file:
-            file.write(compose())
-        Path(file.name).replace(path)
+        temporary = temporary_beside(path)
+        temporary.write_text(compose(), encoding="utf-8")
+        temporary.replace(path)
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:
         raise ImportError(f"cannot load {path}")

@@ -83,7 +83,7 @@ def held_up_finding(recording: Recording) -> Finding:
         "held_up_readings",
         found,
         f"{counted(found, 'reading')} of the wheels came more than {1e3 * LONGEST_DOUBT:.0f} ms later than usual, "
-        "so that nobody knows when they were taken: the computer, or an adapter, held them up. They are passed over.",
+        "so it is not known when they were taken: the computer, or an adapter, delayed them. They are left out.",
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from cmr.bus.messages import RejectedMessage, decode
+from cmr.bus.possible import screened
 from cmr.bus.streams import CAMERA_IMAGE, PROCESS_STATUS, SELF_TESTS, WORLD_STATE
 from cmr.view.data.state import ViewState
 
@@ -46,8 +47,11 @@ class Intake:
 
     def _decode(self, utime: int, channel: str, data: bytes) -> None:
         try:
-            received = decode(channel, data)
+            message, impossible = screened(decode(channel, data).message)
         except RejectedMessage:
             self.state.traffic.reject(channel)
-        else:
-            self.state.handle(utime, channel, received.message)
+            return
+        if impossible:
+            self.state.traffic.reject(channel)
+        if message is not None:
+            self.state.handle(utime, channel, message)

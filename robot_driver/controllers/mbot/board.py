@@ -11,14 +11,14 @@ zero; at the first duty the board reports another than it was sent, and is drive
 """
 
 import math
-import struct
 from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
 
 from robot_driver.controllers.controller import BadReply, Controller, Request, Telemetry
-from robot_driver.controllers.mbot.frames import Frame, FrameReader, Topic, packed
+from robot_driver.controllers.mbot.frames import Frame, FrameReader
 from robot_driver.controllers.mbot.gyro import MBotGyro
+from robot_driver.gate.wire_mbot import DUTIES, MOMENT, NOTHING, REPEATED, Topic, packed
 
 T = TypeVar("T")
 
@@ -29,12 +29,9 @@ SILENCE = 100_000  # us after which the board may not have heard the time
 UNHEARD = 20_000  # us after which the board reports what it was sent, or has not heard it: USB holds bytes up to 16 ms
 WATCHDOG_IGNORED = 1.5  # s of talking after which there is no watchdog
 BATTERY = 7  # index in ANALOG_IN of the battery's voltage, behind four raw values and three other voltages
-NOTHING = bytes(40)  # more than the rest of a frame of duties, and no beginning of another
-REPEATED = 3  # times that a silent board is sent duties
 REMEMBERED = 100  # duties last sent, of which one may be in force; the others are older than any watchdog allows
 UNTOLD = 3  # reports in a row of duties that the board was never sent: then its firmware is another
 EVERYTHING = 4096  # bytes; whatever has come
-DUTIES, MOMENT = struct.Struct("<q3f"), struct.Struct("<q")
 
 
 class MBot(Controller):

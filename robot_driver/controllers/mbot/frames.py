@@ -1,35 +1,15 @@
-"""Frames of the MBot board: how they are packed, and how they are found in a stream.
+"""Frames of the MBot board: what is in them, and how they are found in a stream.
 
-A frame is `FF FE length check topic payload check`: length and topic in 16 bits, low byte first; each check is 255
-minus the sum of the bytes before it modulo 256, the first over the length, the second over topic and payload. Payloads
-are packed little-endian structures. Source: mbot-project/mbot_firmware, comms/src/protocol.c.
+robot_driver/gate/wire_mbot.py says what a frame is.
 """
 
 import struct
-from enum import IntEnum
 from typing import NamedTuple
 
 from robot_driver.controllers.mbot.clock import SteadyClock
+from robot_driver.gate.wire_mbot import HEADER_BYTES, START, Topic, check_of
 
-START = b"\xff\xfe"
-HEADER_BYTES = 7  # start, length, check, topic
-OVERHEAD_BYTES = HEADER_BYTES + 1
 MOST_FOREIGN = 10  # topics
-
-
-class Topic(IntEnum):
-    """What a frame is about; those that the board says are in LAYOUTS."""
-
-    TIMESYNC = 201
-    IMU = 220
-    ENCODERS = 221
-    ANALOG_IN = 223
-    ODOMETRY = 210
-    MOTOR_PWM_COMMAND = 230
-    MOTOR_VELOCITY = 232
-    MOTOR_PWM = 233
-    VELOCITY = 234
-
 
 # What the board says, as for `struct`. The first number of each is the moment, in us by the board's clock.
 LAYOUTS = {
@@ -55,12 +35,6 @@ class Frame(NamedTuple):
     values: tuple[float, ...]
     measured: int
     bytes_since: int
-
-
-def packed(topic: int, payload: bytes) -> bytes:
-    """Return a frame."""
-    length, body = struct.pack("<H", len(payload)), struct.pack("<H", topic) + payload
-    return START + length + _check(length) + body + _check(body)
 
 
 class FrameReader:
@@ -100,7 +74,7 @@ class FrameReader:
         header = self._data[start : start + HEADER_BYTES]
         length, check, topic = struct.unpack_from("<HBH", header, len(START))
         end = start + HEADER_BYTES + length + 1
-        is_frame = length and end <= len(self._data) and _check(header[2:4])[0] == check
+        is_frame = length and end <= len(self._data) and check_of(header[2:4])[0] == check
         if is_frame and _is_sound(self._data, start, end) and topic not in LAYOUTS and len(self.foreign) < MOST_FOREIGN:
             self.foreign.add(topic)
 
@@ -117,14 +91,10 @@ def _end(data: bytes, start: int) -> int | None:
         return None
     length, check, topic = struct.unpack_from("<HBH", header, len(START))
     layout = LAYOUTS.get(topic)
-    if layout is None or layout.size != length or _check(header[2:4])[0] != check:
+    if layout is None or layout.size != length or check_of(header[2:4])[0] != check:
         return 0
     return start + HEADER_BYTES + layout.size + 1
 
 
 def _is_sound(data: bytes, start: int, end: int) -> bool:
-    return data.startswith(START, end) and _check(data[start + 5 : end - 1]) == data[end - 1 : end]
-
-
-def _check(data: bytes) -> bytes:
-    return bytes((255 - sum(data) % 256,))
+    return data.startswith(START, end) and check_of(data[start + 5 : end - 1]) == data[end - 1 : end]

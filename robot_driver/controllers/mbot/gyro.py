@@ -2,7 +2,8 @@
 
 import math
 
-from robot_driver.controllers.mbot.frames import Frame, FrameReader, Topic
+from robot_driver.controllers.mbot.frames import Frame, FrameReader
+from robot_driver.gate.wire_mbot import Topic
 from robot_driver.gyros.gyro import Gyro, GyroReading
 
 LARGEST_RATE = math.radians(2000.0)  # rad/s; the widest range of the sensor

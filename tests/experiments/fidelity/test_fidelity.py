@@ -81,8 +81,8 @@ def test_where_there_was_no_gap_nothing_is_closed() -> None:
     before = {"uncalibrated": replace(finding.distances["uncalibrated"], value=0.3, p_value=0.124)}
     (sentence,) = sentences([replace(finding, distances={**finding.distances, **before})])
     assert sentence.startswith(
-        "time_to_goal, calibrated: no gap shown: without calibration 0.3 s from real teams, which chance alone "
-        "makes in 12 % of cases; they differ by "
+        "time_to_goal, calibrated: no gap shown: without calibration 0.3 s from real teams, no more than expected "
+        "by chance (p = 0.12); they differ by "
     )
 
 

@@ -171,7 +171,7 @@ def test_a_folder_that_holds_a_run_is_left_alone(run: tuple[Path, str]) -> None:
 def test_every_process_was_asked_to_end_and_did(report: dict[str, Any], run: tuple[Path, str]) -> None:
     names = {process["name"] for process in report["processes"]}
     assert names == {"recorder", "sim", "emulator 0", "driver 0", "pilot 0"}
-    assert all(process["ends"][-1] == "ended when it was asked to" for process in report["processes"])
+    assert all(process["ends"][-1] == "stopped normally" for process in report["processes"])
     assert processes_naming(run[0]) == []
 
 

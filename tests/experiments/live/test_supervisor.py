@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from cmr.experiments.live.children import Children
 from cmr.experiments.live.jobs import DRIVER, PILOT, RECORDER, SIM, Job
-from cmr.experiments.live.supervisor import FIRST_DELAY, PROVEN, Supervisor
+from cmr.experiments.live.supervisor import FIRST_DELAY, MOST_ENDS, PROVEN, Supervisor
 
 pytestmark = pytest.mark.waits
 
@@ -93,7 +94,7 @@ def test_a_driver_or_pilot_that_held_its_robot_stays_down(children: Children) ->
     supervisor.poll(0.0)
     for role in (DRIVER, PILOT):
         kill(supervisor, role)
-        assert "the robot stands" in end_of(supervisor, role, 1.0)
+        assert "the robot stays still" in end_of(supervisor, role, 1.0)
     kill(supervisor, SIM)
     assert "Started again" in end_of(supervisor, SIM, 1.0)
     assert supervisor.given_up() == [DRIVER, PILOT]
@@ -103,9 +104,9 @@ def test_a_drive_is_never_begun_anew(children: Children) -> None:
     """A pilot that ended its drive with a complaint, or drove without looking where it is, would move the robot."""
     supervisor = Supervisor([job(PILOT, FAIL), job(PILOT, LIVE, name="blind", once=True)], children)
     supervisor.poll(0.0)
-    assert "the robot stands" in end_of(supervisor, PILOT, 1.0)
+    assert "the robot stays still" in end_of(supervisor, PILOT, 1.0)
     kill(supervisor, "blind")
-    assert "the robot stands" in end_of(supervisor, "blind", 1.0)
+    assert "the robot stays still" in end_of(supervisor, "blind", 1.0)
     supervisor.poll(1000.0)
     assert supervisor.given_up() == [PILOT, "blind"]
 
@@ -167,3 +168,20 @@ def test_what_may_not_start_yet_waits(children: Children) -> None:
     driver_is_there = True
     supervisor.poll(0.1)
     assert supervisor.is_running(PILOT)
+
+
+def test_of_a_process_that_says_and_ends_ever_more_little_is_kept_and_read(children: Children) -> None:
+    noisy = "import sys; print('x' * 100 + chr(10)); print('no port'); sys.exit(1)"
+    supervisor = Supervisor([job(DRIVER, noisy)], children)
+    state = supervisor.states[DRIVER]
+    state.ends = ["ended before"] * MOST_ENDS
+    supervisor.poll(0.0)
+    assert "no port" in end_of(supervisor, DRIVER, 1.0)
+    assert len(state.ends) == MOST_ENDS
+    assert state.ends[-1] == "ended with exit code 1"
+    with (children.folder / f"{DRIVER}.txt").open("ab") as said:
+        said.write(b"line\n" * 1_000_000 + b"the last\n")
+    tracemalloc.start()
+    assert children.last_words(DRIVER) == "the last"
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    tracemalloc.stop()

@@ -1,6 +1,7 @@
 """What is said of a team in the report is what its robots did."""
 
 import socket
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.experiments.live.track import Track
 from cmr.experiments.live.watch import TeamWatch
 from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.model.motion import RobotState
@@ -88,14 +90,37 @@ def test_robots_of_others_are_passed_over() -> None:
 
 def test_a_long_run_keeps_a_bounded_number_of_places(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100
-    monkeypatch.setattr("cmr.experiments.live.watch.MOST_SAMPLES", most)
+    monkeypatch.setattr("cmr.experiments.live.track.MOST_MOMENTS", most)
     watched = watch()
     for k in range(3 * most):
         see(watched, 5 * k, (0, VIRTUAL, 0.001 * k, 0.0), (1, VIRTUAL, 0.0, 1.0))
-    assert most / 2 < len(watched.samples) <= most
-    spacing = np.diff(watched.sample_utime)
-    assert spacing.max() == spacing[1:].min()
-    assert watched.sample_utime[-1] > EPOCH + 0.95 * 15 * most * STEP
+    track = watched.track
+    assert most / 2 < len(track) <= most
+    spacing = np.diff(track.utime)
+    assert spacing.max() == spacing.min() == 4 * 5 * STEP
+    assert track.utime[-1] > EPOCH + 0.95 * 15 * most * STEP
+    assert track.places[:, 0, 0] == pytest.approx((track.utime - EPOCH) / (5 * STEP) * 0.001, rel=1e-6)
+
+
+def test_a_thousand_robots_take_no_more_memory_in_a_week_than_in_minutes() -> None:
+    robots, hour = 1000, 36_000  # moments
+    track = Track(robots, 100_000)
+    places = np.ones((2, robots))
+    assert track.places.base is not None
+    size = track.places.base.nbytes
+    assert size <= 16_000_000
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for k in range(hour):
+        track.add(100_000 * k, places)
+    grown, peak = (value - before for value in tracemalloc.get_traced_memory())
+    tracemalloc.stop()
+    assert peak < 100_000, "nothing is set aside while it goes on"
+    assert grown < 10_000
+    for k in range(hour, 168 * hour, 100):  # the rest of a week, of which it keeps less and less
+        track.add(100_000 * k, places)
+    assert track.places.base.nbytes == size
+    assert len(track) >= track.most // 2
 
 
 def test_what_robots_did_before_all_were_in_service_does_not_count() -> None:

@@ -114,7 +114,7 @@ def test_a_long_run_is_measured_at_a_bounded_number_of_moments() -> None:
 def test_a_goal_counts_from_when_the_robot_was_there_in_a_live_run_of_any_length(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cmr.experiments.live.watch.MOST_SAMPLES", 4)  # as after an hour: places are kept seconds apart
+    monkeypatch.setattr("cmr.experiments.live.track.MOST_MOMENTS", 4)  # as after an hour: places are kept seconds apart
     found = measure(team(), watched(team(), 100, range(0)), ["time_to_goal"], most_moments=10)
     assert found["time_to_goal"] == pytest.approx(1.9)
 

@@ -8,8 +8,9 @@ from unittest.mock import patch
 
 from robot_driver.controllers import Request
 from robot_driver.controllers.mbot import MBot, MBotGyro
-from robot_driver.controllers.mbot.frames import HEADER_BYTES, LAYOUTS, OVERHEAD_BYTES, START, Frame, FrameReader, Topic
+from robot_driver.controllers.mbot.frames import LAYOUTS, Frame, FrameReader
 from robot_driver.emulator.mbot_device import frame
+from robot_driver.gate.wire_mbot import HEADER_BYTES, OVERHEAD_BYTES, START, Topic
 from tests.robot_driver.any_bytes.script import Script, in_pieces, taken_as_reply, understood
 
 T = TypeVar("T")

@@ -18,14 +18,15 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers.mbot import MBot, MBotGyro
 from robot_driver.controllers.mbot.board import TIME_TELLING
-from robot_driver.controllers.mbot.frames import START, packed
 from robot_driver.driver import Driver
+from robot_driver.emulator.boards.mbot_topics import TIMESYNC
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import Faults, FaultyLine
-from robot_driver.emulator.mbot_device import TIMESYNC, MBotDevice
+from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
+from robot_driver.gate.wire_mbot import START, packed
 from robot_driver.main import main
 from robot_driver.settings import Settings
 from tests.support.driver_bench import DriverProcess, PunctualEngine, number, open_gate_of, wait_for

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from robot_driver.controllers import BadReply, Request
 from robot_driver.controllers.mbot import MBot, MBotGyro
-from robot_driver.controllers.mbot.board import REPEATED
 from robot_driver.controllers.mbot.clock import JITTER, SteadyClock
-from robot_driver.controllers.mbot.frames import LAYOUTS, START, Frame, FrameReader, Topic, packed
+from robot_driver.controllers.mbot.frames import LAYOUTS, Frame, FrameReader
 from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import load_settings
+from robot_driver.gate.wire_mbot import REPEATED, START, Topic, packed
 from tests.robot_driver.golden_vectors import MBOT_STOP
 
 

@@ -14,7 +14,6 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND, MOTOR_FEEDBACK
 from cmr.msg import estop_t, motor_command_t, motor_feedback_t
 from robot_driver.controllers import CONTROLLERS, Request
-from robot_driver.controllers.roboclaw import crc
 from robot_driver.controllers.roboclaw_pair import RoboClawPair
 from robot_driver.driver import Driver
 from robot_driver.emulator import settings as emulated
@@ -23,6 +22,7 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
+from robot_driver.gate.wire_roboclaw import crc
 from robot_driver.settings import Settings
 from tests.support.driver_bench import PunctualEngine, open_gate_of, wait_for
 from tests.support.exchanges import Exchanges
@@ -113,11 +113,11 @@ def test_13_counts_go_on_where_the_registers_wrap_upwards_and_downwards(tmp_path
     settings = emulated.load_settings().ideal()
     plant = Plant(settings)
     device = RoboclawDevice(settings, plant)
-    device._encoder_zero = [10, -10]
-    assert device._encoders() == (2**32 - 10, 10)
+    device.board.encoder_zero = [10, -10]
+    assert device.board.encoders() == (2**32 - 10, 10)
     with running(tmp_path, "roboclaw", plant, device) as run:
         run.until(lambda: run.feedback and run.feedback[-1].ticks_left > 200 and run.feedback[-1].ticks_right < -100)
-        assert device._encoders()[0] < 2**16 < 2**31 < device._encoders()[1]
+        assert device.board.encoders()[0] < 2**16 < 2**31 < device.board.encoders()[1]
         assert run.driver._motors.jumps == 0
     ticks = [(message.ticks_left, message.ticks_right) for message in run.feedback]
     assert ticks[0] == (0, 0)
@@ -179,10 +179,10 @@ def test_when_one_of_two_units_is_reset_both_are_armed_anew(tmp_path: Path) -> N
     plant, device = pair()
     with running(tmp_path, "roboclaw-pair", plant, device) as run:
         run.until(lambda: device.units[1].duty == [16384, -8192])
-        device.units[1]._timeout = 0.0
+        device.units[1].board.timeout = 0.0
         run.until(lambda: "was reset" in run.driver.problems())
         run.until(lambda: run.driver.problems() == "")
-        assert device.units[1]._timeout == pytest.approx(0.5)
+        assert device.units[1].board.timeout == pytest.approx(0.5)
 
 
 def test_the_counters_of_two_units_wrap_each_for_itself() -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+import os
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +24,7 @@ from robot_driver.emulator.settings import load_settings
 from robot_driver.settings import Settings
 from tests.support.driver_bench import DriverProcess, PunctualEngine, open_gate_of
 from tests.support.exchanges import Exchanges
+from tests.support.gates import gate_of
 
 pytestmark = pytest.mark.real_time
 
@@ -170,7 +172,7 @@ class Hot(Honest):
 
     too_hot = False
 
-    def _apply(self, duty: list[int]) -> None:
+    def _apply(self, duty: list[float]) -> None:
         super()._apply([0, 0] if self.too_hot else duty)
         self.applied = [*getattr(self, "applied", []), self.duty[0]]
 
@@ -308,7 +310,7 @@ class Misheard(RoboteqDevice):
             self.duties += 1
             data = data if self.duties % 7 else data.replace(b"-", b"")
         elif data == b"?C\r":
-            self.truth.add((*self._encoders(), *self.duty))
+            self.truth.add((*self.encoders(), *self.duty))
         return super().receive(data, time)
 
 
@@ -353,6 +355,7 @@ def test_a_signal_while_driving_ends_with_a_zero_that_was_acknowledged(robot: Ro
 
 def test_the_devices_own_watchdog_stops_the_motors_when_the_host_dies(robot: Robot) -> None:
     process = process_driving(robot)
+    os.kill(gate_of(process.process.pid), signal.SIGKILL)  # which would stop them at once
     process.end(signal.SIGKILL)
     deadline = time.monotonic() + PATIENCE
     while not robot.at_rest():

@@ -272,9 +272,9 @@ def test_a_restarted_device_gets_zeros_and_is_not_believed_until_it_is_armed_ane
 class Lenient(RoboteqDevice):
     """Takes the first two numbers of a line for the duty, whatever else stands in it."""
 
-    def _answer(self, line: str, time: float) -> str:
+    def _answer(self, line: str) -> str:
         numbers = re.findall(r"-?[0-9]+", line)
-        return super()._answer(f"!M {numbers[0]} {numbers[1]}" if line[0] == "!" and numbers[1:] else line, time)
+        return super()._answer(f"!M {numbers[0]} {numbers[1]}" if line[0] == "!" and numbers[1:] else line)
 
 
 def damages(line: bytes) -> Iterator[bytes]:
@@ -298,7 +298,7 @@ def told(device: RoboteqDevice, request: Request[Any], *arriving: bytes) -> Any:
 
 def driving(kind: type[RoboteqDevice], echo: bool) -> RoboteqDevice:
     device, plant = make_device(echo=echo)
-    device = kind(device._settings, plant)
+    device = kind(device.settings, plant)
     assert told(device, Roboteq().drive(0.7, 0.6)) == (0.7, 0.6)
     return device
 
@@ -312,7 +312,8 @@ def test_3_a_duty_that_was_damaged_on_its_way_is_never_told_as_applied(
     device = driving(kind, echo=False)
     taken_for_another = 0
     for line in damages(Roboteq().drive(*duty).data):
-        device._wanted, device.duty, device._line = [700, 600], [700, 600], b""
+        device._wanted, device._line = [700, 600], b""
+        device._apply(device._wanted)
         said = told(device, Roboteq().drive(*duty), line)
         assert said is None or [round(1000 * value) for value in said] == device.duty
         taken_for_another += said is None and device.duty != [700, 600]

@@ -14,13 +14,16 @@ import pytest
 from basicmicro import Basicmicro
 from basicmicro.exceptions import PacketTimeoutError
 
+from robot_driver.emulator.boards.roboclaw import FULL_DUTY
+from robot_driver.emulator.boards.roboclaw_commands import VERSION
 from robot_driver.emulator.device import Device, Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
-from robot_driver.emulator.roboclaw_device import FULL_DUTY, VERSION, RoboclawDevice
+from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import ADDRESSES, RoboclawPairDevice
 from robot_driver.emulator.settings import Settings, load_settings
+from tests.support.driver_bench import wait_for
 
 pytestmark = pytest.mark.waits
 
@@ -188,6 +191,50 @@ def test_two_units_on_one_line_are_told_apart(tmp_path: Path) -> None:
             assert client.ReadCurrents(address) == (True, *witness.truth.currents)
         assert client.SetTimeout(REAR, 0.5)
         assert [client.GetTimeout(address) for address in ADDRESSES] == [(True, 0.0), (True, 0.5)]
+
+
+@pytest.mark.parametrize(
+    ("call", "arguments", "speeds"),
+    [
+        ("SpeedM1", (1500,), (1500, 0)),
+        ("SpeedM2", (-1500,), (0, -1500)),
+        ("SpeedM1M2", (2000, -1000), (2000, -1000)),
+        ("SpeedAccelM1", (5000, 1500), (1500, 0)),
+        ("SpeedAccelM2", (5000, -1500), (0, -1500)),
+        ("SpeedAccelM1M2", (5000, 2000, -1000), (2000, -1000)),
+        ("SpeedAccelM1M2_2", (5000, 2000, 2500, -1000), (2000, -1000)),
+        ("SpeedM1M2", (2**31 - 1, -(2**31)), (6036, -6036)),  # one motor can do 2.5 % more, the other less
+    ],
+)
+def test_the_wheels_turn_as_fast_as_the_client_says(
+    tmp_path: Path, call: str, arguments: tuple[int, ...], speeds: tuple[int, int]
+) -> None:
+    settings, plant = emulated(baud=0)
+    with client_of(tmp_path, RoboclawDevice(settings.ideal(), plant), plant) as client:
+        assert getattr(client, call)(FRONT, *arguments)
+
+        def missed_by() -> int:
+            _, *unsigned = client.GetISpeeds(FRONT)
+            said = [(speed + 2**31) % 2**32 - 2**31 for speed in unsigned]
+            return int(max(abs(one - other) for one, other in zip(said, speeds, strict=True)))
+
+        wait_for(lambda: missed_by() < 300)
+
+
+def test_ramps_of_duties_counts_and_constants_are_as_the_client_sets_them(tmp_path: Path) -> None:
+    settings, plant = emulated()
+    device = RoboclawDevice(settings, plant)
+    with client_of(tmp_path, device, plant) as client:
+        assert client.SetEncM1(FRONT, 123456)
+        assert client.SetEncM2(FRONT, 2**32 - 9)
+        assert client.GetEncoders(FRONT) == (True, 123456, 2**32 - 9)
+        assert client.SetM1VelocityPID(FRONT, 1.5, 0.5, 0.25, 44000)
+        assert client.ReadM1VelocityPID(FRONT) == (True, 1.5, 0.5, 0.25, 44000)
+        assert client.SetLogicVoltages(FRONT, 55, 65)
+        assert client.ReadMinMaxLogicVoltages(FRONT) == (True, 55, 65)
+        assert client.DutyAccelM1M2(FRONT, 10000, 20000, 655359, -20000)
+        assert 0 <= device.duty[0] < 20000
+        wait_for(lambda: client.ReadPWMs(FRONT) == (True, 20000, -20000))
 
 
 def test_a_unit_that_is_not_there_does_not_answer_and_disturbs_nobody(tmp_path: Path) -> None:

@@ -89,6 +89,16 @@ def test_the_first_line_names_both_ports(emulator: Emulator) -> None:
     assert emulator.first_line.split()[-4:] == ["motor", str(emulator.motor), "gyro", str(emulator.gyro)]
 
 
+def test_at_its_end_it_names_what_it_did_not_understand(tmp_path: Path) -> None:
+    with running(tmp_path / "ports", "--no-pose", "--controller", "roboteq") as emulator:
+        with serial.Serial(str(emulator.motor), timeout=PATIENCE) as port:
+            port.write(b"?NIX 1\r?NIX 2\r!P 1 100\r?FF\r")
+            port.read_until(b"FF=0\r")
+        emulator.process.send_signal(signal.SIGTERM)
+        said, _ = emulator.process.communicate(timeout=PATIENCE)
+    assert said.decode() == "cmr-emulate: not understood on port motor: ?NIX (2), !P (1)\n"
+
+
 def test_a_client_nobody_here_wrote_reads_everything_it_asks_for(emulator: Emulator) -> None:
     with client_of(emulator) as client:
         assert client.ReadVersion(ADDRESS) == (True, "USB Roboclaw 2x15a v4.2.8\n")

@@ -1,0 +1,58 @@
+"""Where robots were, at moments of a run of any length, in a memory that does not grow."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_MOMENTS = 6_000
+FEWEST_MOMENTS = 2_000  # half of them are left when they are thinned: fewer do not show how a team drove
+MOST_PLACES = 2_000_000  # of all robots together, 16 MB
+
+Integers: TypeAlias = NDArray[np.int64]
+Places: TypeAlias = NDArray[np.float32]
+
+
+class Track:
+    """Keeps the places of `robots` at moments that are `period` [us] apart at least.
+
+    When there are `most` of them, every second one is dropped, and half as many are kept from then on.
+    """
+
+    def __init__(self, robots: int, period: int) -> None:
+        self.most = min(max(MOST_PLACES // max(robots, 1), FEWEST_MOMENTS), MOST_MOMENTS)
+        self.period = period
+        self._count = 0
+        # Made once, and written to, so that all of it is there: what is dropped piece by piece leaves holes in the
+        # memory of a process, and what is not there at the beginning may not be there later.
+        self._utime = np.full(self.most, 0, dtype=np.int64)
+        self._places = np.full((self.most, 2, robots), np.nan, dtype=np.float32)
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def utime(self) -> Integers:
+        """When the moments were [us], shape (moments,)."""
+        return self._utime[: self._count]
+
+    @property
+    def places(self) -> Places:
+        """Where robots were then [m], shape (moments, 2, robots): x and y, NaN where a robot was not there."""
+        return self._places[: self._count]
+
+    def add(self, utime: int, places: NDArray[np.float64]) -> None:
+        """Keep the places at a moment, shape (2, robots), unless it comes too soon after the last."""
+        if self._count and utime - self._utime[self._count - 1] < self.period:
+            return
+        if self._count == self.most:
+            self._thin_out()
+        self._utime[self._count], self._places[self._count] = utime, places
+        self._count += 1
+
+    def _thin_out(self) -> None:
+        kept = (self._count + 1) // 2
+        self._utime[:kept] = self._utime[: self._count : 2].copy()
+        for number in range(kept):  # in place: a copy of all would be as large as they are
+            self._places[number] = self._places[2 * number]
+        self._count, self.period = kept, 2 * self.period

@@ -1,0 +1,197 @@
+"""Who is let in to the page: what a browser says of where it comes from, and what it sends, is checked before viser.
+
+Any web page that is open in the operator's browser can reach a server on this computer, under the server's own address
+or, with a name that its owner lets point here (DNS rebinding), under a foreign one. So the name by which a browser
+calls the server (Host) must be one that is ours, and a connection must come from our own page (Origin). Viser has no
+setting for either: the server of websockets that it starts is given both here.
+"""
+
+import asyncio
+import ipaddress
+import socket
+import ssl
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
+
+import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Data
+
+from cmr.view.entrance.refusals import Refusals
+from cmr.view.entrance.sent import MOST_BYTES, is_from_a_page
+
+THIS_COMPUTER = ("127.0.0.1", "localhost")
+MOST_VISITORS = 40  # each costs a core some percent
+MOST_A_SECOND = 200.0  # messages of one visitor: a page sends some 60 while it is dragged
+AT_ONCE = 400.0  # messages beyond that, as of somebody who was not heard for two seconds
+HEADERS = {
+    "X-Frame-Options": "DENY",  # a foreign page that shows ours could have the operator click on its buttons
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+FOREIGN_NAME = "This page is served under another name. To have this one: cmr-view --allow-host NAME\n"
+FOREIGN_PAGE = "Only the page that is served here may connect.\n"
+NO_QUERY = "The page takes no query: open its address without what begins with '?'.\n"
+
+Process = Callable[[ServerConnection, Request], Response | None]
+
+
+class Address(NamedTuple):
+    """Where a page is served: `names` are its host's besides its addresses; `tls` encrypts, where it is given."""
+
+    host: str
+    port: int
+    names: tuple[str, ...] = ()
+    tls: ssl.SSLContext | None = None
+
+    @property
+    def is_for_this_computer(self) -> bool:
+        """Whether nobody comes from elsewhere: also not by way of another server, which would need a name of ours."""
+        return self.host in THIS_COMPUTER and not self.names
+
+    def check(self) -> None:
+        """Raise OSError where this is no address of this computer: viser would wait for ever."""
+        family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.bind((self.host, 0))
+
+    def url(self, port: int) -> str:
+        """Return the address for a browser, where the page has this port."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'https' if self.tls else 'http'}://{host}:{port}"
+
+
+class Door(NamedTuple):
+    """Looks at who comes to an address, and counts who is sent away."""
+
+    address: Address
+    refusals: Refusals
+
+    def why_not(self, request: Request, own_address: str) -> str:
+        """Return why a request that reached us at `own_address` is refused; empty if it is not."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or not self._is_ours(hosts[0], own_address):
+            return FOREIGN_NAME
+        # Programs send no origin; every browser does, and no page can keep it from that.
+        if origins and (len(origins) > 1 or _place_of(origins[0]) != hosts[0].lower()):
+            return FOREIGN_PAGE
+        # With ?websocket=... viser's page would connect to a foreign server, and obey it in our name.
+        return NO_QUERY if "?" in request.path else ""
+
+    def _is_ours(self, host: str, own_address: str) -> bool:
+        try:
+            name = (urlsplit(f"//{host}").hostname or "").rstrip(".")
+        except ValueError:
+            return False
+        named = {"localhost", self.address.host.lower(), *(name.lower() for name in self.address.names)}
+        return name in named or _same_address(name, own_address)
+
+
+@contextmanager
+def guarding(door: Door) -> Iterator[None]:
+    """Put a door before the server that viser starts meanwhile.
+
+    Raises RuntimeError where viser has not started one in the way that is known: it would let in everybody.
+    """
+    serve, guarded = websockets.asyncio.server.serve, list[int]()
+
+    def serve_behind(handler: Any, host: str, port: int, **options: Any) -> Any:
+        guarded.append(port)
+        options |= {"process_request": _checking(door, options["process_request"]), "ssl": door.address.tls}
+        options |= {"create_connection": _connections(door.refusals), "max_size": MOST_BYTES}
+        return serve(_limited(handler), host, port, **options)
+
+    websockets.asyncio.server.serve = serve_behind  # type: ignore[misc, assignment]
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve  # type: ignore[misc]
+    if not guarded:
+        raise RuntimeError(
+            "This version of viser starts its server in another way; cmr-view cannot check who connects."
+        )
+
+
+def _checking(door: Door, answer: Process) -> Process:
+    def process(connection: ServerConnection, request: Request) -> Response | None:
+        reason = door.why_not(request, connection.local_address[0])
+        if reason:
+            door.refusals.count("requests under a foreign name or from a foreign page", connection.remote_address[0])
+            return connection.respond(403, reason)
+        response = answer(connection, request)
+        if response is not None:
+            response.headers.update(HEADERS)
+        return response
+
+    return process
+
+
+def _limited(handler: Callable[[ServerConnection], Awaitable[None]]) -> Callable[[ServerConnection], Awaitable[None]]:
+    """Serve so many visitors at once; whoever comes then is sent away, and viser's page tries again by itself."""
+    inside = set[ServerConnection]()
+
+    async def handle(connection: ServerConnection) -> None:
+        if len(inside) >= MOST_VISITORS:
+            await connection.close(1013, f"{MOST_VISITORS} pages are open.")
+            return
+        inside.add(connection)
+        try:
+            await handler(connection)
+        finally:
+            inside.discard(connection)
+
+    return handle
+
+
+def _connections(refusals: Refusals) -> type[ServerConnection]:
+    """Return connections that pass on only what a page sends, and that no faster than a page does."""
+
+    class Screened(ServerConnection):
+        _allowance, _since = AT_ONCE, 0.0
+
+        async def recv(self, decode: bool | None = None) -> Data:  # type: ignore[override]
+            while True:
+                data = await super().recv(decode)
+                await self._slow_down()
+                if is_from_a_page(data):
+                    return data
+                refusals.count("messages that no page sends", address_of(self))
+
+        async def _slow_down(self) -> None:
+            now = time.monotonic()
+            self._allowance = min(AT_ONCE, self._allowance + MOST_A_SECOND * (now - self._since)) - 1.0
+            self._since = now
+            if self._allowance < 0.0:  # the sender then waits, too, as nothing is taken from the line
+                await asyncio.sleep(-self._allowance / MOST_A_SECOND)
+
+    return Screened
+
+
+def address_of(connection: ServerConnection | None) -> str:
+    """Return the address of who is at the other end; empty where nobody is any more."""
+    try:
+        return str(connection.remote_address[0]) if connection is not None else ""
+    except (ConnectionClosed, TypeError, IndexError):
+        return ""
+
+
+def _place_of(origin: str) -> str:
+    """Return host and port of an origin, as a browser writes them into Host; empty where it has none."""
+    try:
+        parts = urlsplit(origin)
+    except ValueError:
+        return ""
+    return parts.netloc.lower() if parts.scheme in ("http", "https") else ""
+
+
+def _same_address(name: str, own: str) -> bool:
+    try:
+        return ipaddress.ip_address(name) == ipaddress.ip_address(own.split("%", 1)[0])
+    except ValueError:
+        return False

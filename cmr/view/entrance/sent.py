@@ -1,0 +1,100 @@
+"""What the page of a visitor sends, in viser's protocol: everything else is refused before viser reads it.
+
+Viser believes what it is sent: of a camera of no height, a place that is no number, or an input that has another type,
+it makes exceptions where it is read.
+"""
+
+import math
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+from websockets.typing import Data
+
+MOST_BYTES = 1_000_000  # of a message; viser's page sends files in parts of 512 KB
+FARTHEST = 1e6  # m from the origin where a camera may be, and pixels
+
+Coordinate = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
+Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
+Angle = Annotated[float, Meta(ge=0.01, le=3.1)]
+Pixels = Annotated[int, Meta(ge=1, le=100_000)]
+Count = Annotated[int, Meta(ge=0, le=1 << 53)]  # as large as numbers of a browser are exact
+Short = Annotated[str, Meta(max_length=256)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+
+
+class _Sent(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, frozen=True):
+    def is_sound(self) -> bool:
+        """Return whether the fields fit together."""
+        return True
+
+
+class _Camera(_Sent, tag="ViewerCameraMessage", frozen=True):
+    wxyz: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+    position: Vector
+    fov: Angle
+    near: Positive
+    far: Positive
+    image_height: Pixels
+    image_width: Pixels
+    look_at: Vector
+    up_direction: Vector
+
+    def is_sound(self) -> bool:
+        """Return whether it looks somewhere, and has an upper side."""
+        looks = math.dist(self.look_at, self.position) > 1e-6
+        return looks and math.hypot(*self.up_direction) > 1e-6 and math.hypot(*self.wxyz) > 1e-6
+
+
+class _Click(_Sent, tag="SceneNodeClickMessage", frozen=True):
+    name: Short
+    instance_index: Count | None
+    ray_origin: Vector
+    ray_direction: Vector
+    screen_pos: tuple[Coordinate, Coordinate]
+    modifier: Short | None
+    owner: Short = ""
+
+
+class _Update(_Sent, tag="GuiUpdateMessage", frozen=True):
+    uuid: Short
+    updates: Annotated[dict[Short, Any], Meta(min_length=1, max_length=1)]
+
+    def is_sound(self) -> bool:
+        """Return whether it is the value of an input: whether the input takes it is to be seen from the input."""
+        value = self.updates.get("value", [])
+        return isinstance(value, str | bool | int | float) and (not isinstance(value, float) or math.isfinite(value))
+
+
+class _Command(_Sent, tag="CommandTriggerMessage", frozen=True):
+    uuid: Short
+
+
+class _UploadStart(_Sent, tag="FileTransferStartUpload", frozen=True):
+    source_component_uuid: Short
+    transfer_uuid: Short
+    filename: Annotated[str, Meta(max_length=1024)]
+    mime_type: Short
+    part_count: Count
+    size_bytes: Count
+
+
+class _UploadPart(_Sent, tag="FileTransferPart", frozen=True):
+    source_component_uuid: Short | None
+    transfer_uuid: Short
+    part_index: Count
+    content: bytes
+
+
+_DECODER = msgspec.msgpack.Decoder(_Camera | _Click | _Update | _Command | _UploadStart | _UploadPart)
+
+
+def is_from_a_page(data: Data) -> bool:
+    """Return whether this is a message that the page of a visitor sends."""
+    if not isinstance(data, bytes):
+        return False
+    try:
+        message: _Sent = _DECODER.decode(data)
+    except (msgspec.MsgspecError, RecursionError, ValueError):
+        return False
+    return message.is_sound()

@@ -1,0 +1,16 @@
+"""What a world reports of messages that it did not use or not yet, and of robots that were put elsewhere."""
+
+from cmr.world.world import World
+
+SPOKEN_OF = 2_000_000  # us for which a new beginning of an estimate is spoken of
+
+
+def refusals(world: World, utime: int) -> list[str]:
+    """Return sentences about what was refused lately, at `utime` [us], and what waits."""
+    moved = (
+        f"Robot {robot_id} was put elsewhere: its poses agree on a place {reset.distance:.2f} m from where it was "
+        "estimated, and the estimate began anew there."
+        for robot_id, reset in world.resets().items()
+        if abs(utime - reset.utime) <= SPOKEN_OF
+    )
+    return [problem for problem in (world.gate.problem(), *moved, *world.waiting()) if problem]

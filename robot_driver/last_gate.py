@@ -1,0 +1,342 @@
+"""The driver's end of the last gate: what is written to the motors goes through it, as does the command in force.
+
+The gate (robot_driver/gate) runs in a process of its own; in simulated time, in this one.
+"""
+
+import math
+import os
+import select
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+from robot_driver import gate
+from robot_driver.command_gate import CommandGate
+from robot_driver.encoders import Wiring
+from robot_driver.gate.guard import Guard
+from robot_driver.gate.messages import (
+    REPORT_LENGTH,
+    SECOND,
+    Kind,
+    Malformed,
+    Reason,
+    Report,
+    Word,
+    packed_word,
+    report_in,
+)
+from robot_driver.gate.process import wire_of
+from robot_driver.host import Host, Line, LineLost, Terminal
+
+WHO = "The last gate, the process that writes to the motors' port,"
+FED = 0.05  # s between words to the gate where nothing changes; it waits for 0.25 s
+CLOSING = 0.6  # s that the gate may take to give the port up: it may first have to stop the motors
+ENDING = 1.0  # s that it may take to end
+HANGING = 0.8  # s without a report; one is due each 0.2 s, and stopping the motors takes up to 0.5 s
+STARTING = 5.0  # s that it may take to start, on a busy computer
+LOOK = 0.002  # s between looks at what it reports, where that is waited for
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the gate guards: the kind of controller, how it is mounted, how often it is served, the file of the stop."""
+
+    controller: str
+    wiring: Wiring
+    rate: float
+    latch: Path | None
+
+    @property
+    def cycle(self) -> int:
+        """How long a cycle takes (ns)."""
+        return round(SECOND / self.rate)
+
+
+class LastGate:
+    """The gate, as the driver sees it; a context manager. What the motors are to do is what `commands` has in force.
+
+    `guard` is given an opened line, and returns what to use in its place. `refused` counts what the gate refused, by
+    reason, and `interventions` how often it stopped the motors by itself.
+    """
+
+    def __init__(self, plan: Plan, commands: CommandGate, host: Host) -> None:
+        self.refused = [0] * len(Reason)
+        self.interventions = 0
+        self.latched = False
+        self.news: list[str] = []
+        self._plan, self._commands, self._host = plan, commands, host
+        self._sequence = 0
+        self._noted = 0
+        self._last_fed: tuple[float, ...] = ()
+        self._feed_due = -math.inf
+
+    def __enter__(self) -> "LastGate":
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        return
+
+    def guard(self, line: Line) -> Line:
+        """Return a line that writes through the gate alone. Raises LineLost where there is no gate."""
+        raise NotImplementedError
+
+    def feed(self) -> None:
+        """Have the gate know the command in force, and that this process lives; to be called often."""
+        order = self._commands.in_force(self._host.seconds_since_boot())
+        now = self._host.monotonic()
+        if order != self._last_fed or now >= self._feed_due:
+            self._last_fed, self._feed_due = order, now + FED
+            self._hand_over(Kind.FEED)
+
+    def has_intervened(self) -> bool:
+        """Return whether the gate has stopped the motors since the last call."""
+        self._look()
+        before, self._noted = self._noted, self.interventions
+        if self._noted > before:
+            self.news.append("the last gate stopped the motors: the driver had not done it in time")
+        return self._noted > before
+
+    def remarks(self) -> list[str]:
+        """Return, in sentences, what the gate did other than to pass things on."""
+        counts = [f"{Reason(number).name.lower()} {count}" for number, count in enumerate(self.refused) if count]
+        remarks = [f"Refused by the last gate: {', '.join(counts)}."] if counts else []
+        if self.latched and not self._commands.in_force(self._host.seconds_since_boot()).engaged:
+            remarks.append("The last gate holds the motors because of an emergency stop on the disk.")
+        if self.interventions:
+            remarks.append(f"Stopped by the last gate: {self.interventions}.")
+        return remarks
+
+    def _word(self, kind: Kind, data: bytes) -> Word:
+        self._sequence += 1
+        now = self._host.seconds_since_boot()
+        left, right, expires, held, engaged = self._commands.in_force(now)
+        until = round(SECOND * expires) if expires > 0.0 else 0
+        return Word(kind, self._sequence, round(SECOND * now), held, engaged, left, right, until, data)
+
+    def _hand_over(self, kind: Kind, data: bytes = b"") -> None:
+        """Have the gate take a word."""
+        raise NotImplementedError
+
+    def _look(self) -> None:
+        """See what the gate has reported."""
+
+
+class GateInProcess(LastGate):
+    """The gate for a computer whose time other processes do not live in: the same guard, called."""
+
+    def __init__(self, plan: Plan, commands: CommandGate, host: Host) -> None:
+        super().__init__(plan, commands, host)
+        latch = plan.latch
+        self._guard = Guard(wire_of(plan.controller), plan.wiring, plan.cycle, lambda: bool(latch and latch.exists()))
+        self._line: Line | None = None
+
+    def guard(self, line: Line) -> Line:
+        """Return a line that writes through the guard."""
+        self._line = line
+        self._guard.opened()
+        return _LineInProcess(line, lambda data: self._hand_over(Kind.WRITE, data))
+
+    def _hand_over(self, kind: Kind, data: bytes = b"") -> None:
+        word = self._word(kind, data)
+        now = round(SECOND * self._host.seconds_since_boot())
+        reason = self._guard.take(word, now)
+        if reason is None and kind is Kind.WRITE:
+            reason = self._guard.judge(word, now)
+            if reason is None and self._line is not None:
+                self._line.write(data)
+        if reason is not None:
+            self.refused[reason] += 1
+
+
+@dataclass(frozen=True)
+class _LineInProcess:
+    line: Line
+    write: Callable[[bytes], object]
+
+    def read(self, most: int, timeout: float) -> bytes:
+        return self.line.read(most, timeout)
+
+    def close(self) -> None:
+        self.line.close()
+
+
+class GateProcess(LastGate):
+    """The gate in a process of its own, which is started when a port is opened, and again when it is gone by then."""
+
+    def __init__(self, plan: Plan, commands: CommandGate, host: Host) -> None:
+        super().__init__(plan, commands, host)
+        self.process: subprocess.Popen[bytes] | None = None
+        self._link: socket.socket | None = None
+        self._lock = threading.Lock()  # of what is sent
+        self._reports = threading.Lock()
+        self._report: Report | None = None  # the last one of this process
+        self._reported = math.inf  # when that came (s)
+        self._before = self.refused  # by processes before this one
+        self._interventions_before = 0
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        if self.process is None:
+            return
+        try:
+            self.send(Kind.END)
+            self.process.wait(ENDING)
+        except (LineLost, subprocess.TimeoutExpired):
+            pass
+        self._kill()
+
+    def guard(self, line: Line) -> Line:
+        """Hand the port to the gate; of the line that is returned, this process only reads."""
+        assert isinstance(line, Terminal), "only ports of this computer can be handed to another process"
+        try:
+            self._start()
+            self.send(Kind.OPEN, descriptor=line.fileno())
+            return _GatedLine(self, line.reader())
+        finally:
+            line.close()
+
+    def send(self, kind: Kind, data: bytes = b"", descriptor: int | None = None) -> int:
+        """Send a word; return its number. Raises LineLost."""
+        descriptors = [] if descriptor is None else [descriptor]
+        with self._lock:
+            if self._link is None:
+                raise LineLost(f"{WHO} is not running.")
+            if self._hangs():
+                raise LineLost(f"{WHO} hangs. It is started again.")
+            try:
+                message = packed_word(self._word(kind, data))
+                socket.send_fds(self._link, [message], descriptors, socket.MSG_DONTWAIT)
+            except BlockingIOError as error:
+                raise LineLost(f"{WHO} takes nothing.") from error
+            except OSError as error:
+                raise LineLost(f"{WHO} has ended ({error.strerror}). It is started again.") from error
+            except struct.error as error:
+                raise LineLost(f"The last gate takes no such request: {error}") from error
+            return self._sequence
+
+    def close_port(self) -> None:
+        """Have the gate give the port up, so that it may be opened again; a gate that does not is ended."""
+        try:
+            if self._has_reported(self.send(Kind.CLOSE), CLOSING):
+                return
+        except LineLost:
+            pass
+        self._kill()
+
+    def _has_reported(self, sequence: int, seconds: float) -> bool:
+        """Wait for the gate's report on a word, or on a later one; return whether it came within so many seconds."""
+        end = self._host.monotonic() + seconds
+        while self._host.monotonic() < end and self.process is not None and self.process.poll() is None:
+            self._look()
+            if self._report is not None and self._report.sequence >= sequence:
+                return True
+            self._host.sleep(LOOK)
+        return False
+
+    def _hand_over(self, kind: Kind, data: bytes = b"") -> None:
+        try:
+            self.send(kind, data)
+        except LineLost:
+            return  # whoever writes to the port will see it
+
+    def _start(self) -> None:
+        """Start the process, if it does not run. Raises LineLost."""
+        if self.process is not None and self.process.poll() is None and not self._hangs():
+            return
+        again = self.process is not None
+        self._kill()
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        flags = "".join(str(int(flag)) for flag in self._plan.wiring)
+        latch = "" if self._plan.latch is None else str(self._plan.latch.absolute())
+        number = str(theirs.fileno())
+        command = [sys.executable, "-I", "-S", str(Path(gate.__file__).with_name("__main__.py"))]
+        command += [number, self._plan.controller, flags, str(self._plan.cycle), latch, str(os.getpid())]
+        try:
+            self.process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True
+            )
+        except OSError as error:
+            ours.close()
+            raise LineLost(f"{WHO} cannot be started: {error}") from error
+        finally:
+            theirs.close()
+        ours.setblocking(False)
+        with self._lock:
+            self._link, self._sequence = ours, 0
+        if not self._has_reported(0, STARTING):
+            self._kill()
+            raise LineLost(f"{WHO} does not start.")
+        if again:
+            self.news.append("the last gate was started again")
+
+    def _kill(self) -> None:
+        """End the process, if it runs, and forget it."""
+        with self._lock:
+            link, self._link = self._link, None
+        if link is not None:
+            link.close()
+        if self.process is not None and self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        with self._reports:
+            self._before, self._interventions_before = list(self.refused), self.interventions
+            self._report, self._reported = None, math.inf
+
+    def _hangs(self) -> bool:
+        """Return whether it has not reported for so long that it cannot be well."""
+        if self._host.monotonic() > self._reported + HANGING:
+            self._look()
+        return self._host.monotonic() > self._reported + HANGING
+
+    def _look(self) -> None:
+        with self._reports:
+            link = self._link
+            while link is not None:
+                try:
+                    report = report_in(link.recv(REPORT_LENGTH + 1))
+                except (OSError, Malformed):
+                    return
+                self._report, self._reported = report, self._host.monotonic()
+                self.latched = report.latched
+                self.interventions = self._interventions_before + report.interventions
+                self.refused = [before + now for before, now in zip(self._before, report.refused, strict=True)]
+
+
+class _GatedLine:
+    """An opened port whose descriptor for writing the gate has."""
+
+    def __init__(self, process: GateProcess, reader: int) -> None:
+        self._process = process
+        self._reader = reader
+
+    def fileno(self) -> int:
+        return self._reader
+
+    def write(self, data: bytes) -> None:
+        self._process.send(Kind.WRITE, data)
+
+    def read(self, most: int, timeout: float) -> bytes:
+        if not select.select([self._reader], [], [], max(timeout, 0.0))[0]:
+            return b""
+        data = os.read(self._reader, most)
+        if not data:
+            raise OSError("it hung up")
+        return data
+
+    def close(self) -> None:
+        self._process.close_port()
+        os.close(self._reader)
+
+
+def gate_of(plan: Plan, commands: CommandGate, host: Host) -> LastGate:
+    """Return the gate for a computer."""
+    return GateProcess(plan, commands, host) if host.runs_processes else GateInProcess(plan, commands, host)
