@@ -179,5 +179,5 @@ def test_a_run_that_cannot_be_recorded_ends_in_order_with_a_report(tmp_path: Pat
     assert report["failed"]
     assert "nothing more can be recorded" in report["ended_by"]
     ends = {process["name"]: process["ends"] for process in report["processes"]}
-    assert ends == {"recorder": [f"ended with exit code {CANNOT_WRITE}"], "sim": ["ended when it was asked to"]}
+    assert ends == {"recorder": [f"ended with exit code {CANNOT_WRITE}"], "sim": ["stopped normally"]}
     assert [path.name for path in out.glob("*.lcm")] == ["run.lcm"]

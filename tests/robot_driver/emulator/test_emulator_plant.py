@@ -337,5 +337,5 @@ def test_the_emulated_robot_shares_no_code_with_the_model_and_the_driver() -> No
     ours = {name for name in ended.stdout.split() if name.split(".")[0] in ("cmr", "robot_driver")}
     foreign = {name for name in ours if not name.startswith(("robot_driver.emulator", "cmr.plant"))}
     readers = {"cmr.documents", *(f"cmr.documents.{name}" for name in ("bounds", "declared", "document", "structure"))}
-    readers |= {"cmr.files", "cmr.plain_text"}
+    readers |= {"cmr.files", "cmr.litter", "cmr.plain_text"}
     assert foreign <= {"robot_driver", "cmr", "cmr.priority", *readers}  # of which none moves
