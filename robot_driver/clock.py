@@ -34,8 +34,9 @@ class Stamps:
     def next(self, monotonic_nanoseconds: int) -> int:
         """Return the time of day (us) of a moment, but later than all before it."""
         utime, last = self._utime_at(monotonic_nanoseconds), self._last
-        if last is not None and last - utime <= FURTHEST_BACK:
-            passed = (monotonic_nanoseconds - self._moment) // 1000
+        passed = (monotonic_nanoseconds - self._moment) // 1000
+        # By the latest moment: one that is older than those before it is no clock that was set back.
+        if last is not None and last - (utime - passed) <= FURTHEST_BACK:
             utime = max(utime, last + max(int(SLOWEST * passed), 1))
         self._last, self._moment = utime, max(self._moment, monotonic_nanoseconds)
         return utime

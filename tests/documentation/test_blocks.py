@@ -65,6 +65,7 @@ NOT_OURS = {
     ".venv/bin/pytest",
     "python3",
     "lcm-logger",
+    "journalctl",
     "ros2",
     "dask",
     "export",

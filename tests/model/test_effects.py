@@ -318,7 +318,7 @@ def test_the_model_knows_nobody_and_starts_cheaply() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     for source in (PROJECT / "cmr" / "model").rglob("*.py"):
         for imported in re.findall(r"^from (cmr\.\w+)", source.read_text("utf-8"), re.MULTILINE):
-            assert imported == "cmr.model"
+            assert imported in ("cmr.model", "cmr.litter")  # which takes away what killed processes left
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cmr.priority import go_first
@@ -206,6 +206,8 @@ def test_a_gyro_that_tells_angles_and_is_faster_than_it_says_is_not_told_as_slow
 
 
 @given(st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=50))
+@example([0, 0, -999_999_769])  # followed the clock back, where its reading took as long
+@example([10**9, -(10**9)])
 def test_14_stamps_strictly_increase(moments: list[int]) -> None:
     stamps = Stamps()
     told = [stamps.next(10**12 + moment) for moment in moments]
