@@ -55,6 +55,7 @@ PATIENCE = 30.0  # s
 def command_line(name: str, folder: Path, url: str) -> list[str]:
     """Return a command line with which the command starts to work."""
     options = {
+        "cmr-agent": ["--insecure"],
         "cmr-camera": [str(endless_pictures(folder)), "--rate", "0.01", "--lens", "lens.yaml", "--floor", "floor.yaml"],
         "cmr-driver": ["--port", silent_port()],
         "cmr-emulate": ["--ports", str(folder / "ports")],
