@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +59,7 @@ class Plan:
         return round(SECOND / self.rate)
 
 
-class LastGate:
+class LastGate(ABC):
     """The gate, as the driver sees it; a context manager. What the motors are to do is what `commands` has in force.
 
     `guard` is given an opened line, and returns what to use in its place. `refused` counts what the gate refused, by
@@ -84,9 +85,9 @@ class LastGate:
     ) -> None:
         return
 
+    @abstractmethod
     def guard(self, line: Line) -> Line:
         """Return a line that writes through the gate alone. Raises LineLost where there is no gate."""
-        raise NotImplementedError
 
     def feed(self) -> None:
         """Have the gate know the command in force, and that this process lives; to be called often."""
@@ -121,9 +122,9 @@ class LastGate:
         until = round(SECOND * expires) if expires > 0.0 else 0
         return Word(kind, self._sequence, round(SECOND * now), held, engaged, left, right, until, data)
 
+    @abstractmethod
     def _hand_over(self, kind: Kind, data: bytes = b"") -> None:
         """Have the gate take a word."""
-        raise NotImplementedError
 
     def _look(self) -> None:
         """See what the gate has reported."""

@@ -2,7 +2,7 @@
 
 import time
 
-UNNOTICED = 100_000  # us; of a clock that is set by less, nobody is told
+UNNOTICED = 100_000  # us; a clock that is set by less is not reported
 SPOKEN_OF = 60_000_000  # us
 
 

@@ -5,7 +5,7 @@ is compared with where the robot was when it was measured. Source: Thrun, Burgar
 chapters 5.4 and 7.
 
 A pose too far from where the robot can be is not used. Where poses agree with one another for a second instead, the
-robot was put elsewhere, and the estimate begins anew there; PX4's EKF2 does likewise. `reset` says so.
+robot was put elsewhere, and the estimate is reset to them; PX4's EKF2 does likewise. `reset` says so.
 """
 
 import math
@@ -230,7 +230,7 @@ class Estimator:
         return max(utime - seen, 0) * 1e-6
 
     def _still_far(self, utime: int, measured: Floats, estimated: Floats, unseen: float) -> bool:
-        """Note a pose that is far away; begin anew there, and return False, if such poses agree for long enough."""
+        """Note a pose that is far away; reset the estimate to such poses, and return False, if they agree for long enough."""
         now = _Elsewhere(utime, 1, measured, estimated)
         before = self._elsewhere
         if before is not None and utime > before.since:

@@ -9,7 +9,7 @@ def refusals(world: World, utime: int) -> list[str]:
     """Return sentences about what was refused lately, at `utime` [us], and what waits."""
     moved = (
         f"Robot {robot_id} was put elsewhere: its poses agree on a place {reset.distance:.2f} m from where it was "
-        "estimated, and the estimate began anew there."
+        "estimated, and the estimate was reset to its poses."
         for robot_id, reset in world.resets().items()
         if abs(utime - reset.utime) <= SPOKEN_OF
     )

@@ -29,9 +29,8 @@ from robot_driver.gate.wire_roboclaw import RoboClawWire
 from robot_driver.gate.wire_roboteq import RoboteqWire
 
 REPORT_PERIOD = SECOND // 5  # ns; also how often is looked whether the parent lives
-STOPPING = (
-    SECOND // 2
-)  # ns for attempts to stop the motors; after that the controller has to do it, which needs silence
+# ns for attempts to stop the motors; after that the controller has to do it, which needs silence.
+STOPPING = SECOND // 2
 QUIET = 0.010  # s of silence after which a device drops a half-received packet
 LONGEST_QUIET = SECOND // 20  # ns; a device that never stops talking is not waited for
 ANSWER = SECOND // 10  # ns that the controller has for acknowledging zero

@@ -22,7 +22,7 @@ ZERO_WITHIN = 0.56  # s
 BACK_WITHIN = 2.0  # s
 PATIENCE = 30.0  # s, at the beginning and after what was too late already
 LOOK = 0.001  # s
-STILL, MOVING = [0, 0], 8000  # what the device is told: of 32767
+STILL, MOVING = [0, 0], 8000  # duties that the device was sent; 32767 is full
 RESTART = 0.2  # s until a process is started again, as by systemd
 PROGRAM = [sys.executable, "-m", "killing.commander"]
 

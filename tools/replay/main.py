@@ -35,7 +35,7 @@ KEYS = "space: pause, + -: speed, arrows: 10 s, q: quit"
 class Sender:
     """Sends messages on the bus, changed as asked for; counts in `unsent` what could not be sent, by the reason.
 
-    Those that are sent `as_of_now` are signed anew.
+    Those that are sent `as_of_now` get a new signature.
     """
 
     def __init__(self, bus: lcm.LCM, changes: Changes, signer: Signer, *, as_of_now: bool) -> None:
