@@ -230,7 +230,7 @@ class Estimator:
         return max(utime - seen, 0) * 1e-6
 
     def _still_far(self, utime: int, measured: Floats, estimated: Floats, unseen: float) -> bool:
-        """Note a pose that is far away; reset the estimate to such poses, and return False, if they agree for long enough."""
+        """Note a pose that is far away; where such poses agree for long enough, reset the estimate and return False."""
         now = _Elsewhere(utime, 1, measured, estimated)
         before = self._elsewhere
         if before is not None and utime > before.since:
