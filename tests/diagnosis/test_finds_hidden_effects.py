@@ -1,14 +1,14 @@
 """Effects hidden in logs of an independent plant are found: the sample that CI runs of scripts/study_diagnosis.
 
 Its seeds are none of the study's. Alone: pytest -m hidden_effects. The logs are diagnosed in as many processes as
-there are cores while the tests wait for theirs.
+there are cores while the tests wait for theirs; where pytest-xdist runs the tests, one after another in its process.
 """
 
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 
 import pytest
 from _pytest.mark.structures import ParameterSet
@@ -69,21 +69,17 @@ def of(cases: Cases) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("case", cases, ids=named)
 
 
-@dataclass
-class Diagnoses:
-    """The diagnoses that the selected tests wait for."""
-
-    futures: dict[Case, Future[Row]]
-
-    def __call__(self, case: Case) -> Row:
-        row = self.futures[case].result()
-        assert not row.error, row.error
-        return row
+def sound(row: Row) -> Row:
+    assert not row.error, row.error
+    return row
 
 
 @pytest.fixture(scope="module")
 def row_of(request: pytest.FixtureRequest) -> Iterator[Rows]:
-    """Diagnose, in parallel processes, the logs of the tests that will be run."""
+    """Diagnose the logs of the tests that will be run."""
+    if "PYTEST_XDIST_WORKER" in os.environ:  # processes of their own would have no cores, and load everything again
+        yield cache(lambda case: sound(diagnosed("sample", case)))
+        return
     using = [item for item in request.session.items if "row_of" in getattr(item, "fixturenames", ())]
     asked = [case for item in using for case in cases_of(item)]
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -91,7 +87,8 @@ def row_of(request: pytest.FixtureRequest) -> Iterator[Rows]:
         for name, count in threads.items():
             patch.setenv(name, count)
         with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-            yield Diagnoses({case: pool.submit(diagnosed, "sample", case) for case in dict.fromkeys(asked)})
+            futures = {case: pool.submit(diagnosed, "sample", case) for case in dict.fromkeys(asked)}
+            yield lambda case: sound(futures[case].result())
             pool.shutdown(cancel_futures=True)
 
 
