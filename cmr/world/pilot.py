@@ -42,9 +42,9 @@ class Pilot:
 
     Inside of a `geofence`, `margin` [m] from its border, it drives; once it was elsewhere, it stands for good, as
     `left_fence` says. With a geofence, or once poses were heard, it stands while they are missing; a virtual robot has
-    none, and is where the world says. With `keep_clear` it stops before robots in its way, real and virtual ones. `kind`
-    of cmr.model.command_kinds is what it commands; by default (v, omega) to a robot whose parameters have a velocity
-    controller, duties to others. `program` is what people start again.
+    none, and is where the world says. With `keep_clear` it stops before robots in its way, real and virtual ones.
+    `kind` of cmr.model.command_kinds is what it commands; by default (v, omega) to a robot whose parameters have a
+    velocity controller, duties to others. `program` is what people start again.
     """
 
     def __init__(
