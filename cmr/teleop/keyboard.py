@@ -1,8 +1,8 @@
 """Hands on a keyboard, as a terminal reports them.
 
-A terminal that reports releases says exactly which keys are down. Any other says only that a key was typed, and types it
-again and again while it is held: the robot then moves while that goes on, from the second time on. The first one alone
-moves nothing, as nobody knows yet whether the key is held; keyboards wait 0.25 to 0.66 s before the second.
+A terminal that reports releases says exactly which keys are down. Any other says only that a key was typed, and types
+it again and again while it is held: the robot then moves while that goes on, from the second time on. The first one
+alone moves nothing, as nobody knows yet whether the key is held; keyboards wait 0.25 to 0.66 s before the second.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Bytes of a terminal as events: keys, its answers, and whether its window has the focus.
 
-Sources: ECMA-48 for control sequences; "Comprehensive keyboard handling in terminals" of the terminal kitty for keys that
-report their release (https://sw.kovidgoyal.net/kitty/keyboard-protocol/).
+Sources: ECMA-48 for control sequences; "Comprehensive keyboard handling in terminals" of the terminal kitty for keys
+that report their release (https://sw.kovidgoyal.net/kitty/keyboard-protocol/).
 """
 
 import re
@@ -111,9 +111,6 @@ def _key(fields: list[str]) -> Iterator[Event]:
     letter = chr(int(code)).lower()
     modifiers = fields[1].partition(":")[0] if len(fields) > 1 else ""
     control = modifiers.isdecimal() and (int(modifiers) - 1) & CONTROL
-    if control:
-        name = INTERRUPT if letter in ENDINGS else ""
-    else:
-        name = ESCAPE if int(code) == 27 else letter
-    if name:
-        yield Event(_kind(fields, PRESS), name)
+    names = {"\x1b": ESCAPE} if not control else dict.fromkeys(ENDINGS, INTERRUPT)
+    if not control or letter in names:
+        yield Event(_kind(fields, PRESS), names.get(letter, letter))

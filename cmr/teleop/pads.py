@@ -17,8 +17,8 @@ INPUT = ord("E") << 8  # and the event devices are asked
 KEY_BYTES = 96  # of the set of keys of a device
 AXIS = struct.Struct("6i")  # value, least, greatest, fuzz, flat, resolution
 FORBIDDEN = (
-    "{path}: this user may not read it. On the computer itself whoever is logged in may; over ssh the user has to be in "
-    "the group input: sudo usermod -aG input $USER, then log in again."
+    "{path}: this user may not read it. On the computer itself whoever is logged in may; over ssh the user has to be "
+    "in the group input: sudo usermod -aG input $USER, then log in again."
 )
 
 

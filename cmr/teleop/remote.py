@@ -1,7 +1,8 @@
 """Hands on the joystick of a page: lines of JSON from the server of the page, and to it.
 
-In: `{"beat": 7, "forward": 0.5, "turn": 0.0}`, `{"wish": "stop"}`. Out, by the process: `{"beat": 8, ...}`. The page repeats the
-number of the newest beat that it has heard in all that it says: what was held up on the way is old, and moves nothing.
+In: `{"beat": 7, "forward": 0.5, "turn": 0.0}`, `{"wish": "stop"}`. Out, by the process: `{"beat": 8, ...}`. The page
+repeats the number of the newest beat that it has heard in all that it says: what was held up on the way is old, and
+moves nothing.
 """
 
 import json
@@ -13,6 +14,7 @@ from cmr.teleop.hands import END, FASTER, SILENCE, SLOWER, STILL, STOP, Hands
 WISHES = (STOP, FASTER, SLOWER)
 MOST_BEATS = 100  # that are remembered, 4 s of them
 LONGEST_LINE = 500  # bytes
+NUMBER = (int, float)
 
 
 class Remote:
@@ -69,9 +71,9 @@ class Remote:
             return
         if said.get("wish") in WISHES:
             self._wishes.append(said["wish"])
-        sent = self._sent.get(said.get("beat")) if isinstance(said.get("beat"), int) else None
-        if sent is None or sent < self._as_of:
+        beat, forward, turn = (said.get(name) for name in ("beat", "forward", "turn"))
+        sent = self._sent.get(beat) if isinstance(beat, int) else None
+        if sent is None or sent < self._as_of or not (isinstance(forward, NUMBER) and isinstance(turn, NUMBER)):
             return
-        shares = [said.get(name) for name in ("forward", "turn")]
-        if all(isinstance(share, int | float) and math.isfinite(share) for share in shares):
-            self._hands, self._as_of = Hands(*shares).bounded(), sent
+        if math.isfinite(forward) and math.isfinite(turn):
+            self._hands, self._as_of = Hands(forward, turn).bounded(), sent

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cmr.teleop.hands import END, STILL, Hands
+from cmr.teleop.hands import STILL, Hands
 
 WORDS = {
     "ahead": Hands(1.0, 0.0),

@@ -64,6 +64,7 @@ class Pilot:
         self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
         self.parameters = parameters
         self.waiting_for = "the world"
+        self.duties = (0.0, 0.0)  # that the last command stands for
         self.gate = Gate(pose_xyt_t)  # whose stamps are looked at by `_poses`
         self._keep_clear = keep_clear
         self._fence = FenceGuard(robot_id, geofence, margin, program) if geofence else None
@@ -81,6 +82,16 @@ class Pilot:
     def me(self) -> Robot | None:
         """The robot as WORLD_STATE has it; None if it is not there."""
         return self._world.robot(self.robot_id)
+
+    @property
+    def model(self) -> RobotParameters | None:
+        """The robot's parameters in use; None where they are missing."""
+        return self._model()[0]
+
+    @property
+    def estop_reason(self) -> str:
+        """By whom and why the emergency stop holds this robot; empty if it does not."""
+        return self._estop.reason if self._estop.holds(self.robot_id) else ""
 
     @property
     def fence(self) -> tuple[float, float] | None:
@@ -171,10 +182,10 @@ class Pilot:
         """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
         self.turn(utime)
         self._look_at_parameters()
-        duties = self._decide(utime)
+        self.duties = self._decide(utime)
         known = self._caution.now
-        controller = known.velocity_controller if known is not None and any(duties) else None
-        return command_of(self.kind, utime, self.robot_id, duties, controller)
+        controller = known.velocity_controller if known is not None and any(self.duties) else None
+        return command_of(self.kind, utime, self.robot_id, self.duties, controller)
 
     def stop(self) -> Command:
         """Return the command that ends a drive."""
