@@ -131,7 +131,14 @@ def _drive(options: argparse.Namespace) -> Drive:
         program=NAME,
     )
     recorder = Recorder(options.record) if options.record else None
-    return Drive(pilot, hand, Claim(NAME, options.robot, lambda: 0), recorder)
+    return Drive(pilot, hand, Claim(NAME, options.robot, lambda: 0), recorder, _of_virtual)
+
+
+def _of_virtual() -> ParameterFollower:
+    """Return the parameters by which cmr-sim moves virtual robots, unless it is told otherwise."""
+    from cmr.commands.sim import DEFAULT_PARAMETERS  # and a simulator, which few need
+
+    return ParameterFollower(0, parameter_file(0), load(DEFAULT_PARAMETERS))
 
 
 def _whose(options: argparse.Namespace) -> int:

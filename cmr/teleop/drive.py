@@ -3,6 +3,7 @@
 It knows neither bus nor clock: messages go in by `handle`, what is to be sent comes out of `turn`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from cmr.bus.claiming import Claim
@@ -11,6 +12,7 @@ from cmr.bus.message import Message
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import COMMAND_CLAIM, ESTOP
 from cmr.msg import command_owner_t, motor_feedback_t, parameters_t
+from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.teleop.by_hand import ByHand
 from cmr.teleop.hands import FASTER, SLOWER, STILL, STOP, Hands
@@ -37,10 +39,21 @@ class Measured:
 
 
 class Drive:
-    """One robot that is led by hand. `waiting_for` says what keeps it from moving; empty when nothing does."""
+    """One robot that is led by hand. `waiting_for` says what keeps it from moving; empty when nothing does.
 
-    def __init__(self, pilot: Pilot, hand: ByHand, claim: Claim, recorder: Recorder | None = None) -> None:
+    A virtual robot without parameters of its own goes by those that `of_virtual` makes, as in cmr-sim.
+    """
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        hand: ByHand,
+        claim: Claim,
+        recorder: Recorder | None = None,
+        of_virtual: Callable[[], ParameterFollower] | None = None,
+    ) -> None:
         self.pilot, self.hand, self.claim, self.recorder = pilot, hand, claim, recorder
+        self._of_virtual = of_virtual
         self.waiting_for = ""
         self.duties = (0.0, 0.0)
         self.measured = Measured()
@@ -71,6 +84,7 @@ class Drive:
         """Return what is to be sent at `utime` [us]; `unseen` is why the hands are not seen, empty if they are."""
         outgoing: list[Outgoing] = []
         robot = self.pilot.robot_id
+        self._look_for_parameters()
         if (stop := self.button.due(utime)) is not None:
             outgoing.append((ESTOP, None, stop))
         if (claimed := self.claim.message(utime)) is not None:
@@ -97,6 +111,12 @@ class Drive:
             (COMMANDS_OF[self.pilot.kind], robot, self.pilot.stop()),
             (COMMAND_CLAIM, robot, self.claim.end(utime)),
         ]
+
+    def _look_for_parameters(self) -> None:
+        me = self.pilot.me
+        is_without = me is not None and me.origin == VIRTUAL and self.pilot.parameters.parameters is None
+        if is_without and self._of_virtual is not None:
+            self.pilot.parameters, self._of_virtual = self._of_virtual(), None
 
     def _what_is_missing(self, utime: int, unseen: str) -> str:
         if self.button.stopped:

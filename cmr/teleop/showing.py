@@ -91,9 +91,7 @@ def frame(drive: Drive, hands: str, utime: int, size: tuple[int, int]) -> str:
     waiting = drive.pilot.left_fence or (f"Waiting for {drive.waiting_for}." if drive.waiting_for else "")
     table.add_row("", f"[yellow]{escape(waiting)}[/]" if waiting else "[green]ready[/]")
     table.add_row("", escape(hands))
-    console = Console(
-        file=StringIO(), width=max(columns, 20), height=lines, force_terminal=True, color_system="standard"
-    )
+    drawn = StringIO()
+    console = Console(file=drawn, width=max(columns, 20), height=lines, force_terminal=True, color_system="standard")
     console.print(Panel(table, title=f"robot {drive.pilot.robot_id}{kind}", title_align="left"), end="")
-    text = console.file.getvalue()  # type: ignore[attr-defined]
-    return "\n".join(str(text).rstrip("\n").split("\n")[: max(lines - 1, 1)])
+    return "\n".join(drawn.getvalue().rstrip("\n").split("\n")[: max(lines - 1, 1)])
