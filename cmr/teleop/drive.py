@@ -22,6 +22,7 @@ from cmr.world.view import VIRTUAL
 
 OLD = 1_000_000  # us; what was measured longer ago is shown no more
 IGNORED = 1_500_000  # us of commands, for which a virtual robot does not move, until that is said
+LAST_ZEROS = 3
 MOVING = 0.05  # rad/s of a wheel
 TAKEN = "the end of {others}, which commands robot {robot}; --take-over does not wait"
 NOT_COMMANDED = (
@@ -107,8 +108,8 @@ class Drive:
         if self.claim.others(utime):
             return []
         robot = self.pilot.robot_id
-        return [
-            (COMMANDS_OF[self.pilot.kind], robot, self.pilot.stop()),
+        return [  # the last words of a process are not repeated later, and any message may be lost
+            *LAST_ZEROS * [(COMMANDS_OF[self.pilot.kind], robot, self.pilot.stop())],
             (COMMAND_CLAIM, robot, self.claim.end(utime)),
         ]
 

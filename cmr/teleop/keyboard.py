@@ -1,8 +1,8 @@
 """Hands on a keyboard, as a terminal reports them.
 
 A terminal that reports releases says exactly which keys are down. Any other says only that a key was typed, and types
-it again and again while it is held: the robot then moves while that goes on, from the second time on. The first one
-alone moves nothing, as nobody knows yet whether the key is held; keyboards wait 0.25 to 0.66 s before the second.
+it again and again while it is held: the robot then moves while that goes on. The first time alone moves nothing, as
+nobody knows yet whether the key is held; keyboards wait 0.25 to 0.66 s before they repeat it.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,6 @@ from cmr.teleop.keys import (
 
 ALONE = 0.05  # s after which an ESC is the key, and no beginning of a sequence
 FORGOTTEN = 0.5  # s of silence after which a key that is still held has to be pressed again
-FIRST_REPEAT = 0.75  # s; the longest that keyboards wait before they repeat a key
 ARC = 0.5  # of the full turn, where a robot also goes ahead
 DIRECTIONS = {
     "w": Hands(1.0, 0.0),
@@ -125,9 +124,12 @@ class Keyboard:
             self._take_typed(event.key)
 
     def _take_typed(self, key: str) -> None:
-        """Note a key of which nobody says whether it is held: it was typed no earlier than all is known."""
+        """Note a key of which nobody says whether it is held: it was typed no earlier than all is known.
+
+        It is, where it follows itself faster than fingers do; the pause of a keyboard before it repeats is longer.
+        """
         typed = self._answers.as_of
-        self._repeats = key == self._held and typed - self._typed <= FIRST_REPEAT
+        self._repeats = key == self._held and typed - self._typed <= SILENCE
         self._held, self._typed = key, typed
 
     def _let_go(self) -> None:

@@ -48,11 +48,9 @@ class PadFile:
         except BlockingIOError:
             return b""
         except OSError:  # ENODEV: unplugged
-            data = b""
-        if data:
-            return data
-        self.close()
-        return None
+            self.close()
+            return None
+        return data or None  # nothing is what a pipe has that nobody writes to (yet)
 
     def close(self) -> None:
         """Give the device up."""

@@ -100,17 +100,18 @@ class Terminal:
         return columns or 80, lines or 24
 
     def _restore(self) -> None:
-        """Leave the terminal as it was; one that hangs, or is gone, as far as it lets us."""
-        sys.stderr = self._stderr
+        """Leave the terminal as it was; one that hangs as far as it lets us. One that is gone hears nothing more."""
         self._waiting = b""
         self.write(END + LEAVE)
         try:
             termios.tcsetattr(self._file, termios.TCSANOW, self._before)
             termios.tcflush(self._file, termios.TCIFLUSH)  # its answers are none of the shell's business
         except termios.error:
-            pass
+            self.gone = True
         os.close(self._file)
-        self._say()
+        if not self.gone:
+            sys.stderr = self._stderr
+            self._say()
 
     def _say(self) -> None:
         lines = self.said.getvalue().splitlines()[-MOST_SAID:]
