@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 
 from cmr.msg import motor_command_t
@@ -211,15 +212,22 @@ class Led:
         while time.monotonic() < end:
             self.listen()
 
-    def times_to_zero(self, let_go: float) -> tuple[float, float]:
-        """Return how long after `let_go` [s] zero was commanded for good, and the motors had none [s]."""
+    def times_to_zero(self, let_go: float) -> tuple[float, float, float]:
+        """Return how long after `let_go` [s] zero was commanded for good, and the motors had none [s].
+
+        The third is the longest time [s] between two commands meanwhile: they come 50 times a second, unless the
+        computer has no time for cmr-teleop, or none to hear it.
+        """
         self.until(lambda: not self.moves())
         self.wait(0.3)
         moving = [when for when, moves in self.commanded if moves]
         after = [when for when, _ in self.commanded if when > moving[-1]]
         stopped = [when for when, *duties in self.robot.drives if not any(duties)]
         drove = [when for when, *duties in self.robot.drives if any(duties)]
-        return (after[0] if after else moving[-1]) - let_go, min(t for t in stopped if t > drove[-1]) - let_go
+        commanded = after[0] if after else moving[-1]
+        heard = [let_go, *(when for when, _ in self.commanded if let_go < when <= commanded), commanded]
+        pause = max(later - earlier for earlier, later in pairwise(heard))
+        return commanded - let_go, min(t for t in stopped if t > drove[-1]) - let_go, pause
 
 
 @contextmanager
