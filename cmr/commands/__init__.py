@@ -97,7 +97,7 @@ def sweep() -> int:
 
 def teleop() -> int:
     """Start cmr-teleop."""
-    return run("cmr.teleop.command")
+    return run("cmr.commands.by_hand.teleop")
 
 
 def umbrella() -> int:
