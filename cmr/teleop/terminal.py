@@ -1,13 +1,16 @@
 """The terminal as a keyboard and a screen, and as it was before at the end, whatever ends it.
 
-It is opened a second time, so that nothing that is read or written here ever waits for it: a terminal that hangs must
-not hold up a zero command. What it does not take is not shown.
+A terminal that hangs, or is just being closed, must not hold up a zero command. So it is opened a second time, without
+waiting, and a thread reads and writes: where the system keeps that in a call, the robot stops as in any other silence.
+What the terminal does not take is not shown.
 """
 
-import errno
 import os
+import select
 import sys
 import termios
+import threading
+from contextlib import suppress
 from io import StringIO
 from types import TracebackType
 
@@ -20,6 +23,7 @@ LEAVE = b"\x1b[?2004l\x1b[?1004l\x1b[?25h\x1b[?1049l"
 HOME, TO_END_OF_LINE, TO_END = b"\x1b[H", b"\x1b[K", b"\x1b[J"
 MOST_READ = 4096  # bytes at once
 MOST_WAITING = 16_384  # bytes; a terminal that takes nothing gets no more
+PATIENCE = 0.3  # s for the thread to end
 MOST_SAID = 20  # lines that are said at the end
 NO_TERMINAL = (
     "The keyboard needs a terminal: start cmr-teleop in one, not behind a pipe. A gamepad (--gamepad) needs none."
@@ -37,7 +41,10 @@ class Terminal:
             raise CommandError(NO_TERMINAL)
         self.gone = False
         self.said = StringIO()
-        self._waiting = b""
+        self._came, self._waiting = b"", b""
+        self._lock = threading.Lock()
+        self._ends = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._stderr = sys.stderr
         try:
             self._file = os.open(os.ttyname(sys.stdin.fileno()), os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY)
@@ -49,7 +56,9 @@ class Terminal:
         self._stderr, sys.stderr = sys.stderr, self.said
         try:
             termios.tcsetattr(self._file, termios.TCSANOW, _raw(self._before))
+            self._woken, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
             self.write(ENTER + BEGIN + ASK_FLAGS)
+            self._thread.start()
         except BaseException:
             self._restore()
             raise
@@ -58,32 +67,61 @@ class Terminal:
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
+        self._ends = True
+        self._wake_up()
+        self._thread.join(PATIENCE)
         self._restore()
 
     def read(self) -> bytes:
         """Return what has come."""
-        try:
-            data = os.read(self._file, MOST_READ)
-            self.gone |= not data
-            return data
-        except BlockingIOError:
-            return b""
-        except OSError:
-            self.gone = True
-            return b""
+        with self._lock:
+            came, self._came = self._came, b""
+        return came
 
     def write(self, data: bytes) -> None:
         """Send something as soon as the terminal takes it; what came before goes first."""
-        if len(self._waiting) < MOST_WAITING:
-            self._waiting += data
+        with self._lock:
+            if len(self._waiting) < MOST_WAITING:
+                self._waiting += data
+        self._wake_up()
+
+    def _wake_up(self) -> None:
+        with suppress(BlockingIOError):
+            os.write(self._wake, b"x")
+
+    def _run(self) -> None:
+        while not (self._ends or self.gone):
+            writes = [self._file] if self._waiting else []
+            readable, writable, _ = select.select([self._file, self._woken], writes, [])
+            if self._woken in readable:
+                os.read(self._woken, MOST_READ)
+            if self._file in readable:
+                self._take()
+            if writable:
+                self._give()
+
+    def _take(self) -> None:
         try:
-            while self._waiting:
-                self._waiting = self._waiting[os.write(self._file, self._waiting) :]
+            data = os.read(self._file, MOST_READ)
         except BlockingIOError:
-            pass
-        except OSError as error:
-            self.gone |= error.errno == errno.EIO
-            self._waiting = b""
+            return
+        except OSError:
+            data = b""
+        self.gone |= not data
+        with self._lock:
+            self._came += data
+
+    def _give(self) -> None:
+        with self._lock:
+            waiting = self._waiting
+        try:
+            given = os.write(self._file, waiting)
+        except BlockingIOError:
+            return
+        except OSError:
+            self.gone, given = True, len(waiting)
+        with self._lock:  # meanwhile there may be more
+            self._waiting = self._waiting[given:]
 
     def show(self, text: str) -> None:
         """Show a text on the whole screen, unless the one before it is still on its way."""
@@ -101,12 +139,12 @@ class Terminal:
 
     def _restore(self) -> None:
         """Leave the terminal as it was; one that hangs as far as it lets us. One that is gone hears nothing more."""
-        self._waiting = b""
-        self.write(END + LEAVE)
         try:
+            with suppress(BlockingIOError):
+                os.write(self._file, END + LEAVE)
             termios.tcsetattr(self._file, termios.TCSANOW, self._before)
             termios.tcflush(self._file, termios.TCIFLUSH)  # its answers are none of the shell's business
-        except termios.error:
+        except (OSError, termios.error):
             self.gone = True
         os.close(self._file)
         if not self.gone:

@@ -212,11 +212,11 @@ class Led:
         while time.monotonic() < end:
             self.listen()
 
-    def times_to_zero(self, let_go: float) -> tuple[float, float, float]:
+    def times_to_zero(self, let_go: float) -> tuple[float, float, float, float]:
         """Return how long after `let_go` [s] zero was commanded for good, and the motors had none [s].
 
         The third is the longest time [s] between two commands meanwhile: they come 50 times a second, unless the
-        computer has no time for cmr-teleop, or none to hear it.
+        computer has no time for cmr-teleop, or none to hear it. The fourth is `let_go`.
         """
         self.until(lambda: not self.moves())
         self.wait(0.3)
@@ -227,7 +227,7 @@ class Led:
         commanded = after[0] if after else moving[-1]
         heard = [let_go, *(when for when, _ in self.commanded if let_go < when <= commanded), commanded]
         pause = max(later - earlier for earlier, later in pairwise(heard))
-        return commanded - let_go, min(t for t in stopped if t > drove[-1]) - let_go, pause
+        return commanded - let_go, min(t for t in stopped if t > drove[-1]) - let_go, pause, let_go
 
 
 @contextmanager

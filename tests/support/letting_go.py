@@ -25,13 +25,14 @@ HELD = 0.15  # s for which the robot moves, before it is let go
 class Trial(NamedTuple):
     """How a robot was let go, and how long it took until zero was commanded, and until the motors had none [s].
 
-    `pause` is the longest time between two commands meanwhile [s].
+    `let_go` is when [s]; `pause` is the longest time between two commands meanwhile [s].
     """
 
     kind: str
     commanded: float
     motors: float
     pause: float
+    let_go: float
 
 
 class Page:
