@@ -192,9 +192,18 @@ class Led:
         """Return whether the motors have a duty."""
         return any(self.robot.device.duty)
 
-    def until_moving(self, seconds: float = 0.2) -> None:
-        """Wait until the robot moves, and let it move for so long."""
-        self.until(self.moves)
+    def until_moving(self, act: Callable[[], object], seconds: float = 0.2) -> None:
+        """Do what moves the robot, and let it move for so long.
+
+        It is done again after two seconds: a key that is pressed while the computer stands still counts as let go.
+        """
+        for _ in range(10):
+            act()
+            end = time.monotonic() + 2.0
+            self.until(lambda end=end: self.moves() or time.monotonic() > end)  # type: ignore[misc]
+            if self.moves():
+                break
+        assert self.moves(), "it does not move"
         self.wait(seconds)
 
     def until(self, condition: Callable[[], bool], seconds: float = 30.0) -> None:

@@ -54,10 +54,13 @@ class Page:
         self.forward = 0.0
         return time.monotonic()
 
-    def fall_silent(self, silent: bool = True) -> float:
-        """Say nothing any more, or again; return when [s]."""
-        self._answers = not silent
-        self.forward = 0.0
+    def push(self) -> None:
+        """Push the joystick ahead, and answer."""
+        self._answers, self.forward = True, 1.0
+
+    def fall_silent(self) -> float:
+        """Say nothing any more; return when [s]."""
+        self._answers = False
         return time.monotonic()
 
     def close(self) -> float:
@@ -134,11 +137,9 @@ def of_terminal(led: Led, reports_releases: bool, number: int) -> Iterator[Trial
     with in_terminal(led, reports_releases) as terminal:
         which = "releases reported" if reports_releases else "no releases reported"
         for _ in range(number):
-            terminal.press("w")
-            led.until_moving(HELD)
+            led.until_moving(lambda: terminal.press("w"), HELD)
             yield Trial(f"key released, {which}", *led.times_to_zero(terminal.release()))
-            terminal.press("w")
-            led.until_moving(HELD)
+            led.until_moving(lambda: terminal.press("w"), HELD)
             yield Trial(f"terminal hung, {which}", *led.times_to_zero(terminal.hang()))
             terminal.hang(False)
             led.wait(0.2)
@@ -148,8 +149,7 @@ def of_closing(led: Led, number: int) -> Iterator[Trial]:
     """Close the terminal's window while a key is held."""
     for k in range(number):
         with in_terminal(led, reports_releases=k % 2 == 0) as terminal:
-            terminal.press("w")
-            led.until_moving(HELD)
+            led.until_moving(lambda: terminal.press("w"), HELD)
             yield Trial("terminal closed", *led.times_to_zero(terminal.close()))
 
 
@@ -157,11 +157,9 @@ def of_pad(led: Led, number: int) -> Iterator[Trial]:
     """Let the dead-man button go, and unplug the gamepad."""
     with with_pad(led) as pad:
         for _ in range(number):
-            pad.hold(True)
-            led.until_moving(HELD)
+            led.until_moving(lambda: pad.hold(True), HELD)
             yield Trial("dead-man button released", *led.times_to_zero(pad.hold(False)))
-            pad.hold(True)
-            led.until_moving(HELD)
+            led.until_moving(lambda: pad.hold(True), HELD)
             yield Trial("gamepad unplugged", *led.times_to_zero(pad.unplug()))
             pad.plug_in()
             pad.move(0, -20_000)
@@ -172,13 +170,9 @@ def of_page(led: Led, number: int, open_page: Callable[[], Page]) -> Iterator[Tr
     for _ in range(number):
         page = open_page()
         for act, kind in ((page.let_go, "joystick released"), (page.fall_silent, "page hidden or silent")):
-            page.fall_silent(False)
-            page.forward = 1.0
-            led.until_moving(HELD)
+            led.until_moving(page.push, HELD)
             yield Trial(kind, *led.times_to_zero(act()))
-        page.fall_silent(False)
-        page.forward = 1.0
-        led.until_moving(HELD)
+        led.until_moving(page.push, HELD)
         yield Trial("page closed", *led.times_to_zero(page.close()))
 
 
