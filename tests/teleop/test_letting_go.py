@@ -5,6 +5,7 @@
 
 import os
 import termios
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,10 @@ from tests.support.letting_go import all_ways
 
 pytestmark = pytest.mark.real_time
 WAYS = 10
+
+
+def shows(terminal: Terminal, words: bytes) -> bool:
+    return words in terminal.shown
 
 
 def test_in_each_way_the_robot_stops(tmp_path: Path) -> None:
@@ -32,7 +37,7 @@ def test_a_terminal_is_as_before_after_a_signal_and_after_a_mistake(tmp_path: Pa
             before = termios.tcgetattr(terminal.slave)
             again = os.dup(terminal.slave)
             process = robot.teleop(terminal)
-            robot.until(lambda terminal=terminal: b"ready" in terminal.shown)
+            robot.until(partial(shows, terminal, b"ready"))
             process.terminate() if end == "SIGTERM" else terminal.type("\x1b[99;5u")
             assert process.wait(20.0) == (130 if end == "SIGTERM" else 0)
             robot.wait(0.2)

@@ -1,6 +1,7 @@
 """A gamepad drives while its dead-man button is held, a page while it answers."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ class Device:
     name = "a test"
 
     def __init__(self) -> None:
-        self.ranges = {ABS_X: (0, 255), ABS_Y: (0, 255)}
+        self.ranges: Mapping[int, tuple[int, int]] = {ABS_X: (0, 255), ABS_Y: (0, 255)}
         self.said: bytes | None = b""
 
     def read(self, _now: float) -> bytes | None:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
+from websockets.sync.connection import Connection
 from websockets.typing import Origin
 
 from cmr.view.curves import LiveCurves
@@ -78,11 +79,11 @@ def page(tmp_path: Path) -> Iterator[Serving]:
     serving.server.stop()
 
 
-def say(connection: ClientConnection, **what: object) -> None:
+def say(connection: Connection, **what: object) -> None:
     connection.send(json.dumps(what))
 
 
-def hear(connection: ClientConnection) -> dict[str, Any]:
+def hear(connection: Connection) -> dict[str, Any]:
     answer: dict[str, Any] = json.loads(connection.recv(PATIENCE))
     return answer
 
