@@ -18,7 +18,7 @@ from tests.support.hands import Led, Pad, Terminal, start
 
 TOKEN = "a secret of the test"
 LIMIT = 0.2  # s until zero is commanded
-STARTED = 60.0  # s for a process to be ready, on a slow machine
+STARTED = 180.0  # s for a process to be ready, on a slow machine
 HELD = 0.15  # s for which the robot moves, before it is let go
 
 
