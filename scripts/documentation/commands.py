@@ -2,8 +2,9 @@
 
 import argparse
 import ast
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,9 +21,10 @@ class _Captured(Exception):  # noqa: N818 - it is no error
     """A command came to where it parses its arguments; the first argument is its parser."""
 
 
-def modules() -> dict[str, str]:
+@cache  # asked for each command line of the documentation
+def modules() -> Mapping[str, str]:
     """Return each command with the module that has its `main`: the entry points of pyproject.toml, and `cmr init`."""
-    scripts: dict[str, str] = read_configuration(PROJECT / "pyproject.toml")["project"]["scripts"]
+    scripts: dict[str, str] = read_configuration(PROJECT / "pyproject.toml", expand=False)["project"]["scripts"]
     result = {command: _module_of(entry_point) for command, entry_point in scripts.items()}
     if "cmr" in result and find_spec(CATALOGUE):
         catalogue = import_module(CATALOGUE)
