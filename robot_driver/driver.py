@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from types import TracebackType
 
+from cmr.bus.claiming import Ownership
 from cmr.bus.message import Message
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_DUTY, MOTOR_FEEDBACK, Stream
@@ -12,7 +13,7 @@ from cmr.msg import command_claim_t, command_owner_t, estop_latch_t, estop_t, mo
 from cmr.parameters.following import ParameterFollower
 from robot_driver.bus_stop import BusStop
 from robot_driver.command_gate import CommandGate
-from robot_driver.commanders import Commanders, Ownership
+from robot_driver.commanders import Commanders
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.encoders import FASTEST_WHEEL
 from robot_driver.gyro_device import GyroDevice

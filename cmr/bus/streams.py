@@ -55,7 +55,7 @@ WHEEL_SPEED_COMMAND = Stream(
 )
 VELOCITY_COMMAND = Stream("VELOCITY_COMMAND", msg.velocity_command_t, True, 20.0, "cmr-pilot, or any controller")
 COMMAND_CLAIM = Stream("COMMAND_CLAIM", msg.command_claim_t, True, None, "cmr-pilot, or any controller")
-COMMAND_OWNER = Stream("COMMAND_OWNER", msg.command_owner_t, True, 2.0, "cmr-driver")
+COMMAND_OWNER = Stream("COMMAND_OWNER", msg.command_owner_t, True, 2.0, "cmr-driver; cmr-sim of claimed virtual robots")
 MOTOR_FEEDBACK = Stream("MOTOR_FEEDBACK", msg.motor_feedback_t, True, 50.0, "cmr-driver")
 MOTOR_DUTY = Stream("MOTOR_DUTY", msg.motor_duty_t, True, None, "cmr-driver")
 GYRO = Stream("GYRO", msg.gyro_t, True, 50.0, "cmr-driver")

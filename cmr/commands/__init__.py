@@ -95,6 +95,11 @@ def sweep() -> int:
     return run("cmr.commands.sweep")
 
 
+def teleop() -> int:
+    """Start cmr-teleop."""
+    return run("cmr.commands.by_hand.teleop")
+
+
 def umbrella() -> int:
     """Start cmr, which starts any of the others."""
     return run("cmr.commands.umbrella")

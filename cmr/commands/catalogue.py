@@ -11,6 +11,7 @@ COMMANDS = {
     "emulate": ("cmr.commands.emulate", "emulate a robot: devices on pseudo-terminals, physics behind them"),
     "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
     "pilot": ("cmr.commands.pilot", "drive a real robot by a behaviour"),
+    "teleop": ("cmr.commands.by_hand.teleop", "drive a robot by hand: keyboard, gamepad, or the joystick of a page"),
     "estop": ("cmr.commands.estop", "engage the emergency stop, release it, or show which robots it holds"),
     "key": ("cmr.commands.key", "make the key that signs messages, or show whether this computer has it"),
     "relay": ("cmr.commands.relay", "sign messages of programs that have no key, such as a motion capture system's"),

@@ -68,6 +68,8 @@ def main(arguments: list[str]) -> int:
     folder = free_folder(options.out)
     check_writable(folder)
     compile_first(PARTS)
+    if options.lead:
+        return _lead(options, folder, url)
     robot_ends = gone_before_and_after(folder / STATE)
     with Process("cmr-demo", url, lives_now=True) as process, robot_ends, Children(folder) as children:
         _prepare(folder)
@@ -82,6 +84,18 @@ def main(arguments: list[str]) -> int:
     return _report(folder, settings)
 
 
+def _lead(options: argparse.Namespace, folder: Path, url: str) -> int:
+    """Let a person lead a virtual robot, with real ones behind it."""
+    from cmr.commands.scenarios import parse
+    from cmr.experiments.live.leading import SCENARIO, Leading
+
+    hands = ["--script", options.script] if options.script else []
+    with Process("cmr-demo", url, lives_now=True) as process, Children(folder) as children:
+        leading = Leading(process, children, parse(SCENARIO))
+        print(leading.run(options.view or not hands, hands, options.seconds), flush=True)
+        return process.exit_code
+
+
 def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr-demo."""
     options = parser(
@@ -90,7 +104,8 @@ def command_parser() -> argparse.ArgumentParser:
         "processes that a real robot needs, on an LCM bus of their own, with a pseudo-terminal for the serial line. "
         "Each drive takes a minute, half of it slow and half of it fast: at one speed some parameters cannot be "
         "distinguished from what the model leaves out. Takes about two and a half minutes.",
-        "cmr-demo --out demo-run\n  cmr-demo --speed 0.3     # one speed, as in the paper",
+        "cmr-demo --out demo-run\n  cmr-demo --speed 0.3     # one speed, as in the paper\n"
+        "  cmr-demo --lead          # drive yourself",
         bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
     options.add_argument(
@@ -107,6 +122,16 @@ def command_parser() -> argparse.ArgumentParser:
         default=SPEEDS,
         metavar="M/S[/M/S...]",
         help="of the drive in m/s, one or several; each for the same time, together a minute",
+    )
+    options.add_argument(
+        "--lead",
+        action="store_true",
+        help="lead a virtual robot by hand, with the keys of this terminal or a joystick on the page that opens, while "
+        "two emulated real robots follow it",
+    )
+    options.add_argument("--seconds", type=float, default=None, metavar="S", help="with --lead: end after so long")
+    options.add_argument(
+        "--script", default="", metavar="STEPS", help="with --lead: as of cmr-teleop, without a person"
     )
     options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
     options.add_argument(

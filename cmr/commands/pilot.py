@@ -132,6 +132,12 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
     )
+    add_limits(options)
+    return options
+
+
+def add_limits(options: argparse.ArgumentParser) -> None:
+    """Add what is commanded, who may command, and what the robot is kept from."""
     options.add_argument(
         "--command",
         choices=KINDS,
@@ -158,7 +164,6 @@ def command_parser() -> argparse.ArgumentParser:
         action="store_false",
         help="do not stop before robots in the way, real and virtual ones",
     )
-    return options
 
 
 def _geofence(text: str) -> Geofence:

@@ -10,6 +10,8 @@ from cmr.bus.messages import make
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Outgoing, Process, Timer
 from cmr.bus.streams import (
+    COMMAND_CLAIM,
+    COMMAND_OWNER,
     ESTOP,
     ESTOP_LATCH,
     GYRO,
@@ -35,6 +37,7 @@ from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
+from cmr.world.owners import Owners
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.refusals import refusals
 from cmr.world.view import world_messages
@@ -55,6 +58,7 @@ HEARD: tuple[Stream[Message], ...] = (
     ESTOP,
     ESTOP_LATCH,
     WORLD_STATE,
+    COMMAND_CLAIM,
 )
 STEP_RATE = 100.0  # Hz
 MOST_TOLD = 5  # robots that have the same problem
@@ -80,7 +84,12 @@ def main(arguments: list[str]) -> int:
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
-    reported = 0
+    reported, owners = 0, Owners(world.virtual_ids)
+
+    def take(stamp: int, channel: str, message: Message, sender: int | None) -> None:
+        if owners.takes(channel, message, sender):
+            world.handle(stamp, channel, message)
+
     with Process("cmr-sim", options.lcm_url) as process:
         for stream in HEARD:
             process.subscribe(stream, every=True)
@@ -91,7 +100,7 @@ def main(arguments: list[str]) -> int:
                 process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
         for utime in process.loop(rate_hz=STEP_RATE):
             world.turn(utime)
-            process.dispatch(world.handle, gated=True)
+            process.dispatch_named(take)
             world.advance(utime)
             process.overruns = world.late_steps
             # A turn that follows closely upon a late one makes no step; what holds for a moment is published once.
@@ -101,9 +110,10 @@ def main(arguments: list[str]) -> int:
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
             if scanner:
                 process.publish_all([(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)])
+            process.publish_all((COMMAND_OWNER, report.robot_id, report) for report in owners.reports())
             if check.due():
                 world.poll_parameters()
-                _announce(world, loader, process, lateness)
+                _announce(world, loader, process, lateness, owners)
         return process.exit_code
 
 
@@ -237,18 +247,20 @@ def _first(sentences: Iterable[str]) -> list[str]:
     return [*said[:MOST_TOLD], f"So it is with {more} more robots."] if more > 1 else said
 
 
-def _announce(world: World, loader: Loader, process: Process, lateness: Lateness) -> None:
+def _announce(world: World, loader: Loader, process: Process, lateness: Lateness, owners: Owners) -> None:
     """Repeat the parameters in use of all real robots, and report what keeps any from being used."""
     for robot_id in world.real_robots:
         announcement = world.parameters[robot_id].announcement()
         if announcement is not None:
             process.repeat(PARAMETERS, announcement, robot_id, period=1.0)
+    for news in owners.news():
+        process.news(news)
     followers = [world.parameters[robot_id] for robot_id in sorted(world.parameters)]
     process.parameters_sha256 = ",".join(follower.sha256 for follower in followers if follower.sha256)
     reported = [CROWDED] if world.crowded else []
     reported += [*_first(follower.message for follower in followers), loader.message]
     reported += refusals(world, world.gate.now)
-    reported += world.others.problems(world.utime)
+    reported += [*world.others.problems(world.utime), owners.problem()]
     late = lateness.problem(world.utime, world.late_steps)
     reported += ["" if loader.is_starting else late, world.noise_problem]  # to compile makes steps late
     reported += _first(_by_default(world, robot_id) for robot_id in world.real_robots)

@@ -4,7 +4,7 @@ import argparse
 import secrets
 import ssl
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from cmr.bus.messages import now_utime
@@ -13,6 +13,7 @@ from cmr.bus.streams import ESTOP, ESTOP_LATCH
 from cmr.cli.command_line import add_logs, logs_of, parser
 from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
+from cmr.experiments.live.children import our_command
 from cmr.geometry.obstacles import Geofence, ObstacleError, Obstacles
 from cmr.msg import process_status_t
 
@@ -45,7 +46,8 @@ def main(arguments: list[str]) -> int:
         try:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
             address = Address(options.host, options.port, tuple(options.allow_host or ()), tls)
-            server = PageServer(address, token, Room(obstacles, geofence), showing)
+            drive = None if options.log else _driving(process.bus.url, geofence)
+            server = PageServer(address, token, Room(obstacles, geofence), showing, drive)
         except OSError as error:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
@@ -108,6 +110,19 @@ def _check(options: argparse.Namespace) -> None:
         raise CommandError(f"--host {options.host} lets others see the page; give the buttons' --token, too.")
     if options.allow_host and options.token is None:
         raise CommandError("--allow-host lets others see the page; give the buttons' --token, too.")
+
+
+def _driving(url: str, geofence: Geofence | None) -> Callable[[int, bool], list[str]]:
+    """Return what returns how cmr-teleop is started for a robot that a visitor drives, and may take over."""
+    limits = []
+    if geofence is not None:
+        limits = [f"--geofence={','.join(f'{number:g}' for number in geofence.outline.T.ravel())}"]
+
+    def command(robot_id: int, takes_over: bool) -> list[str]:
+        teleop = [our_command("cmr"), "teleop", "--page", "--robot", str(robot_id), "--lcm-url", url]
+        return [*teleop, *limits, *["--take-over"] * takes_over]
+
+    return command
 
 
 def _encryption(options: argparse.Namespace) -> ssl.SSLContext | None:

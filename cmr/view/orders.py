@@ -1,14 +1,13 @@
 """What the page can order on the bus: the emergency stop, its release, and a figure-eight."""
 
-from cmr.bus.estop import EmergencyStop
+from cmr.bus.estop import EmergencyStop, StopButton
 from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import ESTOP, WAYPOINTS
-from cmr.msg import estop_latch_t, estop_t, waypoints_t
+from cmr.msg import estop_latch_t, waypoints_t
 
 SOURCE = "cmr-view"
-RELEASES = 6  # messages, as one can be lost
 FIGURE_EIGHT = 0.7  # m from its crossing to each tip
 
 
@@ -20,27 +19,25 @@ class Orders:
     """
 
     def __init__(self) -> None:
-        self.stopped = False
-        self.reason = ""
+        self._button = StopButton(SOURCE, "the button on the page", "released on the page")
         self._drivers = EmergencyStop()
-        self._engaged_at: int | None = None  # us; None while no stop of ours is in force
-        self._releases = 0  # that are still to be sent
-        self._released_at = 0  # us; when the first of them was sent
         self._outgoing: list[Outgoing] = []
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the emergency stop is asked for."""
+        return self._button.stopped
+
+    @property
+    def reason(self) -> str:
+        """By whom it is asked for, and why."""
+        return self._button.text
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message from the bus, our own among them."""
         if isinstance(message, estop_latch_t):
             self._drivers.handle(utime, channel, message)
-        if channel != ESTOP.name or not isinstance(message, estop_t):
-            return
-        if message.engaged:
-            # Our own repetitions come back even after we have released; they engage nothing again.
-            if message.source != SOURCE or self._engaged_at is not None:
-                self.stopped, self.reason = True, f"{message.source}: {message.reason}"
-            return
-        if self._engaged_at is None or message.utime >= self._engaged_at:
-            self.stopped, self.reason, self._engaged_at = False, "", None
+        self._button.handle(utime, channel, message)
 
     @property
     def latched_reason(self) -> str:
@@ -53,16 +50,11 @@ class Orders:
 
     def stop(self, utime: int) -> None:
         """Engage the emergency stop."""
-        self._engaged_at, self._releases = utime, 0
-        self.stopped, self.reason = True, f"{SOURCE}: the button on the page"
+        self._button.stop(utime)
 
     def release(self) -> None:
-        """Release the emergency stop, whoever engaged it.
-
-        Each repetition has the moment of the first, so that a stop that is engaged after it stays engaged.
-        """
-        self._engaged_at, self._releases = None, RELEASES
-        self.stopped, self.reason = False, ""
+        """Release the emergency stop, whoever engaged it."""
+        self._button.release()
 
     def figure_eight(self, utime: int, robot_id: int, place: tuple[float, float, float]) -> None:
         """Tell a robot to drive a figure-eight from where it is: x, y [m], theta [rad]."""
@@ -74,15 +66,5 @@ class Orders:
     def due(self, utime: int) -> list[Outgoing]:
         """Return what is to be sent now."""
         outgoing, self._outgoing = self._outgoing, []
-        if self._engaged_at is not None:
-            outgoing.append(_estop(utime, True))
-        elif self._releases:
-            self._released_at = utime if self._releases == RELEASES else self._released_at
-            self._releases -= 1
-            outgoing.append(_estop(self._released_at, False))
-        return outgoing
-
-
-def _estop(utime: int, engaged: bool) -> Outgoing:
-    reason = "the button on the page" if engaged else "released on the page"
-    return ESTOP, None, make(estop_t, utime=utime, engaged=engaged, source=SOURCE, reason=reason)
+        estop = self._button.due(utime)
+        return outgoing if estop is None else [*outgoing, (ESTOP, None, estop)]

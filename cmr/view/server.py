@@ -19,6 +19,7 @@ from websockets.asyncio.server import ServerConnection
 
 from cmr.bus.fields import FieldName
 from cmr.view.camera import INITIAL
+from cmr.view.driving.sessions import Command, Sessions
 from cmr.view.entrance.door import Address, Door, address_of, guarding
 from cmr.view.entrance.guesses import Guesses
 from cmr.view.entrance.refusals import Refusals
@@ -48,10 +49,13 @@ class PageServer:
     """Serves pages at an address; if the port is taken, at the next free one.
 
     All visitors see `showing` in a `room` until they open a log. Their wishes go into `wishes`; only those come that
-    each visitor is allowed, with the `token`. Raises OSError where it cannot serve.
+    each visitor is allowed, with the `token`. With `drive`, which returns how cmr-teleop is started, a page beside has
+    a joystick. Raises OSError where it cannot serve.
     """
 
-    def __init__(self, address: Address, token: str, room: Room, showing: Showing) -> None:
+    def __init__(
+        self, address: Address, token: str, room: Room, showing: Showing, drive: Command | None = None
+    ) -> None:
         self.wishes: Wishes = Wishes()
         self.visits: dict[int, Visit] = {}
         self._token, self._room, self._showing = token, room, showing
@@ -61,10 +65,12 @@ class PageServer:
         self._guesses = Guesses(self.refusals)
         self._logs = LogFolder()
         self._trails_due = self._panels_due = 0.0
+        beside = Sessions(token, drive, self._guesses) if drive is not None else None
+        self._drives = drive is not None
         # A visitor who leaves while something is sent to him is no news.
         warnings.filterwarnings("ignore", ".* on a closed connection", UserWarning)
         # Its banner is not shown: where the page is, is said by the process.
-        with redirect_stdout(io.StringIO()), guarding(Door(address, self.refusals)):
+        with redirect_stdout(io.StringIO()), guarding(Door(address, self.refusals), beside):
             self._server = _Server(address.host, address.port, "cmr-view", verbose=False)
         self.url = address.url(self._server.get_port())
         self._server.gui.configure_theme(
@@ -156,6 +162,7 @@ class PageServer:
             back_to="" if log is None else self._showing.name,
             has_robots=self._showing.panel() is None,
             has_fence=room.geofence is not None,
+            has_joystick=self._drives and log is None,
         )
         try:
             visit = Visit(visitor, self.wishes, showing, room, surroundings, log)

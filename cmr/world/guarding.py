@@ -1,4 +1,4 @@
-"""What keeps a real robot from harm whatever its behaviour says: its geofence, its poses, and robots in its way."""
+"""What keeps a robot from harm whatever its behaviour says: its geofence, its poses, and robots in its way."""
 
 import math
 
@@ -22,21 +22,23 @@ class FenceGuard:
     `left` is then a sentence; it stays for good, as a robot that somebody carries back must not drive on in the hands.
     """
 
-    def __init__(self, robot_id: int, geofence: Geofence, margin: float = MARGIN) -> None:
+    def __init__(self, robot_id: int, geofence: Geofence, margin: float = MARGIN, program: str = "cmr-pilot") -> None:
         self.left = ""
-        self._robot_id, self._geofence, self._margin = robot_id, geofence, margin
+        self.kept: tuple[float, float] | None = None  # distance of the last place from the border, and the margin [m]
+        self._robot_id, self._geofence, self._margin, self._program = robot_id, geofence, margin, program
 
     def look(self, x: float, y: float, going: tuple[float, float] = (0.0, 0.0)) -> None:
         """Look at where the robot is [m; world frame] and how it moves [m/s]."""
         inside = bool(self._geofence.contains(x, y))
         away = float(self._geofence.distance(x, y))
+        self.kept = away, self._margin
         soon = (x + STOPPING * going[0], y + STOPPING * going[1])
         if self.left or (inside and away >= self._margin and self._geofence.contains(*soon)):
             return
         where = f"{away:.2f} m {'inside' if inside else 'outside'} of the border" if math.isfinite(away) else "nowhere"
         self.left = (
             f"Robot {self._robot_id} left its geofence: at ({x:.2f}, {y:.2f}) m it was {where}, with a margin of "
-            f"{self._margin:g} m. It stands. Put it back inside by hand and start cmr-pilot again."
+            f"{self._margin:g} m. It stands. Put it back inside by hand and start {self._program} again."
         )
 
 

@@ -21,7 +21,7 @@ from cmr.recordings.commanding import command_of
 from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
 from cmr.world.behaviours.team import Alone
 from cmr.world.guarding import MARGIN, FenceGuard, PoseGuard, kept_clear, load
-from cmr.world.view import Robot, WorldView
+from cmr.world.view import VIRTUAL, Robot, WorldView
 
 OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops
 OTHER_KIND = (
@@ -38,12 +38,13 @@ FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any me
 
 
 class Pilot:
-    """The pilot of one real robot; `waiting_for` says what keeps it from driving, empty when nothing does.
+    """The pilot of one robot; `waiting_for` says what keeps it from driving, empty when nothing does.
 
     Inside of a `geofence`, `margin` [m] from its border, it drives; once it was elsewhere, it stands for good, as
-    `left_fence` says. With a geofence, or once poses were heard, it stands while they are missing. With `keep_clear` it
-    stops before robots in its way, real and virtual ones. `kind` of cmr.model.command_kinds is what it commands; by
-    default (v, omega) to a robot whose parameters have a velocity controller, duties to others.
+    `left_fence` says. With a geofence, or once poses were heard, it stands while they are missing; a virtual robot has
+    none, and is where the world says. With `keep_clear` it stops before robots in its way, real and virtual ones.
+    `kind` of cmr.model.command_kinds is what it commands; by default (v, omega) to a robot whose parameters have a
+    velocity controller, duties to others. `program` is what people start again.
     """
 
     def __init__(
@@ -56,14 +57,17 @@ class Pilot:
         margin: float = MARGIN,
         keep_clear: bool = True,
         kind: str | None = None,
+        program: str = "cmr-pilot",
     ) -> None:
         self.robot_id = robot_id
+        self._program = program
         self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
         self.parameters = parameters
         self.waiting_for = "the world"
+        self.duties = (0.0, 0.0)  # that the last command stands for
         self.gate = Gate(pose_xyt_t)  # whose stamps are looked at by `_poses`
         self._keep_clear = keep_clear
-        self._fence = FenceGuard(robot_id, geofence, margin) if geofence else None
+        self._fence = FenceGuard(robot_id, geofence, margin, program) if geofence else None
         self._poses = PoseGuard(robot_id, needed=geofence is not None)
         self._world = WorldView()
         self._world.geofence = geofence
@@ -73,6 +77,26 @@ class Pilot:
         self._caution = Caution[ParameterFile](_duties_of)
         self._sha256 = ""
         self._look_at_parameters()
+
+    @property
+    def me(self) -> Robot | None:
+        """The robot as WORLD_STATE has it; None if it is not there."""
+        return self._world.robot(self.robot_id)
+
+    @property
+    def model(self) -> RobotParameters | None:
+        """The robot's parameters in use; None where they are missing."""
+        return self._model()[0]
+
+    @property
+    def estop_reason(self) -> str:
+        """By whom and why the emergency stop holds this robot; empty if it does not."""
+        return self._estop.reason if self._estop.holds(self.robot_id) else ""
+
+    @property
+    def fence(self) -> tuple[float, float] | None:
+        """How far [m] the robot was from the border of its geofence, and the margin; None without one or a place."""
+        return self._fence.kept if self._fence else None
 
     @property
     def left_fence(self) -> str:
@@ -158,10 +182,10 @@ class Pilot:
         """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
         self.turn(utime)
         self._look_at_parameters()
-        duties = self._decide(utime)
+        self.duties = self._decide(utime)
         known = self._caution.now
-        controller = known.velocity_controller if known is not None and any(duties) else None
-        return command_of(self.kind, utime, self.robot_id, duties, controller)
+        controller = known.velocity_controller if known is not None and any(self.duties) else None
+        return command_of(self.kind, utime, self.robot_id, self.duties, controller)
 
     def stop(self) -> Command:
         """Return the command that ends a drive."""
@@ -172,10 +196,11 @@ class Pilot:
         if me is not None:
             self._caution.note_motion(me.utime, me.state.psi_left, me.state.psi_right)
         model, without_model = self._model()
-        without_poses = self._poses.missing(utime)
+        is_virtual = me is not None and me.origin == VIRTUAL
+        without_poses = "" if is_virtual else self._poses.missing(utime)
         self._look_at_fence(me, model)
         if self.left_fence:
-            self.waiting_for = "a new start of cmr-pilot"
+            self.waiting_for = f"a new start of {self._program}"
         elif self._estop.holds(self.robot_id):
             self.waiting_for = f"release of the emergency stop ({self._estop.reason})"
             self._zeros_to_send = FIRST_ZEROS
@@ -219,7 +244,7 @@ class Pilot:
             return
         if self._poses.place is not None:
             self._fence.look(*self._poses.place)
-        if me is not None and self._poses.place is not None:
+        if me is not None and (self._poses.place is not None or me.origin == VIRTUAL):
             speed = float(forward(me.state.psi_left, me.state.psi_right, model)) if model else 0.0
             going = (speed * math.cos(me.state.theta), speed * math.sin(me.state.theta))
             self._fence.look(me.state.x, me.state.y, going)

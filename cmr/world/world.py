@@ -138,6 +138,11 @@ class World:
         return self._noise.problem if self._noise else ""
 
     @property
+    def virtual_ids(self) -> list[int]:
+        """The ids of the virtual robots."""
+        return sorted(self._virtual)
+
+    @property
     def real_robots(self) -> list[int]:
         """The ids of the real robots heard of so far."""
         return sorted(self._real)

@@ -6,6 +6,7 @@ What may move it is decided as in cmr-driver, by the same code.
 import math
 from typing import TypeAlias
 
+from cmr.bus.claiming import Ownership
 from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.process import Outgoing
@@ -26,7 +27,6 @@ from cmr.plant.commanded import wheel_speeds_of
 from robot_driver.bus_stop import BusStop
 from robot_driver.clock import Stamps
 from robot_driver.command_gate import CommandGate
-from robot_driver.commanders import Ownership
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.sensors import MotionCapture, Pose, YawGyro
 from robot_driver.emulator.settings import Settings

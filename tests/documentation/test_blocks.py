@@ -54,6 +54,8 @@ ONLY_PARSED = {
     "cmr key new": "makes a key for this user; tests/commands/test_key_and_relay.py makes one",
     "cmr relay": "runs until it is stopped; tests/commands/test_key_and_relay.py runs its parts",
     "cmr estop": "stops robots on the bus; tests/robot_driver/test_latched_stop.py runs it",
+    "cmr-teleop": "commands a robot on the bus; tests/teleop runs it",
+    "cmr demo --lead": "needs a person; tests/whole/test_lead.py runs it with a script",
     "cmr-view": "serves a page until it is stopped",
 }
 ALONE = ("cmr-calibrate", "cmr-sim")  # without any option they listen until they are stopped

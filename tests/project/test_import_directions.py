@@ -34,7 +34,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.msg": set(),
     "cmr.model": {"cmr.litter"},
     "cmr.plant": set(),  # the judge of the model, with which it shares no code
-    "cmr.geometry": {"cmr.model"},
+    "cmr.geometry": {"cmr.model", "cmr.documents", "cmr.files"},
     "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.files", "cmr.plain_text"},
     "cmr.parameters": {*BUS, "cmr.documents", "cmr.files", "cmr.model"},
     "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
@@ -48,6 +48,7 @@ KNOWN: dict[str, set[str]] = {
     },
     "cmr.world": {*RECORDED, "cmr.report", "cmr.geometry"},
     "cmr.view": {*RECORDED, "cmr.litter", "cmr.report", "cmr.geometry"},
+    "cmr.teleop": {*RECORDED, "cmr.geometry", "cmr.world"},
     "cmr.robot_log": {*RECORDED, "cmr.report", "cmr.calibration", "cmr.diagnosis", "cmr.distribution"},
     # Teams.
     "cmr.experiments": set(),
@@ -83,6 +84,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.commands": {
         *(*RECORDED, "cmr.documents", "cmr.files", "cmr.distribution", "cmr.priority", "cmr.threads", "cmr.geometry"),
         *("cmr.camera", "cmr.estimation", "cmr.calibration", "cmr.diagnosis", "cmr.world", "cmr.view"),
+        "cmr.teleop",
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
         *("robot_driver.emulator", "cmr.tools"),

@@ -9,11 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cmr.bus.bus import Bus
-from cmr.bus.claiming import Claim
+from cmr.bus.claiming import LAPSE, Claim, Ownership
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import COMMAND_CLAIM, COMMAND_OWNER, MOTOR_COMMAND
 from cmr.msg import command_claim_t, command_owner_t, motor_command_t
-from robot_driver.commanders import LAPSE, Ownership
 from robot_driver.host import Host
 from tests.support.driver_bench import URL, DriverProcess, driving
 

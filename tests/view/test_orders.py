@@ -2,6 +2,7 @@
 
 import pytest
 
+from cmr.bus.estop import RELEASES
 from cmr.bus.messages import make
 from cmr.bus.streams import (
     ESTOP_LATCH,
@@ -11,7 +12,7 @@ from cmr.msg import (
     estop_t,
     waypoints_t,
 )
-from cmr.view.orders import RELEASES, Orders
+from cmr.view.orders import Orders
 from cmr.view.showing import stop_line
 from cmr.view.wishes import RELEASE, STOP, Permission
 from tests.support.latches import latch

@@ -1,5 +1,6 @@
 """The manoeuvres by name: what each is good for, and the space it needs."""
 
+from pathlib import Path
 from textwrap import fill
 
 from cmr.geometry.manoeuvres import drives
@@ -137,14 +138,12 @@ class UnknownManoeuvreError(ValueError):
 
 
 def in_sequence(names: str) -> Manoeuvre:
-    """Return the manoeuvre that `names` says: one of the table, or several joined by "+", each from rest to rest.
+    """Return the manoeuvre that `names` says: one of the table or of a file (`.yaml`), or several joined by "+".
 
-    Raises UnknownManoeuvreError for a name that is not in the table.
+    Each is driven from rest to rest. Raises UnknownManoeuvreError for a name that is not in the table, and
+    RecordedDriveError, a ValueError too, for a file that holds no drive.
     """
-    unknown = [name for name in names.split(BETWEEN) if name not in MANOEUVRES]
-    if unknown:
-        raise UnknownManoeuvreError(f"There is no manoeuvre {unknown[0]!r}; there are {', '.join(MANOEUVRES)}.")
-    parts = [MANOEUVRES[name] for name in names.split(BETWEEN)]
+    parts = [_manoeuvre(name) for name in names.split(BETWEEN)]
 
     def pieces(turn_time: float) -> list[Piece]:
         sequence = [[*part.pieces(turn_time), rest(2.0 * STILL)] for part in parts]
@@ -158,6 +157,19 @@ def in_sequence(names: str) -> Manoeuvre:
         gives=frozenset().union(*(part.gives for part in parts)),
         pieces=pieces,
     )
+
+
+def _manoeuvre(name: str) -> Manoeuvre:
+    """Return the manoeuvre of this name, or the drive that was recorded in this file."""
+    if name.endswith(".yaml"):
+        from cmr.geometry.manoeuvres.recorded import load  # reads YAML, which manoeuvres by name do without
+
+        return load(Path(name))
+    if name not in MANOEUVRES:
+        raise UnknownManoeuvreError(
+            f"There is no manoeuvre {name!r}; there are {', '.join(MANOEUVRES)}, and files that end in .yaml."
+        )
+    return MANOEUVRES[name]
 
 
 def help_text() -> str:

@@ -13,11 +13,13 @@ import ssl
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from http import HTTPStatus
+from typing import Any, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Data
@@ -40,6 +42,7 @@ FOREIGN_PAGE = "Only the page that is served here may connect.\n"
 NO_QUERY = "The page takes no query: open its address without what begins with '?'.\n"
 
 Process = Callable[[ServerConnection, Request], Response | None]
+Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class Address(NamedTuple):
@@ -65,6 +68,20 @@ class Address(NamedTuple):
         """Return the address for a browser, where the page has this port."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'https' if self.tls else 'http'}://{host}:{port}"
+
+
+class Beside(Protocol):
+    """A page beside viser's, at `page`, which connects to `connects_to`."""
+
+    page: str
+    connects_to: str
+    html: bytes
+
+    def takes(self, data: Data) -> bool:
+        """Return whether this is a message that the page sends."""
+
+    async def serve(self, connection: ServerConnection) -> None:
+        """Serve one visitor to the end."""
 
 
 class Door(NamedTuple):
@@ -94,8 +111,8 @@ class Door(NamedTuple):
 
 
 @contextmanager
-def guarding(door: Door) -> Iterator[None]:
-    """Put a door before the server that viser starts meanwhile.
+def guarding(door: Door, beside: Beside | None = None) -> Iterator[None]:
+    """Put a door before the server that viser starts meanwhile, and have it serve another page, too.
 
     Raises RuntimeError where viser has not started one in the way that is known: it would let in everybody.
     """
@@ -103,9 +120,9 @@ def guarding(door: Door) -> Iterator[None]:
 
     def serve_behind(handler: Any, host: str, port: int, **options: Any) -> Any:
         guarded.append(port)
-        options |= {"process_request": _checking(door, options["process_request"]), "ssl": door.address.tls}
-        options |= {"create_connection": _connections(door.refusals), "max_size": MOST_BYTES}
-        return serve(_limited(handler), host, port, **options)
+        options |= {"process_request": _checking(door, options["process_request"], beside), "ssl": door.address.tls}
+        options |= {"create_connection": _connections(door.refusals, beside), "max_size": MOST_BYTES}
+        return serve(_limited(_parted(handler, beside)), host, port, **options)
 
     websockets.asyncio.server.serve = serve_behind  # type: ignore[misc, assignment]
     try:
@@ -118,13 +135,14 @@ def guarding(door: Door) -> Iterator[None]:
         )
 
 
-def _checking(door: Door, answer: Process) -> Process:
+def _checking(door: Door, answer: Process, beside: Beside | None) -> Process:
     def process(connection: ServerConnection, request: Request) -> Response | None:
         reason = door.why_not(request, connection.local_address[0])
         if reason:
             door.refusals.count("requests under a foreign name or from a foreign page", connection.remote_address[0])
             return connection.respond(403, reason)
-        response = answer(connection, request)
+        is_beside = beside is not None and request.path == beside.page
+        response = _page(beside.html) if beside is not None and is_beside else answer(connection, request)
         if response is not None:
             response.headers.update(HEADERS)
         return response
@@ -132,7 +150,27 @@ def _checking(door: Door, answer: Process) -> Process:
     return process
 
 
-def _limited(handler: Callable[[ServerConnection], Awaitable[None]]) -> Callable[[ServerConnection], Awaitable[None]]:
+def _page(html: bytes) -> Response:
+    """Return the answer that is a page."""
+    headers = Headers({"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(html))})
+    return Response(HTTPStatus.OK, "OK", headers, html)
+
+
+def _parted(handler: Handler, beside: Beside | None) -> Handler:
+    """Return what hands the visitors of the page beside to it."""
+
+    async def handle(connection: ServerConnection) -> None:
+        await (beside.serve if beside is not None and _is_beside(connection, beside) else handler)(connection)
+
+    return handle
+
+
+def _is_beside(connection: ServerConnection, beside: Beside | None) -> bool:
+    """Return whether a visitor is of the page beside."""
+    return beside is not None and connection.request is not None and connection.request.path == beside.connects_to
+
+
+def _limited(handler: Handler) -> Handler:
     """Serve so many visitors at once; whoever comes then is sent away, and viser's page tries again by itself."""
     inside = set[ServerConnection]()
 
@@ -149,7 +187,7 @@ def _limited(handler: Callable[[ServerConnection], Awaitable[None]]) -> Callable
     return handle
 
 
-def _connections(refusals: Refusals) -> type[ServerConnection]:
+def _connections(refusals: Refusals, beside: Beside | None) -> type[ServerConnection]:
     """Return connections that pass on only what a page sends, and that no faster than a page does."""
 
     class Screened(ServerConnection):
@@ -159,7 +197,8 @@ def _connections(refusals: Refusals) -> type[ServerConnection]:
             while True:
                 data = await super().recv(decode)
                 await self._slow_down()
-                if is_from_a_page(data):
+                takes = beside.takes if beside is not None and _is_beside(self, beside) else is_from_a_page
+                if takes(data):
                     return data
                 refusals.count("messages that no page sends", address_of(self))
 

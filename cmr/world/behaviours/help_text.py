@@ -23,7 +23,7 @@ behaviours, each with its settings (and clearance, in m between bodies):
   right_of_way (speed, points, laps, at_x, at_y, zone, rule)
                                             waypoints through a crossing; yield
                                             to the right or to the first
-  commanded                                 do what MOTOR_COMMAND_N says
+  commanded                                 do what MOTOR_COMMAND_N says: cmr-teleop
   manoeuvre (name, speed, repeats, start, space)
                                             drive a manoeuvre, then stop
   module:Class, or a name that a package brings: docs/how_to/write_a_behaviour.md

@@ -1,0 +1,134 @@
+"""A person leads a virtual robot by hand, and emulated real robots follow it: the processes of `cmr demo --lead`."""
+
+import re
+import subprocess
+import time
+import webbrowser
+from collections.abc import Callable
+
+import numpy as np
+
+from cmr.bus.process import Process
+from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
+from cmr.experiments.live.children import Children, our_command
+from cmr.experiments.live.jobs import jobs_of
+from cmr.experiments.live.preparing import prepare
+from cmr.experiments.live.watch import TeamWatch
+from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.scenario.reading import shipped
+from cmr.msg import process_status_t
+
+LEADER = 10
+PAGE = "view"
+SCENARIO = f"""\
+about: A virtual robot that a person leads by hand; two real robots (here emulated) follow it
+duration: 86400
+parameters: {shipped()["line"].parent / "parameters" / "robot_0.yaml"}
+robots:
+  - {{id: {LEADER}, kind: virtual, behaviour: commanded, start: [0.6, 0.0, 0.0]}}
+  - {{id: 0, kind: emulated, behaviour: {{name: follow, leader: {LEADER}, gap: 0.5}}, start: [0.0, 0.0, 0.0]}}
+  - {{id: 1, kind: emulated, behaviour: {{name: follow, leader: 0, gap: 0.5}}, start: [-0.6, 0.0, 0.0]}}
+"""
+START_UP = 240.0  # s until all processes are running, on a slow machine
+PORTS = 60.0  # s until an emulator offers its ports
+ENDING = 5.0  # s for cmr-teleop to leave the terminal as it was
+TAKEN_OVER = 1  # exit code of a cmr-teleop that somebody else replaced
+RATE = 20.0  # Hz
+SERVED = re.compile(r"(http://\S+)  token for its buttons: (\S+)")  # what cmr-view says at its start
+
+
+class Leading:
+    """The demonstration: `run` starts all, hands the terminal to cmr-teleop, and returns what was driven, in words."""
+
+    def __init__(self, process: Process, children: Children, scenario: Scenario) -> None:
+        self._process, self._children = process, children
+        self._scenario = prepare(scenario, children.folder)
+        self._watch = TeamWatch(self._scenario)
+        process.subscribe(WORLD_STATE)
+        process.subscribe(PROCESS_STATUS, every=True)
+
+    def run(self, with_page: bool, hands: list[str], seconds: float | None) -> str:
+        """Let a person drive for `seconds`, or until the person ends it; `hands` are further options of cmr-teleop."""
+        for job in jobs_of(self._scenario, self._children.folder, self._process.bus.url):
+            if job.after is not None:
+                self._wait(job.after.exists, PORTS, job.name)
+            self._children.start(job.name, job.command)
+        if with_page:
+            self._open_page()
+        self._wait(self._ready, START_UP, "all robots")
+        self._watch.begin()
+        self._hand_over(hands, seconds)
+        return self._summary()
+
+    def _open_page(self) -> None:
+        """Start cmr-view, say where its pages are, and show the scene in the browser."""
+        self._children.start(PAGE, [our_command("cmr-view"), "--lcm-url", self._process.bus.url])
+        found: list[str] = []
+
+        def served() -> bool:
+            match = SERVED.search(self._children.said(PAGE))
+            found[:] = match.groups() if match else ()
+            return bool(found)
+
+        self._wait(served, START_UP, "the page")
+        address, token = found
+        print(f"The world is at {address}, a joystick at {address}/drive#{LEADER} (token {token}).", flush=True)
+        webbrowser.open(address)
+
+    def _hand_over(self, hands: list[str], seconds: float | None) -> None:
+        """Let cmr-teleop have the terminal, until it ends; where a page took over, until a signal ends this."""
+        command = [our_command("cmr"), "teleop", "--robot", str(LEADER), "--lcm-url", self._process.bus.url]
+        command += ["--parameters", str(self._children.folder / "robot_0.yaml"), *hands]
+        ends = time.monotonic() + seconds if seconds is not None else float("inf")
+        teleop = subprocess.Popen(command)
+        may_be_replaced, was_told = not hands, False
+        try:
+            for _utime in self._process.loop(rate_hz=RATE):
+                self._process.dispatch(self._watch.handle)
+                if failure := self._children.failed():
+                    raise CommandError(failure)
+                code = teleop.poll()
+                if code not in (None, 0, TAKEN_OVER if may_be_replaced else None):
+                    raise CommandError(f"cmr-teleop ended with exit code {code}.")
+                if code == TAKEN_OVER and not was_told:
+                    print("The keyboard does not drive any more. Ctrl-C ends the demonstration.", flush=True)
+                    was_told = True
+                if time.monotonic() >= ends or code == 0:
+                    return
+        finally:
+            teleop.terminate()
+            teleop.wait(ENDING)
+
+    def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
+        """Listen until something holds. Raises CommandError where it does not in time, or a process ends."""
+        began = time.monotonic()
+        with Progress(None, "s", lines=False) as progress:
+            for _utime in self._process.loop(rate_hz=RATE):
+                self._process.dispatch(self._watch.handle)
+                if condition():
+                    return
+                if failure := self._children.failed():
+                    raise CommandError(failure)
+                waited = time.monotonic() - began
+                if waited > seconds:
+                    raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
+                progress.show(f"Waiting for {what}", waited)
+        raise CommandError("Stopped.")
+
+    def _ready(self) -> bool:
+        """Return whether all robots are in the world, and the pilots of the real ones drive after their leaders."""
+        pilots = [status for status in self._watch.statuses.values() if status.process == "cmr-pilot"]
+        driven = sum(robot.behaviour is not None for robot in self._scenario.of_flesh)
+        running = sum(status.state == process_status_t.RUNNING for status in pilots)
+        return not self._watch.missing() and running == driven
+
+    def _summary(self) -> str:
+        """Return how far who drove, and how near two came."""
+        ways = dict(zip(self._watch.ids.tolist(), self._watch.distance.tolist(), strict=True))
+        led = ways.pop(LEADER)
+        followed = ", ".join(f"robot {robot_id} {way:.2f} m" for robot_id, way in sorted(ways.items()))
+        nearest = self._watch.nearest.distance
+        near = f" The nearest that two came was {nearest:.2f} m." if np.isfinite(nearest) else ""
+        return f"Robot {LEADER} was led for {led:.2f} m; behind it drove {followed}.{near}"

@@ -1,0 +1,115 @@
+"""Hands on a gamepad, from the bytes of the kernel's event devices (struct input_event).
+
+The robot moves only while the dead-man button is held: one of the upper buttons at the back, the trigger of a joystick.
+Source: Linux, Documentation/input/event-codes.rst and include/uapi/linux/input.h.
+"""
+
+import struct
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple, Protocol
+
+from cmr.teleop.hands import STILL, STOP, Hands
+
+EVENT = struct.Struct("llHHi")  # time (s, us), type, code, value
+EV_SYN, EV_KEY, EV_ABS = 0, 1, 3
+SYN_REPORT, SYN_DROPPED = 0, 3
+ABS_X, ABS_Y = 0, 1
+BTN_TRIGGER, BTN_SOUTH, BTN_EAST, BTN_TL, BTN_TR = 0x120, 0x130, 0x131, 0x136, 0x137
+DEAD_MAN = frozenset({BTN_TL, BTN_TR, BTN_TRIGGER})
+STOPS = frozenset({BTN_EAST})
+CENTRE = 0.12  # of the way, in which a stick at rest may be
+USUAL_RANGE = (-32768, 32767)
+
+
+class Pad(Protocol):
+    """The file of a device. `ranges` are the least and greatest values of its axes; a device that is gone has none."""
+
+    name: str
+    ranges: Mapping[int, tuple[int, int]]
+
+    def read(self, now: float) -> bytes | None:
+        """Return what has come; None where the device is gone, or is not there yet."""
+
+
+class _InputEvent(NamedTuple):
+    kind: int
+    code: int
+    value: int
+
+
+class Gamepad:
+    """The left stick and the buttons of a pad. Unplugged it asks for nothing, until its button is pressed anew."""
+
+    name = "gamepad"
+
+    def __init__(self, pad: Pad) -> None:
+        self._pad = pad
+        self._is_there = False
+        self._rest = b""
+        self._forget()
+        self._wishes: list[str] = []
+
+    def look(self, now: float) -> None:
+        """Take what its device reports."""
+        data = self._pad.read(now)
+        if data is None:
+            self._is_there, self._rest = False, b""
+            self._forget()
+            return
+        self._is_there = True
+        for event in self._events(data):
+            self._take(event)
+
+    def hands(self, _now: float) -> Hands:
+        """Return where the stick is, while the dead-man button is held."""
+        if not self._held:
+            return STILL
+        x, y = (self._share(axis) for axis in (ABS_X, ABS_Y))
+        return Hands(-y, -x).bounded()  # the axes go to the right, and towards the hand
+
+    def wishes(self) -> list[str]:
+        """Return what was wished since the last call."""
+        wishes, self._wishes = self._wishes, []
+        return wishes
+
+    def problem(self, _now: float) -> str:
+        """Return that it is not there, or that its button is not held."""
+        if not self._is_there:
+            return f"the gamepad ({self._pad.name})"
+        return "" if self._held else "the dead-man button (an upper button at the back of the gamepad) to be held"
+
+    def _events(self, data: bytes) -> Iterator[_InputEvent]:
+        data = self._rest + data
+        whole = len(data) - len(data) % EVENT.size
+        self._rest = data[whole:]
+        for _seconds, _microseconds, kind, code, value in EVENT.iter_unpack(data[:whole]):
+            yield _InputEvent(kind, code, value)
+
+    def _take(self, event: _InputEvent) -> None:
+        if event.kind == EV_SYN and event.code == SYN_DROPPED:  # the kernel lost some: nobody knows what is held
+            self._forget()
+            self._incomplete = True
+        elif event.kind == EV_SYN and event.code == SYN_REPORT:
+            self._incomplete = False
+        elif self._incomplete:
+            pass
+        elif event.kind == EV_ABS and event.code in (ABS_X, ABS_Y):
+            self._axes[event.code] = event.value
+        elif event.kind == EV_KEY and event.code in DEAD_MAN:
+            (self._held.add if event.value else self._held.discard)(event.code)
+        elif event.kind == EV_KEY and event.code in STOPS and event.value == 1:
+            self._wishes.append(STOP)
+
+    def _forget(self) -> None:
+        self._axes: dict[int, int] = {}
+        self._held: set[int] = set()
+        self._incomplete = False
+
+    def _share(self, axis: int) -> float:
+        """Return how far an axis is from its centre, -1 to 1; one that has not moved yet is in it."""
+        if axis not in self._axes:
+            return 0.0
+        low, high = self._pad.ranges.get(axis, USUAL_RANGE)
+        share = (2.0 * self._axes[axis] - low - high) / max(high - low, 1)
+        beyond = max(abs(share) - CENTRE, 0.0) / (1.0 - CENTRE)
+        return min(beyond, 1.0) * (1.0 if share > 0.0 else -1.0)

@@ -1,0 +1,79 @@
+"""Hands on the joystick of a page: lines of JSON from the server of the page, and to it.
+
+In: `{"beat": 7, "forward": 0.5, "turn": 0.0}`, `{"wish": "stop"}`. Out, by the process: `{"beat": 8, ...}`. The page
+repeats the number of the newest beat that it has heard in all that it says: what was held up on the way is old, and
+moves nothing.
+"""
+
+import json
+import math
+from collections.abc import Callable
+
+from cmr.teleop.hands import END, FASTER, SILENCE, SLOWER, STILL, STOP, Hands
+
+WISHES = (STOP, FASTER, SLOWER)
+MOST_BEATS = 100  # that are remembered, 4 s of them
+LONGEST_LINE = 500  # bytes
+NUMBER = (int, float)
+
+
+class Remote:
+    """The joystick of a page; `read` returns bytes that came since, b"" for none, None when the page is closed."""
+
+    name = "page"
+
+    def __init__(self, read: Callable[[], bytes | None]) -> None:
+        self._read = read
+        self._rest = b""
+        self._sent: dict[int, float] = {}  # when each beat was sent [s]
+        self._hands, self._as_of = STILL, float("-inf")
+        self._wishes: list[str] = []
+
+    def beat(self, now: float) -> int:
+        """Return the number of a beat that is sent now."""
+        number = max(self._sent, default=0) + 1
+        self._sent[number] = now
+        if len(self._sent) > MOST_BEATS:
+            del self._sent[min(self._sent)]
+        return number
+
+    def look(self, _now: float) -> None:
+        """Take what the page said."""
+        data = self._read()
+        if data is None:
+            self._hands = STILL
+            self._wishes.append(END)
+            return
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        self._rest = self._rest[-LONGEST_LINE:]
+        for line in lines:
+            self._take(line)
+
+    def hands(self, now: float) -> Hands:
+        """Return where the joystick is."""
+        return self._hands if now - self._as_of <= SILENCE else STILL
+
+    def wishes(self) -> list[str]:
+        """Return what was wished since the last call."""
+        wishes, self._wishes = self._wishes, []
+        return wishes
+
+    def problem(self, now: float) -> str:
+        """Return that the page is not heard."""
+        return "" if now - self._as_of <= SILENCE else f"the page, which has not answered for {SILENCE:g} s"
+
+    def _take(self, line: bytes) -> None:
+        try:
+            said = json.loads(line)
+        except ValueError:
+            return
+        if not isinstance(said, dict):
+            return
+        if said.get("wish") in WISHES:
+            self._wishes.append(said["wish"])
+        beat, forward, turn = (said.get(name) for name in ("beat", "forward", "turn"))
+        sent = self._sent.get(beat) if isinstance(beat, int) else None
+        if sent is None or sent < self._as_of or not (isinstance(forward, NUMBER) and isinstance(turn, NUMBER)):
+            return
+        if math.isfinite(forward) and math.isfinite(turn):
+            self._hands, self._as_of = Hands(forward, turn).bounded(), sent
