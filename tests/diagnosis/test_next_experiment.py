@@ -2,12 +2,14 @@
 
 import re
 from functools import cache
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from cmr.commands.robots import behaviour_of
+from cmr.diagnosis.diagnose import _next
 from cmr.diagnosis.next_experiment import (
     HOPELESS,
     PARTING,
@@ -166,6 +168,22 @@ def test_what_no_drive_distinguishes_is_the_same_in_what_would_be_recommended(ma
         "No drive can distinguish motor gain asymmetry from encoder asymmetry: the same mathematics beside unequal "
         "wheels; turn both wheels by hand and compare their ticks. The simulation is the same with either."
     )
+
+
+def test_what_is_the_same_as_what_was_named_is_not_said_to_be_visible_in_another_drive() -> None:
+    """Beside unequal motors and wheels, as in the robot of cmr-demo, nothing shows encoders that count apart."""
+    predictor = SimpleNamespace(segment=SimpleNamespace(observations=SimpleNamespace(pose=[0.0], gyro=[0.0])))
+    unseen = ("backlash", "encoder_asymmetry")
+    problem = SimpleNamespace(predictors=[predictor], effects=[CATALOGUE[name] for name in unseen])
+    found = cast(Any, SimpleNamespace(problem=problem, unseen=unseen))
+    unexplained = cast(Any, SimpleNamespace(signal=None))
+
+    def said(*named: str) -> str:
+        effects = cast(Any, [SimpleNamespace(name=name, next_experiment=None) for name in named])
+        return str(_next(Pilot(), effects, found, unexplained))
+
+    assert said("motor_gain_asymmetry", "wheel_radius_asymmetry").startswith("Backlash would be visible in")
+    assert said("gyro_bias").startswith("Backlash and encoder asymmetry would be visible in")
 
 
 def test_limits_that_a_figure_eight_does_not_reach_are_shown_by_steps() -> None:
