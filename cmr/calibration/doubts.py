@@ -21,6 +21,14 @@ WIDE: Mapping[str, float] = {
     "speed_scale": 0.006,
     "base_width": 0.008,
 }
+# Beyond these a drive at one speed would gain by a second one: a minute at two leaves less (calibration.md).
+WITH_TWO_SPEEDS: Mapping[str, float] = {
+    "k2_over_k3": 0.006,
+    "k1": 0.004,
+    "response_time": 0.006,
+    "speed_scale": 0.004,
+    "base_width": 0.005,
+}
 STANDS_FOR: Mapping[str, str] = {"response_time": "k2_over_k3", "speed_scale": "k1"}  # in the model, by the file's name
 POOR = 0.1  # relative standard deviation beyond which it is said what kind of driving tells a parameter
 TELLING: Mapping[str, str] = {
@@ -57,8 +65,8 @@ def in_doubt_alone(estimation: Estimation, alone: Mapping[str, Estimate]) -> tup
     return (*sentences, *_telling(wide, alone, one_speed(estimation)))
 
 
-def _wide(reported: Mapping[str, Estimate]) -> list[str]:
-    return [name for name in WIDE if name in reported and _share(reported[name]) > WIDE[name]]
+def _wide(reported: Mapping[str, Estimate], limits: Mapping[str, float] = WIDE) -> list[str]:
+    return [name for name in limits if name in reported and _share(reported[name]) > limits[name]]
 
 
 def _share(estimate: Estimate) -> float:
@@ -66,9 +74,9 @@ def _share(estimate: Estimate) -> float:
 
 
 def _telling(wide: Sequence[str], reported: Mapping[str, Estimate], speed: float | None) -> list[str]:
-    """Return what drive would tell the parameters that are in doubt; `speed` [m/s] is that of a drive with only one."""
-    if wide and speed is not None:
-        narrower = " and ".join(wide) if len(wide) < 3 else "all three"
+    """Return what drive would tell what is in doubt, or more of a drive with only one `speed` [m/s]; None: several."""
+    if speed is not None and (narrowed := _wide(reported, WITH_TWO_SPEEDS)):
+        narrower = " and ".join(narrowed) if len(narrowed) < 3 else "all three"
         return [
             f"The whole drive is near {speed:.2g} m/s. Half a minute more at {second_speed(speed):.1g} m/s, in the "
             f"same drive or in another log, would narrow {narrower}."

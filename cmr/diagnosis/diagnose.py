@@ -15,6 +15,7 @@ from cmr.diagnosis.next_experiment import (
     experiment_to_explain,
     experiment_to_show,
     experiment_to_tell_apart,
+    showable,
     without_commands,
 )
 from cmr.diagnosis.paths import most_telling, paths_of
@@ -323,7 +324,8 @@ def _next(driver: Driver, effects: Sequence[NamedEffect], found: Search, unexpla
         sentences.append(experiment_to_explain(unexplained.signal, unexplained.regressors, driver))
         return " ".join(sentences)
     tested = {effect.name for effect in found.problem.effects}
-    unseen = [name for name in found.unseen if name in tested and _recorded(name, found)]
+    recorded = [name for name in found.unseen if name in tested and _recorded(name, found)]
+    unseen = showable(recorded, [effect.name for effect in effects])
     if unseen and not any(effect.next_experiment for effect in effects):
         # Drives that show nothing and would hide several effects hide others, too, that are smaller than usual.
         sentences.append(experiment_to_show(unseen if effects or len(unseen) == 1 else (), driver))

@@ -194,6 +194,11 @@ def telling_apart(name: str, other: str) -> str:
     return first.confused_with.get(other) or second.confused_with.get(name) or _needs(name, other)
 
 
+def showable(names: Iterable[str], named: Sequence[str]) -> list[str]:
+    """Return those of some effects that a drive may show beside those `named`: not what is the same mathematics."""
+    return [name for name in names if not any(telling_apart(name, other).startswith(HOPELESS) for other in named)]
+
+
 def without_commands(names: Sequence[str]) -> str:
     """Return that commands are to be recorded, so that these effects can be seen."""
     return WITHOUT_COMMANDS.format(causes=causes(names))

@@ -247,7 +247,8 @@ def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], 
     """Return white errors (n,) and their slopes (n, p), over distances that suit the noise."""
     rest, slopes = problem.linear(start, names, noise)
     moves = moves_of(start, names, problem.excitation)
-    change = np.quantile(np.abs(slopes * moves), MOST, axis=0)
+    # Of rows the quantiles come in half the time that those of columns take.
+    change = np.quantile(np.abs(slopes.T * moves[:, None]), MOST, axis=1)
     far = np.flatnonzero(change > CHANGING)
     if len(far):
         stride = np.maximum(CHANGING / change[far], SHORTEST)

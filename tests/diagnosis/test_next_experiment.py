@@ -2,12 +2,14 @@
 
 import re
 from functools import cache
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from cmr.commands.robots import behaviour_of
+from cmr.diagnosis.diagnose import _next
 from cmr.diagnosis.next_experiment import (
     HOPELESS,
     PARTING,
@@ -42,6 +44,7 @@ ADVICE = {
     "look at the encoders",
 }
 SAME_MATHEMATICS = {"wheel_radius_scale", "encoder_scale"}
+BESIDE_UNEQUAL_WHEELS = {"motor_gain_asymmetry", "encoder_asymmetry"}  # the same mathematics then
 DT, COMMAND = 0.01, 0.02  # s
 TICK_NOISE = 0.1  # rad/s over 50 ms, from 480 ticks per turn
 GYRO_NOISE, POSITION_NOISE, HEADING_NOISE = 0.01, 0.007, 0.0074  # rad/s, m, rad
@@ -93,12 +96,11 @@ def sizes(effect: str) -> dict[str, float]:
     return {name: 12.0 if name.endswith("_time") else here.get(name, value) for name, value in values.items()}
 
 
-def seen(manoeuvre: str, effect: str, beside: str | None = None) -> float:
-    """Return how much of an effect [squared standard deviations] neither the paper's parameters explain nor another."""
+def seen(manoeuvre: str, effect: str, *beside: str) -> float:
+    """Return how much of an effect [squared standard deviations] neither the paper's parameters explain nor others."""
     plain = signals(manoeuvre)
     known = [signals(manoeuvre, moved=name) - plain for name in ("k2_over_k3", "k1", "base_width")]
-    if beside is not None:
-        known.append(signals(manoeuvre, beside) - plain)
+    known += [signals(manoeuvre, other) - plain for other in beside]
     directions = np.array([direction for direction in known if np.any(direction)]).reshape(-1, len(plain)).T
     change = signals(manoeuvre, effect) - plain
     rest = change - directions @ np.linalg.lstsq(directions, change, rcond=1e-12)[0]
@@ -112,7 +114,8 @@ def test_what_an_effect_needs_is_a_manoeuvre(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "other", "text"), PAIRS, ids=[f"{a}-{b}" for a, b, _text in PAIRS])
 def test_what_tells_two_effects_apart_is_a_manoeuvre_or_advice(name: str, other: str, text: str) -> None:
-    assert motions_in(text) or text in ADVICE or ({name, other} == SAME_MATHEMATICS and text.startswith(HOPELESS))
+    hopeless = {name, other} in (SAME_MATHEMATICS, BESIDE_UNEQUAL_WHEELS) and text.startswith(HOPELESS)
+    assert motions_in(text) or text in ADVICE or hopeless
 
 
 @pytest.mark.parametrize(
@@ -152,7 +155,35 @@ def test_an_effect_shows_in_what_is_recommended_to_show_it(name: str) -> None:
 def test_two_effects_differ_in_what_is_recommended_to_tell_them_apart(name: str, other: str) -> None:
     sentence = experiment_to_tell_apart(name, [other])
     assert sentence is not None
-    assert seen(driven_by(sentence).name, name, beside=other) > CLEARLY
+    assert seen(driven_by(sentence).name, name, other) > CLEARLY
+
+
+@pytest.mark.parametrize("manoeuvre", ["figure_eight", "steps"])
+def test_what_no_drive_distinguishes_is_the_same_in_what_would_be_recommended(manoeuvre: str) -> None:
+    """Encoders that count apart, and wheels as far apart: the path and the readings of motors that are apart."""
+    wheels = ("motor_gain_asymmetry", "wheel_radius_asymmetry")
+    assert seen(manoeuvre, "encoder_asymmetry", *wheels) < CLEARLY < seen(manoeuvre, "encoder_asymmetry", wheels[0])
+    said = str(experiment_to_tell_apart("motor_gain_asymmetry", ["encoder_asymmetry"]))
+    assert said == (
+        "No drive can distinguish motor gain asymmetry from encoder asymmetry: the same mathematics beside unequal "
+        "wheels; turn both wheels by hand and compare their ticks. The simulation is the same with either."
+    )
+
+
+def test_what_is_the_same_as_what_was_named_is_not_said_to_be_visible_in_another_drive() -> None:
+    """Beside unequal motors and wheels, as in the robot of cmr-demo, nothing shows encoders that count apart."""
+    predictor = SimpleNamespace(segment=SimpleNamespace(observations=SimpleNamespace(pose=[0.0], gyro=[0.0])))
+    unseen = ("backlash", "encoder_asymmetry")
+    problem = SimpleNamespace(predictors=[predictor], effects=[CATALOGUE[name] for name in unseen])
+    found = cast(Any, SimpleNamespace(problem=problem, unseen=unseen))
+    unexplained = cast(Any, SimpleNamespace(signal=None))
+
+    def said(*named: str) -> str:
+        effects = cast(Any, [SimpleNamespace(name=name, next_experiment=None) for name in named])
+        return str(_next(Pilot(), effects, found, unexplained))
+
+    assert said("motor_gain_asymmetry", "wheel_radius_asymmetry").startswith("Backlash would be visible in")
+    assert said("gyro_bias").startswith("Backlash and encoder asymmetry would be visible in")
 
 
 def test_limits_that_a_figure_eight_does_not_reach_are_shown_by_steps() -> None:

@@ -10,10 +10,12 @@ from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import NO_EFFECT
 from cmr.estimation.candidates import SPREAD, Excitation, size, unlikelihood
 from cmr.estimation.noise import Noise, SignalNoise
+from cmr.estimation.search.trace import INDISTINCT
 from cmr.model.catalogue import definition
 from tests.hidden_effects import hidden_recording
 
 USUAL = Excitation({"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}, turning=1.0)
+SCALES = ("wheel_radius_scale", "encoder_scale")
 
 
 def typical(name: str) -> float:
@@ -76,7 +78,8 @@ def test_a_pose_clock_that_runs_fast_is_named_and_no_latency_beside_it() -> None
 @pytest.mark.slow
 def test_an_effect_that_came_in_an_exchange_has_its_rivals() -> None:
     """An encoder's scale beside unequal wheels: nothing tells it from the radius of both wheels."""
-    effects = diagnose(hidden_recording("wheel_radius_asymmetry", "encoder_scale", seed=1).recording).effects
-    scales = [one for one in effects if one.name in ("wheel_radius_scale", "encoder_scale")]
-    (scale,) = scales
-    assert {scale.name, *scale.indistinguishable_from} == {"wheel_radius_scale", "encoder_scale"}
+    found, alike = diagnose(hidden_recording("wheel_radius_asymmetry", "encoder_scale", seed=1).recording), set(SCALES)
+    (scale,) = [one for one in found.effects if one.name in alike]
+    assert {scale.name, *scale.indistinguishable_from} == alike
+    (row,) = [one for one in found.decisions if one.action == INDISTINCT and {*one.effects} == alike]
+    assert row.statistic < row.threshold

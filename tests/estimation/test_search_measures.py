@@ -10,9 +10,10 @@ import pytest
 from cmr.diagnosis.diagnose import _candidates
 from cmr.estimation.candidates import SMALLEST, Excitation, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, measured, why_not
+from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect, measured, why_not
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.measures import size_below_limit, with_unit
+from cmr.estimation.search.rivals import Rival
 from cmr.estimation.search.selection import _Selection
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, Trace
 from cmr.model.catalogue import CATALOGUE, definition
@@ -81,6 +82,20 @@ def test_a_small_effect_is_included_and_its_rivals_are_rows_with_the_difference(
     assert trace.decisions[0].measures[0].quantity == "gyro_bias"
     assert (trace.decisions[1].effects, trace.decisions[1].statistic) == (("gyro_drift", "gyro_bias"), 5.0)
     assert trace.decisions[1].threshold > 5.0
+
+
+def test_a_rival_beside_all_other_effects_is_a_row_with_the_difference_and_its_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    trace = Trace()
+    state = _Selection(PROBLEM, fit_of(), trace, 1.0)
+    state.named = [SelectedEffect(candidate("gyro_bias", 2.0, 500.0), ("turn_slip", "gyro_drift"), fit_of())]
+    monkeypatch.setattr("cmr.estimation.search.selection.rivals_of", lambda *_: (Rival("gyro_drift", 5.0, 12.0),))
+    (named,) = state.with_rivals(cast(Any, None))
+    assert named.rivals == ("gyro_drift",)
+    (row,) = trace.decisions
+    assert (row.action, row.effects) == (INDISTINCT, ("gyro_drift", "gyro_bias"))
+    assert (row.statistic, row.threshold) == (5.0, 12.0)
 
 
 def test_a_rejected_effect_keeps_the_measure_for_which_it_was() -> None:

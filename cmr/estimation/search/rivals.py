@@ -1,6 +1,7 @@
 """Find the rivals of an effect: others that explain the data as well in its place."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from cmr.estimation.search.exchange import BETTER, IN_DATA_SHEETS, possible
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.screening import Score, Screening, start_of
 from cmr.model.catalogue import CATALOGUE
+from cmr.model.effect import Effect
 
 ALIKE = 12.0  # drops that differ by less cannot be distinguished,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share, as long as other effects may be missing,
@@ -21,6 +23,15 @@ ALIKE_AT_THE_END = 0.002
 # Of what is lost without an effect: what makes up for so much to first order is fitted; of encoders, for so much.
 NEARLY_ALL, FIRST_ORDER = 0.95, 0.5
 MOST = 4  # rivals that are looked for
+AS_WELL = "It explains the data as well as {}: the difference is below the threshold."
+
+
+class Rival(NamedTuple):
+    """An effect by name, by how much less it explains than that in whose place it is, and the limit of that."""
+
+    name: str
+    less: float
+    limit: float
 
 
 def margin_of(candidate: CandidateEffect, inflation: Inflation, share: float = ALIKE_SHARE) -> float:
@@ -30,7 +41,7 @@ def margin_of(candidate: CandidateEffect, inflation: Inflation, share: float = A
 
 def rivals_of(
     problem: Problem, current: Fit, screening: Screening, one: SelectedEffect, inflation: Inflation
-) -> tuple[str, ...]:
+) -> tuple[Rival, ...]:
     """Return the effects that explain the data as well as one of those in the model, beside all others in it.
 
     To first order, the screening beside the model says which; these are then fitted. What a data sheet
@@ -58,11 +69,20 @@ def rivals_of(
         for effect, start in starts.items()
     ]
     before, *fits = problem.fits([(without.values, without.names), *models], current.noise)
-    alike = [
-        CandidateEffect(CATALOGUE[effect], before.squares - fit.squares, fit.values, fit)
-        for effect, fit in zip(starts, fits, strict=True)
-        if fit.squares
-        < current.squares + (BETTER if effect in IN_DATA_SHEETS and name not in AS_THE_RADIUS else margin)
+    limits = [BETTER if effect in IN_DATA_SHEETS and name not in AS_THE_RADIUS else margin for effect in starts]
+    rivals = [
+        Rival(effect, fit.squares - current.squares, limit)
+        for effect, fit, limit in zip(starts, fits, limits, strict=True)
     ]
-    judged = [replace(tested, held_out=held_out_gain(problem, before, tested.fit)) for tested in alike if tested.fit]
-    return tuple(tested.effect.name for tested in judged if not why_not(problem, before, tested, inflation))
+    return tuple(
+        rival
+        for rival, fit in zip(rivals, fits, strict=True)
+        if rival.less < rival.limit and _holds(problem, before, CATALOGUE[rival.name], fit, inflation)
+    )
+
+
+def _holds(problem: Problem, before: Fit, effect: Effect, fit: Fit, inflation: Inflation) -> bool:
+    """Return whether an effect that was fitted could be named."""
+    tested = CandidateEffect(effect, before.squares - fit.squares, fit.values, fit)
+    tested = replace(tested, held_out=held_out_gain(problem, before, fit))
+    return not why_not(problem, before, tested, inflation)

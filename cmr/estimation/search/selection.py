@@ -42,7 +42,7 @@ from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
 from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
-from cmr.estimation.search.rivals import margin_of, rivals_of
+from cmr.estimation.search.rivals import AS_WELL, margin_of, rivals_of
 from cmr.estimation.search.screening import Screening, screen
 from cmr.estimation.search.ties import decided
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
@@ -231,8 +231,8 @@ class _Selection:
         self.trace.note(INCLUDED if small else ADDED, [name], candidate.drop, least, reason, [small])
         margin = margin_of(candidate, self.inflation)
         for rival in (other for other, _ in self.others if other.effect.name in chosen.rivals):
-            alike = f"It explains the data as well as {name}: the difference is below the threshold."
-            self.trace.note(INDISTINCT, [rival.effect.name, name], candidate.drop - rival.drop, margin, alike)
+            less = candidate.drop - rival.drop
+            self.trace.note(INDISTINCT, [rival.effect.name, name], less, margin, AS_WELL.format(name))
 
     def _note_exchanged(self, exchange: Exchange) -> None:
         """Note an exchange, with the effects that come and are too small to be named."""
@@ -274,9 +274,8 @@ class _Selection:
                 continue
             rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
             for rival in rivals:
-                alike = f"It explains the data as well as {name}."
-                self.trace.note(INDISTINCT, [rival, name], float("nan"), reason=alike)
-            result.append(replace(one, rivals=rivals))
+                self.trace.note(INDISTINCT, [rival.name, name], rival.less, rival.limit, AS_WELL.format(name))
+            result.append(replace(one, rivals=tuple(rival.name for rival in rivals)))
         return result
 
     def _least(self, candidate: CandidateEffect) -> float:

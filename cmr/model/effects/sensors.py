@@ -41,7 +41,11 @@ ENCODER_ASYMMETRY = Effect(
     ),
     needs="any motion, and a pose from outside",
     shows_in="encoders against pose and against commands",
-    confused_with={"wheel_radius_asymmetry": "compare wheels with commands: radii leave them in agreement"},
+    confused_with={
+        "wheel_radius_asymmetry": "compare wheels with commands: radii leave them in agreement",
+        "motor_gain_asymmetry": "none: the same mathematics beside unequal wheels; turn both wheels by hand and "
+        "compare their ticks",
+    },
 )
 
 ENCODER_QUANTISATION = Effect(
