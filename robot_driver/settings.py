@@ -47,6 +47,9 @@ class Connection:
     swap: Annotated[bool, Option("the controller's first channel is the right side, not the left")] = False
     invert_left: Annotated[bool, Option("motor and encoder of the left side are mounted backwards")] = False
     invert_right: Annotated[bool, Option("motor and encoder of the right side are mounted backwards")] = False
+    swap_encoders: Annotated[bool, Option("each channel counts the wheel that the other one drives")] = False
+    invert_left_encoder: Annotated[bool, Option("the left encoder counts against its motor")] = False
+    invert_right_encoder: Annotated[bool, Option("the right encoder counts against its motor")] = False
     invert_gyro: Annotated[bool, Option("the gyro is mounted upside down")] = False
 
     def __post_init__(self) -> None:
@@ -67,7 +70,8 @@ class Connection:
     @property
     def wiring(self) -> Wiring:
         """How motors and encoders are mounted."""
-        return Wiring(self.swap, self.invert_left, self.invert_right)
+        encoders = self.swap_encoders, self.invert_left_encoder, self.invert_right_encoder
+        return Wiring(self.swap, self.invert_left, self.invert_right, *encoders)
 
     @property
     def limits(self) -> Limits:
