@@ -5,18 +5,18 @@ command stop the motors as ever. On top of that no command of bring-up is beyond
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from typing import Protocol
 
+from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.process import Outgoing
 from cmr.bus.streams import MOTOR_COMMAND
 from cmr.msg import gyro_t, motor_command_t, motor_feedback_t
-from robot_driver.driver import Driver
 from robot_driver.guided import Guide
 from robot_driver.host import Host
 from robot_driver.settings import Settings
-from robot_driver.stop_file import StopFile
 
 FIRST_LIMIT = 0.10  # duty; no motion before the floor goes beyond it without a yes
 LIMIT = 0.20  # duty; nor beyond this with one
@@ -40,6 +40,28 @@ class CannotTell(Exception):  # noqa: N818 - it ends a step, as one of its resul
     """A step cannot be decided; the text goes on after "because"."""
 
 
+class Drivable(Protocol):
+    """What bring-up needs of a Driver."""
+
+    def turn(self) -> None:
+        """Note that the process is alive."""
+
+    def handle(self, utime: int, channel: str, message: Message, sender: int | None = None) -> None:
+        """Take a message."""
+
+    def outgoing(self) -> Iterator[Outgoing]:
+        """Yield what has been measured."""
+
+    def news(self) -> Iterator[str]:
+        """Yield what happened."""
+
+    def problems(self) -> str:
+        """Return what keeps it from full service."""
+
+
+Opener = Callable[[Settings], AbstractContextManager[Drivable]]
+
+
 @dataclass
 class Heard:
     """What the robot has said while it was listened to."""
@@ -51,11 +73,11 @@ class Heard:
 class World:
     """What is around the driver: time that passes in turns, and whom its messages go to. This one is empty.
 
-    `turn` waits for the next turn, some 5 ms after the last one, hands the driver what has come for it (an emergency
-    stop), and raises what ends the procedure.
+    `turn` waits for the next turn, some 5 ms after the last one, hands the driver, if one runs, what has come for it
+    (an emergency stop), and raises what ends the procedure.
     """
 
-    def turn(self, driver: Driver) -> None:
+    def turn(self, driver: Drivable | None) -> None:
         """Let one turn pass."""
         raise NotImplementedError
 
@@ -66,7 +88,7 @@ class World:
 class Bench:
     """A robot whose driver runs while time passes by `run`; made by `opened`."""
 
-    def __init__(self, driver: Driver, host: Host, robot_id: int, world: World) -> None:
+    def __init__(self, driver: Drivable, host: Host, robot_id: int, world: World) -> None:
         self.limit = FIRST_LIMIT
         self.host = host
         self.latest: motor_feedback_t | None = None
@@ -104,8 +126,7 @@ class Bench:
         for outgoing in self._driver.outgoing():
             self._hear(outgoing[2])
             self._world.publish(outgoing)
-        for sentence in self._driver.news():
-            del sentence  # each step says by itself what it is about
+        list(self._driver.news())  # each step says by itself what it is about
         self._driver.problems()  # raises what ended a thread
 
     @contextmanager
@@ -181,13 +202,13 @@ class Bench:
 
 
 @contextmanager
-def opened(settings: Settings, host: Host, world: World, stop_file: StopFile | None = None) -> Iterator[Bench]:
+def opened(settings: Settings, host: Host, world: World, driver: Opener) -> Iterator[Bench]:
     """Open the robot's ports; at the end its motors have been stopped.
 
     Raises PortLost where one cannot be opened, CannotTell where the controller does not answer.
     """
-    with Driver(settings, host, stop_file) as driver:
-        bench = Bench(driver, host, settings.robot, world)
+    with driver(settings) as running:
+        bench = Bench(running, host, settings.robot, world)
         end = host.monotonic() + CONNECTING
         while bench.latest is None and host.monotonic() < end:
             bench.turn()

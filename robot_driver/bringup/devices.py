@@ -30,8 +30,8 @@ def find_devices(guide: Guide, host: Host, ports: Sequence[str]) -> dict[str, Pl
     controller = _chosen(guide, "controller", "motor controller", [at for at in found if not at[1].is_gyro])
     if controller is None:
         raise CannotTell(
-            "no motor controller answers. Check its power, its cable, and that it is set to packet serial or to commands "
-            f"by RS-232 or USB. Asked: {', '.join(ports)}"
+            "no motor controller answers. Check its power, its cable, and that it is set to packet serial or to "
+            f"commands by RS-232 or USB. Asked: {', '.join(ports)}"
         )
     port, kind = controller
     gyro = _chosen(guide, "gyro", "gyro", [at for at in found if at[1].is_gyro])

@@ -21,10 +21,10 @@ STUCK, STUCK_DUTY = 1.0, 0.3  # s with that much duty, in which a wheel that cou
 GAIN, GROWTH, STRAIGHT = 0.03, 0.12, 3.0  # duty per rad/s; duty/s per rad/s; rad/s per rad
 WINDOW = 60_000  # us over which speeds are taken
 ROOM = (
-    "Put the robot on the floor. It drives 0.5 m ahead, turns a quarter to the left, drives 0.25 m, and turns a quarter "
-    "to the right. Its wheels alone hold it to that, not the poses, and it takes at most 20 s. It needs 1.2 m ahead, "
-    "0.8 m to the left, and 0.5 m to the right and behind, without people and steps, inside of a fence. Is all that free, "
-    "and a hand near a key or the emergency stop?"
+    "Put the robot on the floor. It drives 0.5 m ahead, turns a quarter to the left, drives 0.25 m, and turns a "
+    "quarter to the right. Its wheels alone hold it to that, not the poses, and it takes at most 20 s. It needs 1.2 m "
+    "ahead, 0.8 m to the left, and 0.5 m to the right and behind, without people and steps, inside of a fence. Is all "
+    "that free, and a hand near a key or the emergency stop?"
 )
 
 
@@ -96,8 +96,8 @@ class FloorDrive:
         part, body = self._parts[0], self._body
         if abs(turned) > abs(part.turn) + BEYOND_ANGLE or abs(ahead) > abs(part.ahead) + BEYOND:
             raise CannotTell(
-                f"the robot left the plan: {ahead:.2f} m and {math.degrees(turned):.0f} degrees by its wheels instead of "
-                f"{part.ahead:.2f} m and {math.degrees(part.turn):.0f} degrees"
+                f"the robot left the plan: {ahead:.2f} m and {math.degrees(turned):.0f} degrees by its wheels instead "
+                f"of {part.ahead:.2f} m and {math.degrees(part.turn):.0f} degrees"
             )
         if part.ahead:
             left = part.ahead - ahead

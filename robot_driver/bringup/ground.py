@@ -67,8 +67,8 @@ def _share_of_turns(heard: Heard, gyro: GyroFound, path: Path, start: int) -> fl
     share = angle_of(readings, gyro.bias * (-1.0 if gyro.inverted else 1.0)) / gyro.scale / path.headings[most]
     if share < 0.0:
         raise CannotTell(
-            "the robot turned left by its wheels and right by its gyro: either the wheels are swapped, or it was turned "
-            "the other way in the step gyro. Run both steps again (cmr bringup motors gyro)"
+            "the robot turned left by its wheels and right by its gyro: either the wheels are swapped, or it was "
+            "turned the other way in the step gyro. Run both steps again (cmr bringup motors gyro)"
         )
     if abs(share - 1.0) > WIDTH_SHARE:
         raise CannotTell(
@@ -82,7 +82,7 @@ def _check(found: PosesFound) -> None:
     """Raise CannotTell where poses and wheels do not go equally far."""
     if found.vertical == "z" and abs(found.length - 1.0) > LENGTH_SHARE:
         raise CannotTell(
-            f"the robot went {found.length:.3f} times as far by its poses as by its wheels. If the wheel radius is right, "
-            "a turn was miscounted: run the step ticks again (cmr bringup ticks floor). Otherwise measure the radius, "
-            "or calibrate the system that the poses come from"
+            f"the robot went {found.length:.3f} times as far by its poses as by its wheels. If the wheel radius is "
+            "right, a turn was miscounted: run the step ticks again (cmr bringup ticks floor). Otherwise measure the "
+            "radius, or calibrate the system that the poses come from"
         )

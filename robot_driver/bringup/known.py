@@ -5,20 +5,17 @@ undecided: [ticks]                                           the steps that came
 found: {...}                                                 what later steps need, and what a person may want to read
 """
 
-import dataclasses
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
 
-from cmr.cli.errors import CommandError
 from cmr.files import write_atomically
-from robot_driver.settings import Connection, Settings
+from robot_driver.settings import Settings, content_of
 
 DRIVER_STEPS = ("devices", "motors", "ticks", "gyro")  # without which cmr-driver would go by settings that may be wrong
 Plain = str | float | bool | list[str] | None
-LARGEST = 65_536  # bytes
 
 
 @dataclass
@@ -62,36 +59,9 @@ def load(path: Path) -> Known:
     """Return what a file keeps; nothing where there is none. Raises CommandError."""
     if not path.exists():
         return Known()
-    try:
-        with path.open(encoding="utf-8") as file:
-            content = yaml.safe_load(file.read(LARGEST))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CommandError(f"{path} cannot be read: {error}") from error
-    parts = {"driver": dict, "undecided": list, "found": dict}
-    if not isinstance(content, dict) or not all(isinstance(content.get(name), kind) for name, kind in parts.items()):
-        raise CommandError(f"{path} is no file of cmr bringup: it needs driver, undecided and found.")
-    names = {entry.name for entry in dataclasses.fields(Connection)}
-    if unknown := set(content["driver"]) - names:
-        raise CommandError(f"{path}: the driver has no setting {min(map(str, unknown))!r}.")
-    return Known(content["driver"], [str(step) for step in content["undecided"]], content["found"])
-
-
-def driver_arguments(path: Path) -> list[str]:
-    """Return the options of cmr-driver that a file holds.
-
-    Raises CommandError for one that bring-up has not completed, and cannot be read.
-    """
-    known = load(path)
-    if not path.exists():
-        raise CommandError(f"There is no {path}. cmr bringup writes it.")
-    if known.undecided:
-        steps = ", ".join(known.undecided)
-        raise CommandError(f"{path} is not complete: cmr bringup has still to decide {steps}.")
-    options: list[str] = []
-    for name, value in known.driver.items():
-        option = f"--{name.replace('_', '-')}"
-        if value is True:
-            options.append(option)
-        elif value is not None and value is not False:
-            options += [option, str(value)]
-    return options
+    content = content_of(path)
+    driver, undecided, found = content["driver"], content["undecided"], content["found"]
+    assert isinstance(driver, dict)
+    assert isinstance(undecided, list)
+    assert isinstance(found, dict)
+    return Known(driver, [str(step) for step in undecided], found)

@@ -41,7 +41,7 @@ CHOICES = (
 
 @dataclass(frozen=True)
 class Observation:
-    """What one channel did at a positive duty: the wheel seen, its direction (1 forward), and counts of both channels."""
+    """What one channel did at a positive duty: the wheel seen, its direction (1: forward), counts of both channels."""
 
     side: Side
     direction: int

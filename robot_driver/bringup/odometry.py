@@ -1,6 +1,7 @@
 """Where the wheels say the robot is: dead reckoning, as points of the complex plane."""
 
 import cmath
+import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -34,7 +35,7 @@ class Path:
     @property
     def length(self) -> float:
         """How far it goes (m)."""
-        return sum(abs(b - a) for a, b in zip(self.places, self.places[1:], strict=False))
+        return sum(abs(b - a) for a, b in itertools.pairwise(self.places))
 
 
 def path_of(

@@ -39,10 +39,9 @@ def write_parameters(path: Path, robot: int, found: ParametersFound) -> str:
         {"by": "cmr bringup"},
     )
     new.save(path)
+    before = {name: f"{value.value:.4g} -> " for name, value in old.values.items()}
     changes = [
-        f"{name} {old.values[name].value:.4g} -> {value.value:.4g}"
-        if name in old.values
-        else f"{name} {value.value:.4g}"
+        f"{name} {before.get(name, '')}{value.value:.4g}"
         for name, value in new.values.items()
         if name not in old.values or old.values[name].value != value.value
     ]

@@ -44,8 +44,8 @@ class PosesFound:
 
     A metre is shown as `metre`, headings in degrees or not, a heading `heading_offset` (rad) too far, the tracked point
     lies at `ahead` and `left` (m) of the turning centre, poses are `lateness` (s) older than their stamps.
-    `vertical`: the axis that is the height; if not z, nothing else can be found. `length` and `turn`: their way over that of the
-    wheels, and their turns.
+    `vertical`: the axis that is the height; if not z, nothing else can be found. `length` and `turn`: how far they
+    went and turned, over what the wheels did.
     """
 
     metre: float = 1.0
@@ -160,8 +160,8 @@ def _whose(path: Path, others: Mapping[int, Sequence[Pose]]) -> str:
             continue
         if any((fit := _best(path, thinned, hand)) is not None and _explains(fit, thinned) for hand in (False, True)):
             return (
-                f"the poses do not move as this robot does, but those of robot {robot} do: the bodies are swapped where "
-                "the poses come from"
+                f"the poses do not move as this robot does, but those of robot {robot} do: the bodies are swapped "
+                "where the poses come from"
             )
     return (
         "the poses do not move as this robot does: they are of another body, or the robot was not seen. Check which "

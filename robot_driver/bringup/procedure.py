@@ -1,13 +1,13 @@
 """All steps in their order: each takes what is known, adds what it found, and says what it changed and why."""
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
 
-from robot_driver.bringup.bench import Bench, CannotTell, World, opened
+from robot_driver.bringup.bench import Bench, CannotTell, Opener, World, opened
 from robot_driver.bringup.devices import find_devices
 from robot_driver.bringup.floor import Body
 from robot_driver.bringup.ground import Ground, Seen, find_on_the_ground
@@ -18,12 +18,13 @@ from robot_driver.bringup.stopping import find_stop_time
 from robot_driver.bringup.supply import find_battery
 from robot_driver.bringup.turning import GyroFound, find_gyro
 from robot_driver.bringup.turns import find_turns
-from robot_driver.guided import Choice, Guide
+from robot_driver.guided import Choice, Front, Guide
 from robot_driver.host import Host
 from robot_driver.serial_port import PortLost
-from robot_driver.stop_file import StopFile
 
 GENTLE = 2.0  # duty/s; how fast duty grows during bring-up
+RATE = 50.0  # Hz; what any adapter manages
+WITH_GYRO = ("gyro", "floor")
 LIFT = "Put the robot on a box so that its wheels are off the floor and turn freely. They will turn. Is it lifted?"
 LIFTED = (Choice("yes", "its wheels are off the floor, and nothing can get caught in them"),)
 
@@ -46,21 +47,22 @@ class Result:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the procedure takes place: the computer, the bus, which ports there are, where the stop is kept."""
+    """Where the procedure takes place: the computer, the bus, which ports there are, and what drives the robot."""
 
     host: Host
     world: World
     poses: Poses
     ports: Callable[[], Sequence[str]]
-    stop_file: StopFile | None = None
+    driver: Opener
 
 
 class Procedure:
     """Brings up one robot; what becomes known is in `known`, and in files after each step."""
 
-    def __init__(self, guide: Guide, place: Place, robot: int, known: Known, settings: Path, parameters: Path) -> None:
+    def __init__(self, front: Front, place: Place, robot: int, known: Known, settings: Path, parameters: Path) -> None:
         self.known = known
-        self._guide, self._place, self._robot = guide, place, robot
+        self._guide, self._place, self._robot = Guide(front, self._wait), place, robot
+        self._bench_now: Bench | None = None
         self._settings, self._parameters = settings, parameters
         self._lifted = False
         self._steps: dict[str, Callable[[], str]] = {
@@ -109,7 +111,7 @@ class Procedure:
 
     def _motors(self) -> str:
         self._lift()
-        neutral = {name: False for name in WIRING}
+        neutral = dict.fromkeys(WIRING, False)
         with self._bench("motors", **neutral) as bench:
             found = find_motors(bench, self._guide)
         self.known.driver |= dict(zip(WIRING, found.wiring, strict=True))
@@ -198,12 +200,28 @@ class Procedure:
         dead = self.known.found.get("dead_encoders")
         return dead if isinstance(dead, list) else []
 
-    def _bench(self, step: str, **changed: bool | float | None) -> AbstractContextManager[Bench]:
-        """Return the robot, wired as known, with some settings changed."""
-        if step != "devices":
-            self._need("devices")
-        settings = self.known.settings(self._robot, acceleration=GENTLE, **changed)
-        return opened(settings, self._place.host, self._place.world, self._place.stop_file)
+    def _wait(self, seconds: float) -> None:
+        """Let time pass; the driver, if it runs, goes on meanwhile."""
+        end = self._place.host.monotonic() + seconds
+        while self._place.host.monotonic() < end:
+            if self._bench_now is not None:
+                self._bench_now.turn()
+            else:
+                self._place.world.turn(None)
+
+    @contextmanager
+    def _bench(self, step: str, **changed: bool | float | None) -> Iterator[Bench]:
+        """Open the robot, wired as known, with some settings changed."""
+        self._need("devices")
+        if step not in WITH_GYRO:
+            changed |= {"gyro_port": None, "gyro_baud": None, "gyro": None}
+        settings = self.known.settings(self._robot, acceleration=GENTLE, rate=RATE, **changed)
+        with opened(settings, self._place.host, self._place.world, self._place.driver) as bench:
+            self._bench_now = bench
+            try:
+                yield bench
+            finally:
+                self._bench_now = None
 
     def _need(self, *steps: str) -> None:
         """Raise CannotTell where one of these steps has still to be decided."""

@@ -1,4 +1,4 @@
-"""How long the wheels turn at most after the cable to the controller was pulled: counts gained, over the speed before."""
+"""How long wheels turn at most after the cable to the controller was pulled: counts gained, over the speed before."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ def find_stop_time(bench: Bench, guide: Guide, duty: float) -> StopTime:
     """Have the cable pulled while both wheels turn, lifted. Raises CannotTell."""
     text = (
         "The wheels must be off the floor. They turn for at most 15 s, with at most "
-        f"{duty:.0%} duty. Meanwhile pull the USB cable of the motor controller, and do not switch its battery off. Do you want "
-        "to measure how fast they stop?"
+        f"{duty:.0%} duty. Meanwhile pull the USB cable of the motor controller, and do not switch its battery off. "
+        "Do you want to measure how fast they stop?"
     )
     if guide.ask("stop.begin", text, no_or_yes("yes, turn the wheels", "no, leave this step out")) == "no":
         return StopTime(None, "left out")
@@ -50,9 +50,10 @@ def bound(before: list[motor_feedback_t], after: motor_feedback_t) -> float:
     bounds = []
     for side in ("left", "right"):
         ticks = f"ticks_{side}"
-        steps = abs(getattr(last, ticks) - getattr(earlier, ticks))
+        steps = abs(int(getattr(last, ticks)) - int(getattr(earlier, ticks)))
         if steps >= FEWEST:
-            bounds.append(abs(getattr(after, ticks) - getattr(last, ticks)) / steps * seconds)
+            gained = abs(int(getattr(after, ticks)) - int(getattr(last, ticks)))
+            bounds.append(gained / steps * seconds)
     if not bounds:
         raise CannotTell("the wheels turned too slowly for a measurement")
     if max(bounds) == 0.0:

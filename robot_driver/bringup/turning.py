@@ -1,5 +1,6 @@
 """Sign and scale of the gyro, by turning the robot round once by hand."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -111,7 +112,7 @@ def angle_of(readings: Sequence[gyro_t], bias: float) -> float:
     """Return by how much the readings say the robot has turned (rad)."""
     valid = [reading for reading in readings if reading.valid]
     angle = 0.0
-    for one, following in zip(valid, valid[1:], strict=False):
+    for one, following in itertools.pairwise(valid):
         seconds = (following.utime - one.utime) / 1e6
         if 0.0 < seconds < LONGEST_GAP:
             angle += seconds * (0.5 * (one.yaw_rate + following.yaw_rate) - bias)

@@ -36,8 +36,8 @@ def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: st
     """Have wheels with these encoders turned by hand; raises CannotTell."""
     stated = guide.number(
         "ticks.stated",
-        "How many encoder counts has a turn of a wheel, by the data sheets (counts of the encoder, four for each pulse, "
-        "times the gear ratio)? 0 if you do not know.",
+        "How many encoder counts has a turn of a wheel, by the data sheets (counts of the encoder, four for each "
+        "pulse, times the gear ratio)? 0 if you do not know.",
         "counts",
         0.0,
         1e7,
@@ -91,7 +91,7 @@ def _made_of(mean: float, stated: float, controller: str, guide: Guide) -> Turns
         ticks = round(stated * factor)
         why = f"counted {mean:.0f} by hand; the data sheet's {stated:.0f} fits"
         if factor != 1.0:
-            why = f"counted {mean:.0f} by hand: {FACTORS[factor]} the data sheet's {stated:.0f}, as counts and pulses differ"
+            why = f"counted {mean:.0f} by hand: {FACTORS[factor]} the data sheet's {stated:.0f}; it may mean pulses"
         return Turns(ticks, True, why)
     if stated:
         text = f"The data sheet says {stated:.0f} counts, but {mean:.0f} were counted twice. Is the count to be used?"
@@ -114,8 +114,8 @@ def _counted(bench: Bench, guide: Guide, side: Side) -> float:
         before = bench.ticks
         guide.ask(
             f"ticks.{side.value}",
-            f"Turn the {side.value} wheel by hand, forward, exactly ten full turns. Mark it with tape, and end with the "
-            "mark where it began.",
+            f"Turn the {side.value} wheel by hand, forward, exactly ten full turns. Mark it with tape, and end with "
+            "the mark where it began.",
             (Choice("done", "it has made ten turns forward"),),
         )
         bench.run(0.1)

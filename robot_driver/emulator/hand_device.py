@@ -14,7 +14,7 @@ from robot_driver.emulator.settings import Settings
 
 TURN = 2.0 * math.pi
 PERIOD = 0.005  # s between movements of the hands
-WHEEL_SPEED, ROBOT_SPEED = 2.0 * TURN, TURN / 4.0  # rad/s by hand
+WHEEL_SPEED, ROBOT_SPEED = 4.0 * TURN, TURN / 4.0  # rad/s by hand
 
 
 class HandDevice:

@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 
 from cmr.bus.process import Outgoing
-from robot_driver.bringup import STEPS, Known, Place, Procedure, Result, World
+from robot_driver.bringup import STEPS, Drivable, Known, Place, Procedure, Result, World
 from robot_driver.driver import Driver
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
@@ -17,12 +17,12 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.robot_in_time import RobotInTime
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings
-from robot_driver.guided import Guide, Kind, Scripted, Step
+from robot_driver.guided import Kind, Scripted, Step
 from robot_driver.simulated.drive import GYRO_PORT, MOTOR, OWN_USB
 from robot_driver.simulated.host import SimulatedHost
 from robot_driver.simulated.usb import OwnUsb, UsbAdapter
 
-TURN = 0.01  # s of a turn of the driver's process
+TURN = 0.02  # s of a turn of the driver's process
 HAND = "hand"
 SEEN = 0.005  # turns of a wheel that a person sees
 PULLING, PLUGGING = 1.5, 2.5  # s after which the cable is pulled, and plugged in again
@@ -84,11 +84,10 @@ class SimulatedBringup:
         world = _World(host)
         self._plug_in(host, plant, world)
         hands = _Hands(host, plant, self.person, Random(f"{self.seed} person"), world)
-        guide = Guide(hands, world.wait)
         known = known or Known()
-        place = Place(host, world, world, lambda: [GYRO_PORT, MOTOR] if self.gyro else [MOTOR])
-        world.plant = plant
-        procedure = Procedure(guide, place, 0, known, folder / "robot_0_driver.yaml", folder / "robot_0.yaml")
+        ports = [GYRO_PORT, MOTOR] if self.gyro else [MOTOR]
+        place = Place(host, world, world, lambda: ports, lambda settings: Driver(settings, host))
+        procedure = Procedure(hands, place, 0, known, folder / "robot_0_driver.yaml", folder / "robot_0.yaml")
         results = procedure.run(steps)
         host.check()
         return Outcome(
@@ -139,11 +138,10 @@ class _World(World):
 
     def __init__(self, host: SimulatedHost) -> None:
         self.host = host
-        self.plant: Plant | None = None
         self._collected: dict[int, list[tuple[int, float, float, float]]] | None = None
         self._actions: list[tuple[float, Action]] = []
 
-    def turn(self, driver: Driver) -> None:
+    def turn(self, driver: Drivable | None) -> None:
         del driver
         self.wait(TURN)
 
@@ -181,9 +179,7 @@ class _World(World):
 class _Hands(Scripted):
     """The person: answers by what they see, and turns things by hand."""
 
-    def __init__(
-        self, host: SimulatedHost, plant: _Watched, person: Person, random: Random, world: _World
-    ) -> None:
+    def __init__(self, host: SimulatedHost, plant: _Watched, person: Person, random: Random, world: _World) -> None:
         super().__init__(
             {
                 "lifted": lambda _step: self._hand("lift", "yes"),
@@ -245,7 +241,7 @@ class _Hands(Scripted):
                 count += self._random.choice((-1.0, 1.0))
             count += self._random.gauss(0.0, self._person.hand)
             self._line.write(f"{what} {count:.4f}\n".encode())
-            self._until = now + abs(count) * (0.5 if turns > 1.0 else 4.0) + 0.3
+            self._until = now + abs(count) * (0.25 if turns > 1.0 else 4.0) + 0.3
         return "done" if now >= self._until else None
 
     def _seen(self, _step: Step) -> str:
