@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -18,12 +19,14 @@ from robot_driver.emulator.robot_in_time import RobotInTime
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings
 from robot_driver.guided import Kind, Scripted, Step
+from robot_driver.host import Host
+from robot_driver.settings import Settings as DriverSettings
+from robot_driver.simulated.direct import HAND, DirectDriver, DirectHost
 from robot_driver.simulated.drive import GYRO_PORT, MOTOR, OWN_USB
 from robot_driver.simulated.host import SimulatedHost
 from robot_driver.simulated.usb import OwnUsb, UsbAdapter
 
 TURN = 0.02  # s of a turn of the driver's process
-HAND = "hand"
 SEEN = 0.005  # turns of a wheel that a person sees
 PULLING, PLUGGING = 1.5, 2.5  # s after which the cable is pulled, and plugged in again
 Action = Callable[[], None]
@@ -78,26 +81,51 @@ class SimulatedBringup:
     seed: int = 0
 
     def run(self, folder: Path, steps: tuple[str, ...] = STEPS, known: Known | None = None) -> Outcome:
-        """Bring the robot up; its files are written to a folder."""
+        """Bring the robot up through driver, bytes and devices; its files are written to a folder."""
         host = SimulatedHost(self.seed)
         plant = _Watched(self.settings)
         world = _World(host)
         self._plug_in(host, plant, world)
-        hands = _Hands(host, plant, self.person, Random(f"{self.seed} person"), world)
-        known = known or Known()
+        line = host.open_line(HAND, 0, lock_out=False)
+        hands = _Hands(host, plant, self.person, Random(f"{self.seed} person"), world, line.write)
         ports = [GYRO_PORT, MOTOR] if self.gyro else [MOTOR]
         place = Place(host, world, world, lambda: ports, lambda settings: Driver(settings, host))
+        outcome = self._outcome(hands, place, plant, folder, steps, known or Known())
+        host.check()
+        return outcome
+
+    def run_directly(self, folder: Path) -> Outcome:
+        """Bring it up without driver, bytes and devices: from the motors on, but for pulling the cable."""
+        plant = _Watched(self.settings)
+        world: _World
+
+        def see(utime: int, pose: Pose) -> None:
+            world.see(self.own_number, utime, pose)
+
+        host = DirectHost(self.settings, plant, self.pose_rate, see)
+        world = _World(host)
+        hands = _Hands(host, plant, self.person, Random(f"{self.seed} person"), world, host.write_to_hands)
+        board = self.controller in OWN_USB
+        known = Known({"port": MOTOR, "controller": self.controller})
+        known.driver |= {"gyro": "board" if board else self.gyro, "gyro_port": GYRO_PORT if self.gyro else None}
+        known.decide("devices")
+
+        def driver(settings: DriverSettings) -> DirectDriver:
+            return DirectDriver(settings, self.settings, host, has_gyro=self.gyro is not None or board)
+
+        place = Place(host, world, world, lambda: [], driver)
+        steps = tuple(step for step in STEPS if step not in ("devices", "stop"))
+        return self._outcome(hands, place, plant, folder, steps, known)
+
+    def _outcome(
+        self, hands: "_Hands", place: Place, plant: "_Watched", folder: Path, steps: tuple[str, ...], known: Known
+    ) -> Outcome:
         procedure = Procedure(hands, place, 0, known, folder / "robot_0_driver.yaml", folder / "robot_0.yaml")
         results = procedure.run(steps)
-        host.check()
+        before_floor = max(plant.largest["before"], plant.largest["yes"])
+        seconds = place.host.monotonic()
         return Outcome(
-            results,
-            procedure.known,
-            hands.text,
-            plant.largest["before"],
-            max(plant.largest["before"], plant.largest["yes"]),
-            host.robot_time(),
-            hands.answers,
+            results, procedure.known, hands.text, plant.largest["before"], before_floor, seconds, hands.answers
         )
 
     def _plug_in(self, host: SimulatedHost, plant: Plant, world: "_World") -> None:
@@ -136,7 +164,7 @@ class _Watched(Plant):
 class _World(World):
     """Time that passes, what happens in it, and the poses of all robots."""
 
-    def __init__(self, host: SimulatedHost) -> None:
+    def __init__(self, host: Host) -> None:
         self.host = host
         self._collected: dict[int, list[tuple[int, float, float, float]]] | None = None
         self._actions: list[tuple[float, Action]] = []
@@ -179,7 +207,15 @@ class _World(World):
 class _Hands(Scripted):
     """The person: answers by what they see, and turns things by hand."""
 
-    def __init__(self, host: SimulatedHost, plant: _Watched, person: Person, random: Random, world: _World) -> None:
+    def __init__(
+        self,
+        host: Host,
+        plant: _Watched,
+        person: Person,
+        random: Random,
+        world: _World,
+        write: Callable[[bytes], None],
+    ) -> None:
         super().__init__(
             {
                 "lifted": lambda _step: self._hand("lift", "yes"),
@@ -203,7 +239,7 @@ class _Hands(Scripted):
             }
         )
         self._host, self._plant, self._person, self._random, self._world = host, plant, person, random, world
-        self._line = host.open_line(HAND, 0, lock_out=False)
+        self._write = write
         self._angles = 0.0, 0.0
         self._until: float | None = None
 
@@ -213,13 +249,14 @@ class _Hands(Scripted):
         if step.kind is Kind.MOTION:
             self._angles = self._plant.left.angle, self._plant.right.angle
         if step.name in ("gyro.standing", "floor.fence"):
-            self._line.write(b"lower\n")
+            self._write(b"lower\n")
         elif step.name == "stop.turns":
-            self._world.later(PULLING, lambda: self._host.unplug(MOTOR))
-            self._world.later(PULLING + PLUGGING, lambda: self._host.plug(MOTOR))
+            assert isinstance(self._host, SimulatedHost)
+            self._world.later(PULLING, partial(self._host.unplug, MOTOR))
+            self._world.later(PULLING + PLUGGING, partial(self._host.plug, MOTOR))
 
     def _hand(self, line: str, answer: str) -> str:
-        self._line.write(f"{line}\n".encode())
+        self._write(f"{line}\n".encode())
         return answer
 
     def _allow(self, _step: Step) -> str:
@@ -240,7 +277,7 @@ class _Hands(Scripted):
             if turns > 1.0 and self._random.random() < self._person.miscounts:
                 count += self._random.choice((-1.0, 1.0))
             count += self._random.gauss(0.0, self._person.hand)
-            self._line.write(f"{what} {count:.4f}\n".encode())
+            self._write(f"{what} {count:.4f}\n".encode())
             self._until = now + abs(count) * (0.25 if turns > 1.0 else 4.0) + 0.3
         return "done" if now >= self._until else None
 

@@ -249,20 +249,16 @@ def _wrong_poses(case: Case, outcome: Outcome) -> list[str]:
     return wrong
 
 
-def brought_up(case: Case, folder: Path) -> dict[str, object]:
-    """Return the row of a robot."""
+def brought_up(case: Case, folder: Path, *, directly: bool) -> dict[str, object]:
+    """Return the row of a robot, brought up without driver and bytes if `directly`."""
     mounting = case.settings.mounting
     row: dict[str, object] = {"name": case.name, "controller": case.bringup.controller, "poses": "+".join(case.wrong)}
     row["dead"] = mounting.left_encoder_dead or mounting.right_encoder_dead
     try:
-        outcome = case.bringup.run(folder)
+        outcome = case.bringup.run_directly(folder) if directly else case.bringup.run(folder)
     except Exception as error:  # a study of hundreds of robots goes on
-        return row | {
-            "verdict": "failed",
-            "why": f"{type(error).__name__}: {error}",
-            "before_yes": "",
-            "before_floor": "",
-        }
+        text = f"{type(error).__name__}: {error}"
+        return row | {"verdict": "failed", "why": text, "before_yes": "", "before_floor": ""}
     result, why = verdict(case, outcome)
     largest = {"before_yes": outcome.largest_before_yes, "before_floor": outcome.largest_before_floor}
     return row | {"verdict": result, "why": "; ".join(why)} | largest
