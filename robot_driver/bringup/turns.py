@@ -13,7 +13,7 @@ NEAR = 0.012  # share by which ten turns by hand miss what an encoder has
 FACTORS = {1.0: "", 2.0: "twice", 4.0: "four times", 0.5: "half of", 0.25: "a quarter of"}
 MISCOUNTED = {9 / 10: "nine turns", 11 / 10: "eleven turns"}  # what ten turns were instead
 FEWEST = 5.0  # counts per turn; no encoder has fewer
-ROUNDS = 3
+ROUNDS = 6
 # Counts per turn of the wheel, four per pulse, of what robots of this kind often have.
 USUAL: dict[str, tuple[int, ...]] = {
     "mbot": (3744, 1560, 3120),
@@ -66,7 +66,7 @@ def _problem(counted: Sequence[float], sides: Sequence[Side], stated: float, bef
         ratio, words = miscounted(mean, stated)
         hint = f" This is {ratio:.0%} of what {words} would be." if not words else f" It looks as if {words} were made."
         return f"A turn has {mean:.0f} counts by hand, which does not fit {stated:.0f} by the data sheet.{hint}"
-    if len(counted) == 1 and not stated and before is None:
+    if not stated and before is None:
         return f"A turn has {mean:.0f} counts by hand; there is nothing to compare that with."
     return ""
 

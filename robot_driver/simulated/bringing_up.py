@@ -29,6 +29,7 @@ from robot_driver.simulated.usb import OwnUsb, UsbAdapter
 TURN = 0.02  # s of a turn of the driver's process
 SEEN = 0.005  # turns of a wheel that a person sees
 PULLING, PLUGGING = 1.5, 2.5  # s after which the cable is pulled, and plugged in again
+DIRECTLY = tuple(step for step in STEPS if step not in ("devices", "stop"))  # without ports and cables
 Action = Callable[[], None]
 
 
@@ -94,7 +95,7 @@ class SimulatedBringup:
         host.check()
         return outcome
 
-    def run_directly(self, folder: Path) -> Outcome:
+    def run_directly(self, folder: Path, steps: tuple[str, ...] = DIRECTLY, known: Known | None = None) -> Outcome:
         """Bring it up without driver, bytes and devices: from the motors on, but for pulling the cable."""
         plant = _Watched(self.settings)
         world: _World
@@ -106,15 +107,15 @@ class SimulatedBringup:
         world = _World(host)
         hands = _Hands(host, plant, self.person, Random(f"{self.seed} person"), world, host.write_to_hands)
         board = self.controller in OWN_USB
-        known = Known({"port": MOTOR, "controller": self.controller})
-        known.driver |= {"gyro": "board" if board else self.gyro, "gyro_port": GYRO_PORT if self.gyro else None}
-        known.decide("devices")
+        if known is None:
+            known = Known({"port": MOTOR, "controller": self.controller})
+            known.driver |= {"gyro": "board" if board else self.gyro, "gyro_port": GYRO_PORT if self.gyro else None}
+            known.decide("devices")
 
         def driver(settings: DriverSettings) -> DirectDriver:
             return DirectDriver(settings, self.settings, host, has_gyro=self.gyro is not None or board)
 
         place = Place(host, world, world, lambda: [], driver)
-        steps = tuple(step for step in STEPS if step not in ("devices", "stop"))
         return self._outcome(hands, place, plant, folder, steps, known)
 
     def _outcome(

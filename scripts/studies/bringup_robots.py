@@ -53,11 +53,11 @@ def drawn(number: int, seed: int) -> Case:
     if random.random() < 0.3:
         wrong.append(str(random.choice(("mirrored", "rotated", "mm", "degrees", "late", "offset"))))
     flags = {name: bool(random.random() < share) for name, share in MOUNTED.items()}
-    return _case(
+    return case_of(
         f"{number}",
         robot=robot,
         effects=effects,
-        mounting=_mounting(flags, factor or 1.0),
+        mounting=mounting_of(flags, factor or 1.0),
         wrong=tuple(dict.fromkeys(wrong)),
         controller=controller,
         gyro=None if controller == "mbot" or factor == 0.0 else "dsp3000",
@@ -81,7 +81,8 @@ MOUNTED = {"motors": 0.5, "left": 0.5, "right": 0.5, "encoders": 0.3, "left_agai
 }
 
 
-def _mounting(flags: Mapping[str, bool], factor: float) -> dict[str, bool | float]:
+def mounting_of(flags: Mapping[str, bool], factor: float) -> dict[str, bool | float]:
+    """Return the emulator's mounting for the mistakes named in MOUNTED, and what the gyro says of a turn of 1."""
     return {
         "motors_swapped": flags["motors"],
         "encoders_swapped": flags["encoders"],
@@ -115,7 +116,7 @@ def _robot_with_effects(random: np.random.Generator) -> tuple[dict[str, float], 
     return dict(robot), effects
 
 
-def _case(
+def case_of(
     name: str,
     *,
     robot: Mapping[str, float],
@@ -129,6 +130,7 @@ def _case(
     seed: int,
     offset: float,
 ) -> Case:
+    """Return a robot with these effects and mistakes; a `rotated` heading is shown `offset` (rad) too far."""
     settings = load_settings(seed=seed)
     hidden = dict(effects)
     if "offset" in wrong:

@@ -78,15 +78,21 @@ KNOWN: dict[str, set[str]] = {
         *(*BUS, "cmr.parameters", "cmr.model", "cmr.documents", "cmr.files", "cmr.priority"),
         *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros"),
     },
+    "robot_driver.bringup": {
+        *(*BUS, "cmr.parameters", "cmr.files", "robot_driver", "robot_driver.controllers", "robot_driver.guided"),
+    },
     "robot_driver.emulator": {*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver"},
-    "robot_driver.simulated": {*BUS, "cmr.parameters", "cmr.world", "robot_driver", "robot_driver.emulator"},
+    "robot_driver.simulated": {
+        *(*BUS, "cmr.parameters", "cmr.model", "cmr.world", "robot_driver", "robot_driver.emulator"),
+        *("robot_driver.bringup", "robot_driver.controllers", "robot_driver.guided"),
+    },
     # The top: processes.
     "cmr.commands": {
         *(*RECORDED, "cmr.documents", "cmr.files", "cmr.distribution", "cmr.priority", "cmr.threads", "cmr.geometry"),
         *("cmr.camera", "cmr.estimation", "cmr.calibration", "cmr.diagnosis", "cmr.world", "cmr.view"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        *("robot_driver.emulator", "cmr.tools"),
+        *("robot_driver.emulator", "robot_driver.bringup", "cmr.tools"),
     },
     "cmr.__main__": {"cmr.commands"},
 }
