@@ -110,6 +110,8 @@ def judged(path: Path, poses: Sequence[Pose], others: Mapping[int, Sequence[Pose
     Raises CannotTell.
     """
     poses = _thinned(poses)
+    if len(poses) < FEWEST and any(len(some) >= FEWEST for some in others.values()):
+        raise CannotTell(_whose(path, others))
     if len(poses) < FEWEST:
         raise CannotTell(f"only {len(poses)} poses came during the drive")
     if vertical := _vertical_axis(path, poses):

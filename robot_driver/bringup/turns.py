@@ -47,7 +47,7 @@ def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: st
         counted = [_counted(bench, guide, side) for side in sides]
         mean = sum(counted) / len(counted)
         if problem := _problem(counted, sides, stated, before):
-            before = mean if max(counted) - min(counted) < SAME * mean else None
+            before = mean if max(counted) - min(counted) < SAME * mean else before
             guide.say("ticks.repeat", f"{problem} Please count once more.")
             continue
         return _made_of(mean, stated, controller, guide)

@@ -9,7 +9,6 @@ from random import Random
 import pytest
 import yaml
 
-from cmr.bus.messages import make
 from cmr.cli.errors import CommandError
 from cmr.msg import motor_feedback_t
 from robot_driver.bringup import Known, load
@@ -85,7 +84,9 @@ def test_a_gyro_shows_sign_and_scale_or_no_whole_turn() -> None:
 
 def test_the_stop_time_is_what_the_counts_gained_would_have_taken() -> None:
     def reading(seconds: float, ticks: int) -> motor_feedback_t:
-        return make(motor_feedback_t, utime=round(1e6 * seconds), ticks_left=ticks, ticks_right=-ticks)
+        message = motor_feedback_t()
+        message.utime, message.ticks_left, message.ticks_right = round(1e6 * seconds), ticks, -ticks
+        return message
 
     before = [reading(0.02 * number, 20 * number) for number in range(50)]  # 1000 ticks/s
     assert bound(before, reading(4.0, before[-1].ticks_left + 400)) == pytest.approx(0.4)
