@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_driver.emulator.settings import Settings, load_settings
+from robot_driver.emulator.settings import Mounting, Settings, load_settings
 from robot_driver.simulated.bringing_up import Outcome, Person, SimulatedBringup
 
 CONTROLLERS = ("roboclaw", "roboteq", "mbot")
@@ -81,19 +81,19 @@ MOUNTED = {"motors": 0.5, "left": 0.5, "right": 0.5, "encoders": 0.3, "left_agai
 }
 
 
-def mounting_of(flags: Mapping[str, bool], factor: float) -> dict[str, bool | float]:
+def mounting_of(flags: Mapping[str, bool], factor: float) -> Mounting:
     """Return the emulator's mounting for the mistakes named in MOUNTED, and what the gyro says of a turn of 1."""
-    return {
-        "motors_swapped": flags["motors"],
-        "encoders_swapped": flags["encoders"],
-        "left_motor_inverted": flags["left"],
-        "right_motor_inverted": flags["right"],
-        "left_encoder_inverted": flags["left"] is not flags["left_against"],
-        "right_encoder_inverted": flags["right"] is not flags["right_against"],
-        "left_encoder_dead": flags["left_dead"],
-        "right_encoder_dead": flags["right_dead"] and not flags["left_dead"],
-        "gyro_factor": factor,
-    }
+    return Mounting(
+        motors_swapped=flags["motors"],
+        encoders_swapped=flags["encoders"],
+        left_motor_inverted=flags["left"],
+        right_motor_inverted=flags["right"],
+        left_encoder_inverted=flags["left"] is not flags["left_against"],
+        right_encoder_inverted=flags["right"] is not flags["right_against"],
+        left_encoder_dead=flags["left_dead"],
+        right_encoder_dead=flags["right_dead"] and not flags["left_dead"],
+        gyro_factor=factor,
+    )
 
 
 def _robot_with_effects(random: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
@@ -121,7 +121,7 @@ def case_of(
     *,
     robot: Mapping[str, float],
     effects: Mapping[str, float],
-    mounting: Mapping[str, bool | float],
+    mounting: Mounting,
     wrong: tuple[str, ...],
     controller: str,
     gyro: str | None,
@@ -151,7 +151,7 @@ def case_of(
     settings = dataclasses.replace(
         settings,
         robot=dataclasses.replace(settings.robot, **body, ticks_per_turn=float(ticks)),
-        mounting=dataclasses.replace(settings.mounting, **mounting),
+        mounting=mounting,
         cameras=cameras,
         imperfections=dataclasses.replace(settings.imperfections, encoder_quantisation=quantisation),
         effects=hidden,

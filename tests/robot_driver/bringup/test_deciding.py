@@ -31,7 +31,7 @@ def observed(wiring: Wiring, channel: int, dead: tuple[Side, ...] = ()) -> Obser
     left, right = wiring.forward(*((1.0, 0.0) if channel == 0 else (0.0, 1.0)))
     side = Side.LEFT if left else Side.RIGHT
     way = 1 if (left or right) > 0 else -1
-    for counts in product((-COUNTED, 0, COUNTED), repeat=2):
+    for counts in ((first, second) for first in (-COUNTED, 0, COUNTED) for second in (-COUNTED, 0, COUNTED)):
         forward = [(count + MODULUS // 2) % MODULUS - MODULUS // 2 for count in wiring.forward_counts(*counts)]
         if forward == ([way * COUNTED, 0] if side is Side.LEFT else [0, way * COUNTED]):
             return Observation(side, way, (0, 0) if side in dead else counts, 0.1)
