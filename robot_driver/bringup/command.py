@@ -39,6 +39,13 @@ class Interrupted(Exception):  # noqa: N818 - somebody wants it
     """A signal has come."""
 
 
+class QuietProcess(Process):
+    """A process that leaves the terminal to the steps and their answers."""
+
+    def news(self, text: str) -> None:
+        """Say nothing."""
+
+
 class BusWorld(World):
     """The bus around the driver: emergency stops reach it, its measurements go out, poses of all robots are heard."""
 
@@ -89,7 +96,7 @@ def main(arguments: list[str]) -> int:
     if not options.folder.is_dir():
         raise CommandError(f"There is no folder {options.folder}.")
     try:
-        with Process("cmr-bringup", options.lcm_url) as process, Terminal() as front:
+        with QuietProcess("cmr-bringup", options.lcm_url) as process, Terminal() as front:
             world = BusWorld(process)
             stop_file = StopFile(state_folder(), options.robot, process.bus.url)
             ports = options.ports or available_ports()
