@@ -46,7 +46,7 @@ def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: st
     for _ in range(ROUNDS):
         counted = [_counted(bench, guide, side) for side in sides]
         mean = sum(counted) / len(counted)
-        if problem := _problem(counted, sides, stated, before):
+        if problem := objection(counted, sides, stated, before):
             before = mean if max(counted) - min(counted) < SAME * mean else before
             guide.say("ticks.repeat", f"{problem} Please count once more.")
             continue
@@ -54,7 +54,7 @@ def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: st
     raise CannotTell(f"ten turns were counted differently {ROUNDS} times. Mark the wheel with tape, and count aloud")
 
 
-def _problem(counted: Sequence[float], sides: Sequence[Side], stated: float, before: float | None) -> str:
+def objection(counted: Sequence[float], sides: Sequence[Side], stated: float, before: float | None) -> str:
     """Return why ten turns have to be counted again; "" if they need not."""
     mean = sum(counted) / len(counted)
     if max(counted) - min(counted) > SAME * mean:
@@ -66,8 +66,9 @@ def _problem(counted: Sequence[float], sides: Sequence[Side], stated: float, bef
         ratio, words = miscounted(mean, stated)
         hint = f" This is {ratio:.0%} of what {words} would be." if not words else f" It looks as if {words} were made."
         return f"A turn has {mean:.0f} counts by hand, which does not fit {stated:.0f} by the data sheet.{hint}"
-    if not stated and before is None:
-        return f"A turn has {mean:.0f} counts by hand; there is nothing to compare that with."
+    if not stated:  # nor has the same been counted twice
+        other = "nothing to compare that with" if before is None else f"another count before, {before:.0f}"
+        return f"A turn has {mean:.0f} counts by hand; there is {other}."
     return ""
 
 

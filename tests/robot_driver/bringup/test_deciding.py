@@ -18,7 +18,7 @@ from robot_driver.bringup.odometry import Path as Way
 from robot_driver.bringup.poses import Pose, PosesFound, judged
 from robot_driver.bringup.stopping import bound
 from robot_driver.bringup.turning import judged as judged_gyro
-from robot_driver.bringup.turns import miscounted, nearest
+from robot_driver.bringup.turns import miscounted, nearest, objection
 from robot_driver.encoders import Wiring
 from robot_driver.settings import options_in
 
@@ -68,6 +68,15 @@ def test_ten_turns_show_pulses_for_counts_and_a_miscounted_turn() -> None:
     assert miscounted(4.0 * 2048 * 0.9, 2048)[1] == "nine turns"
     assert miscounted(2048 * 1.1, 2048)[1] == "eleven turns"
     assert miscounted(2048 * 3.0, 2048) == (3.0, "")
+
+
+def test_without_a_data_sheet_only_what_was_counted_twice_is_believed() -> None:
+    """A robot of the study had 1200 counts, and nine turns counted after ten were believed."""
+    one = [Side.LEFT]
+    assert objection([1200.0], one, 0.0, None)
+    assert objection([1080.0], one, 0.0, 1200.0)
+    assert objection([1200.0, 1320.0], list(Side), 0.0, 1200.0)
+    assert not objection([1203.0], one, 0.0, 1200.0)
 
 
 def test_a_gyro_shows_sign_and_scale_or_no_whole_turn() -> None:
