@@ -150,7 +150,7 @@ def drive(bench: Bench, guide: Guide, body: Body) -> Heard:
     """
     yes = "yes, it may drive"
     if guide.ask("floor.fence", ROOM, no_or_yes(yes, "no")) == "no":
-        raise CannotTell("there was no room to drive")
+        raise CannotTell("there was no space to drive")
     following = FloorDrive(body)
     before, bench.limit = bench.limit, LIMIT
 

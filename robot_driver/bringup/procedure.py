@@ -89,7 +89,7 @@ class Procedure:
             except (CannotTell, PortLost) as unknown:
                 self.known.driver = before
                 self.known.doubt(step)
-                text = f"cannot tell, because {str(unknown).rstrip('.')}"
+                text = f"not decided, because {str(unknown).rstrip('.')}"
                 results.append(Result(step, False, text))
                 self._guide.say(f"{step}.unknown", f"{step}: {text}.")
             self.known.save(self._settings)
