@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from robot_driver.controllers.controller import COUNTER_RANGE, signed_step
 from robot_driver.gate.guard import Mounting
@@ -94,8 +95,29 @@ def _farther(counts: tuple[int, int]) -> int:
     return max(abs(signed_step(0, count)) for count in counts)
 
 
-class Wiring(Mounting):
-    """How the two channels of a controller are mounted: what the last gate knows of it, and the ways back."""
+class Wiring(NamedTuple):
+    """How motors and encoders are mounted and plugged in.
+
+    `swap`: the first channel is the right side. `invert_*`: motor and encoder of a side are mounted backwards.
+    `swap_encoders`: each channel counts the wheel that the other one drives. `invert_*_encoder`: the encoder of a side
+    counts against its motor.
+    """
+
+    swap: bool = False
+    invert_left: bool = False
+    invert_right: bool = False
+    swap_encoders: bool = False
+    invert_left_encoder: bool = False
+    invert_right_encoder: bool = False
+
+    @property
+    def mounting(self) -> Mounting:
+        """What the last gate knows of it: the motors alone."""
+        return Mounting(self.swap, self.invert_left, self.invert_right)
+
+    def channels(self, left: float, right: float) -> tuple[float, float]:
+        """Return the duties of the channels that drive the sides with these."""
+        return self.mounting.channels(left, right)
 
     def sides(self, first: float, second: float) -> tuple[float, float]:
         """Return values of the controller's channels as (left, right), without regard to direction."""
@@ -108,8 +130,8 @@ class Wiring(Mounting):
 
     def forward_counts(self, first: int, second: int) -> tuple[int, int]:
         """Return raw encoder counts of the channels as (left, right), growing forward, modulo 2^32."""
-        left, right = (second, first) if self.swap else (first, second)
+        left, right = (second, first) if self.swap is not self.swap_encoders else (first, second)
         return (
-            (-left if self.invert_left else left) % COUNTER_RANGE,
-            (-right if self.invert_right else right) % COUNTER_RANGE,
+            (-left if self.invert_left is not self.invert_left_encoder else left) % COUNTER_RANGE,
+            (-right if self.invert_right is not self.invert_right_encoder else right) % COUNTER_RANGE,
         )

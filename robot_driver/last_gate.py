@@ -138,7 +138,8 @@ class GateInProcess(LastGate):
     def __init__(self, plan: Plan, commands: CommandGate, host: Host) -> None:
         super().__init__(plan, commands, host)
         latch = plan.latch
-        self._guard = Guard(wire_of(plan.controller), plan.wiring, plan.cycle, lambda: bool(latch and latch.exists()))
+        wire, mounting = wire_of(plan.controller), plan.wiring.mounting
+        self._guard = Guard(wire, mounting, plan.cycle, lambda: bool(latch and latch.exists()))
         self._line: Line | None = None
 
     def guard(self, line: Line) -> Line:
@@ -263,7 +264,7 @@ class GateProcess(LastGate):
         again = self.process is not None
         self._kill()
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        flags = "".join(str(int(flag)) for flag in self._plan.wiring)
+        flags = "".join(str(int(flag)) for flag in self._plan.wiring.mounting)
         latch = "" if self._plan.latch is None else str(self._plan.latch.absolute())
         number = str(theirs.fileno())
         command = [sys.executable, "-I", "-S", str(Path(gate.__file__).with_name("__main__.py"))]

@@ -6,12 +6,12 @@ Controllers are asked at their default baud rate first, then at the others that 
 """
 
 import os
-import time
 from contextlib import suppress
 from dataclasses import dataclass
 
 from robot_driver.controllers import CONTROLLERS, BadReply, Controller
 from robot_driver.gyros import GYROS, Gyro
+from robot_driver.host import THIS_COMPUTER, Host
 from robot_driver.serial_port import SerialPort, numbering_warning
 from robot_driver.stream_port import StreamPort
 
@@ -35,6 +35,28 @@ class Rates:
 USUAL = Rates()
 
 
+@dataclass(frozen=True)
+class Found:
+    """A device that answers: whether it is a gyro, its name and its baud rate as options have them, what it says."""
+
+    is_gyro: bool
+    name: str
+    baud: int
+    said: str = ""
+
+    @property
+    def other_baud(self) -> int | None:
+        """The baud rate, if it is not the usual one of its kind."""
+        usual = GYROS[self.name].baud_rate if self.is_gyro else CONTROLLERS[self.name].default_baud_rate
+        return None if self.baud == usual else self.baud
+
+    def __str__(self) -> str:
+        kind, option = ("gyro", "--gyro") if self.is_gyro else ("motor controller", "--controller")
+        baud = ("--gyro-baud" if self.is_gyro else "--baud") + f" {self.baud}"
+        words = f"{kind}: {option} {self.name}{'' if self.other_baud is None else ' ' + baud}"
+        return f"{words} ({self.said})" if self.said else words
+
+
 def describe(path: str, rates: Rates = USUAL) -> str:
     """Return lines for a person: the port, what answers there, and how to start the driver with it.
 
@@ -42,43 +64,42 @@ def describe(path: str, rates: Rates = USUAL) -> str:
     """
     device = os.path.realpath(path)
     title = path if device == path else f"{path} (now {device})"
-    found = devices_at(path, rates)
+    found = list(map(str, devices_at(path, rates)))
     warning = numbering_warning(path)
     lines = [title, *(found or ["nothing that cmr-driver knows answers"]), *([warning] if warning else [])]
     return "\n    ".join(lines)
 
 
-def devices_at(path: str, rates: Rates = USUAL) -> list[str]:
-    """Return what answers at a port, each as a few words.
+def devices_at(path: str, rates: Rates = USUAL, host: Host = THIS_COMPUTER) -> list[Found]:
+    """Return what answers at a port.
 
     Raises PortLost when it cannot be opened or is lost meanwhile.
     """
-    end = time.monotonic() + LONGEST_ASKING
-    return _gyro_at(path, rates.gyro, end) or _controllers_at(path, rates.controller, end)
+    end = host.monotonic() + LONGEST_ASKING
+    return _gyro_at(path, rates.gyro, end, host) or _controllers_at(path, rates.controller, end, host)
 
 
-def _gyro_at(path: str, only: int | None, end: float) -> list[str]:
+def _gyro_at(path: str, only: int | None, end: float, host: Host) -> list[Found]:
     """Return the gyro that talks at a port, if one does before `end` (s, monotonic)."""
     silent_at: set[int] = set()  # baud rates at which nothing comes
     for name, gyro in sorted(GYROS.items()):
         baud = only or gyro.baud_rate
-        if baud not in silent_at and time.monotonic() < end and _talks(path, gyro, baud, silent_at):
-            return [f"gyro: --gyro {name}{_option('--gyro-baud', baud, gyro.baud_rate)}"]
+        if baud not in silent_at and host.monotonic() < end and _talks(SerialPort(path, baud, host), gyro, silent_at):
+            return [Found(True, name, baud)]
     return []
 
 
-def _controllers_at(path: str, only: int | None, end: float) -> list[str]:
+def _controllers_at(path: str, only: int | None, end: float, host: Host) -> list[Found]:
     """Return the controllers that answer at the first baud rate at which any does."""
     choices = {name: (only,) if only else _usual_rates(kind) for name, kind in sorted(CONTROLLERS.items())}
     for turn in range(max(map(len, choices.values()))):
         found = {}
         for name, bauds in choices.items():
             kind = CONTROLLERS[name]
-            if turn < len(bauds) and time.monotonic() < end and (said := _name_of(path, kind, bauds[turn])):
-                option = _option("--baud", bauds[turn], kind.default_baud_rate)
-                found[name] = f"motor controller: --controller {name}{option} ({said})"
+            if turn < len(bauds) and host.monotonic() < end and (said := _name_of(path, kind, bauds[turn], host)):
+                found[name] = Found(False, name, bauds[turn], said)
         if found:
-            return [line for name, line in found.items() if WHOLE.get(name) not in found]
+            return [one for name, one in found.items() if WHOLE.get(name) not in found]
     return []
 
 
@@ -86,21 +107,16 @@ def _usual_rates(kind: type[Controller]) -> tuple[int, ...]:
     return (kind.default_baud_rate, *kind.other_baud_rates)
 
 
-def _option(name: str, baud: int, default: int) -> str:
-    """Return what to add to a command line for this baud rate."""
-    return "" if baud == default else f" {name} {baud}"
-
-
-def _talks(path: str, gyro_type: type[Gyro], baud: int, silent_at: set[int]) -> bool:
+def _talks(at: SerialPort, gyro_type: type[Gyro], silent_at: set[int]) -> bool:
     """Return whether a gyro of this kind sends readings; it is only spoken to when it sends what needs explanation.
 
     Where nothing comes at all, its baud rate is added to `silent_at`.
     """
-    with _Opened(SerialPort(path, baud)) as port:
+    with _Opened(at) as port:
         gyro = gyro_type()
         heard, readings = _listen(port, gyro, LISTENING)
         if not heard:
-            silent_at.add(baud)
+            silent_at.add(at.baud_rate)
         elif not readings:
             try:
                 port.write(gyro.wake_up)
@@ -113,8 +129,8 @@ def _talks(path: str, gyro_type: type[Gyro], baud: int, silent_at: set[int]) -> 
 def _listen(port: SerialPort, gyro: Gyro, seconds: float) -> tuple[int, int]:
     """Return how many bytes and readings came, at the latest after `seconds`; answer what the gyro wants to know."""
     heard = readings = 0
-    end = time.monotonic() + seconds
-    while readings < ENOUGH and (remaining := end - time.monotonic()) > 0.0:
+    end = port.host.monotonic() + seconds
+    while readings < ENOUGH and (remaining := end - port.host.monotonic()) > 0.0:
         data = port.read(READ_SIZE, remaining)
         heard += len(data)
         readings += len(gyro.feed(data))
@@ -123,11 +139,12 @@ def _listen(port: SerialPort, gyro: Gyro, seconds: float) -> tuple[int, int]:
     return heard, readings
 
 
-def _name_of(path: str, controller_type: type[Controller], baud: int) -> str:
+def _name_of(path: str, controller_type: type[Controller], baud: int, host: Host) -> str:
     """Return what a controller of this kind calls itself; "" when none answers."""
     port_type = StreamPort if controller_type.streams else SerialPort
-    with _Opened(port_type(path, baud)) as port:
+    with _Opened(port_type(path, baud, host)) as port:
         controller = controller_type()
+        controller.monotonic_ns = host.monotonic_ns
         for _ in range(ATTEMPTS):
             with suppress(BadReply):
                 port.resynchronise()

@@ -1,9 +1,12 @@
 """What a robot is made of and where it is plugged in: the options of cmr-driver, and `driver:` in a scenario."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
+import yaml
+
+from cmr.cli.errors import CommandError
 from cmr.documents.declared import Between, Option, Word
 from cmr.model.duty_ramp import Limits
 from robot_driver.battery import Thresholds
@@ -15,6 +18,7 @@ BOARD = "board"  # name of the gyro that some controllers have on their board, a
 SLOWEST_RATE = 5.0  # Hz; slower, one lost packet is silence enough for the watchdog of 0.5 s in a controller
 LARGEST = 1e4  # Hz, duty per second, V; more than any device has
 GYRO_HELP = f"gyro type (default: dsp3000 with --gyro-port, otherwise the one on the controller {BOARD})"
+LARGEST_FILE = 65_536  # bytes
 BY_DEFAULT = "if not what its kind has by default"
 
 Count = Annotated[int, Between(1, 10_000_000)]
@@ -47,6 +51,9 @@ class Connection:
     swap: Annotated[bool, Option("the controller's first channel is the right side, not the left")] = False
     invert_left: Annotated[bool, Option("motor and encoder of the left side are mounted backwards")] = False
     invert_right: Annotated[bool, Option("motor and encoder of the right side are mounted backwards")] = False
+    swap_encoders: Annotated[bool, Option("each channel counts the wheel that the other one drives")] = False
+    invert_left_encoder: Annotated[bool, Option("the left encoder counts against its motor")] = False
+    invert_right_encoder: Annotated[bool, Option("the right encoder counts against its motor")] = False
     invert_gyro: Annotated[bool, Option("the gyro is mounted upside down")] = False
 
     def __post_init__(self) -> None:
@@ -67,7 +74,8 @@ class Connection:
     @property
     def wiring(self) -> Wiring:
         """How motors and encoders are mounted."""
-        return Wiring(self.swap, self.invert_left, self.invert_right)
+        encoders = self.swap_encoders, self.invert_left_encoder, self.invert_right_encoder
+        return Wiring(self.swap, self.invert_left, self.invert_right, *encoders)
 
     @property
     def limits(self) -> Limits:
@@ -87,3 +95,45 @@ class Settings(Connection):
     robot: int = 0
     parameters: Annotated[Path | None, Option("parameter file of the robot; followed while it changes", "FILE")] = None
     state: Annotated[Path | None, Option("folder in which an engaged emergency stop is kept", "DIR")] = None
+
+
+def content_of(path: Path) -> dict[str, object]:
+    """Return what a settings file says, as cmr bringup writes it: `driver`, `undecided` and `found`.
+
+    Raises CommandError.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            content = yaml.safe_load(file.read(LARGEST_FILE))
+    except FileNotFoundError:
+        raise CommandError(f"There is no {path}. cmr bringup writes it.") from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise CommandError(f"{path} cannot be read: {error}") from error
+    parts = {"driver": dict, "undecided": list, "found": dict}
+    if not isinstance(content, dict) or not all(isinstance(content.get(name), kind) for name, kind in parts.items()):
+        raise CommandError(f"{path} is no file of cmr bringup: it needs driver, undecided and found.")
+    unknown = set(content["driver"]) - {field.name for field in fields(Connection)}
+    if unknown:
+        raise CommandError(f"{path}: the driver has no setting {min(map(str, unknown))!r}.")
+    return content
+
+
+def options_in(path: Path) -> list[str]:
+    """Return the options of cmr-driver that a settings file stands for.
+
+    Raises CommandError, also for a file that bring-up has not completed: what it lacks may be wrong by default.
+    """
+    content = content_of(path)
+    driver, undecided = content["driver"], content["undecided"]
+    assert isinstance(driver, dict)
+    assert isinstance(undecided, list)
+    if undecided:
+        raise CommandError(f"{path} is not complete: cmr bringup has still to decide {', '.join(map(str, undecided))}.")
+    options = []
+    for name, value in driver.items():
+        option = f"--{name.replace('_', '-')}"
+        if value is True:
+            options.append(option)
+        elif value is not None and value is not False:
+            options += [option, str(value)]
+    return options

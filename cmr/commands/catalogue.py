@@ -7,6 +7,7 @@ COMMANDS = {
     "demo": ("cmr.commands.demo", "drive, calibrate and drive again, without hardware"),
     "run": ("cmr.commands.run", "run a team experiment from a scenario to its report"),
     "agent": ("cmr.commands.agent", "run processes of experiments that another computer leads"),
+    "bringup": ("robot_driver.bringup.command", "bring up a new robot: find devices, wiring, encoders, gyro and poses"),
     "driver": ("robot_driver.main", "connect a real robot to the bus"),
     "emulate": ("cmr.commands.emulate", "emulate a robot: devices on pseudo-terminals, physics behind them"),
     "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
@@ -31,6 +32,7 @@ COMMANDS = {
 UMBRELLA_ONLY = (
     "init",
     "doctor",
+    "bringup",
     "estop",
     "key",
     "relay",

@@ -19,6 +19,7 @@ from cmr.priority import go_first
 from robot_driver.emulator.device import Device, not_understood
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine
+from robot_driver.emulator.hand_device import HandDevice
 from robot_driver.emulator.options import Emulation
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
@@ -27,6 +28,7 @@ from robot_driver.emulator.settings import Settings, SettingsError, load_setting
 from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
+HANDS = "hands"
 CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs
 MOST_NAMED = 10  # kinds of what was not understood
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -42,7 +44,8 @@ def main(arguments: list[str]) -> int:
         settings = load_settings(emulation.settings, seed=options.seed, ideal=emulation.ideal)
         if emulation.command != DUTY:
             return _run_speed_robot(options, settings)
-        ports = Ports(Path(options.ports or _default_folder(options.robot)), ("motor", "gyro"))
+        names = ("motor", "gyro", HANDS) if options.hands else ("motor", "gyro")
+        ports = Ports(Path(options.ports or _default_folder(options.robot)), names)
         if options.no_pose:
             return _run_without_bus(options, settings, ports)
         return _run_on_bus(options, settings, ports)
@@ -66,6 +69,12 @@ def command_parser() -> ArgumentParser:
     add_options(options, Emulation)
     options.add_argument("--seed", type=int, metavar="N", help="of all random numbers, instead of that of the settings")
     options.add_argument("--ports", type=Path, metavar="DIR", help=f"folder for the ports; else {_default_folder(0)}")
+    options.add_argument(
+        "--hands",
+        action="store_true",
+        help="a third port, hands: lines written to it lift the robot and turn its wheels or itself, as for cmr "
+        "bringup: lift, lower, left 10, right 10, robot 1, look",
+    )
     options.add_argument("--no-pose", action="store_true", help="no external pose; no bus is needed then")
     return options
 
@@ -86,7 +95,8 @@ def _default_folder(robot_id: int) -> Path:
 def _devices(options: Namespace, settings: Settings, plant: Plant) -> dict[str, Device]:
     """Return what is at the end of each port."""
     controller, gyro = CONTROLLER_DEVICES[options.controller], GYRO_DEVICES[options.gyro]
-    return {"motor": controller(settings, plant), "gyro": gyro(settings, plant)}
+    devices = {"motor": controller(settings, plant), "gyro": gyro(settings, plant)}
+    return {**devices, HANDS: HandDevice(settings, plant)} if options.hands else devices
 
 
 def _run_on_bus(options: Namespace, settings: Settings, ports: Ports) -> int:

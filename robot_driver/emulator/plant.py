@@ -12,12 +12,13 @@ from cmr.plant.parameters import PlantParameters
 from cmr.plant.running import PLACES, STEP, RunningRobot
 from cmr.plant.sensors import missed, slip_of_way, ticks
 from robot_driver.emulator.past import Past, Values
-from robot_driver.emulator.settings import Settings
+from robot_driver.emulator.settings import Mounting, Settings
 
 __all__ = ["STEP", "Plant", "Wheel"]
 
 TURN = 2.0 * math.pi
 NO_DISC = math.inf  # positions in a turn; that of encoder_quantisation is the only one
+Pair = tuple[float, float]
 
 
 class Wheel:
@@ -67,6 +68,7 @@ class Plant:
         self._running = RunningRobot(self.parameters, pose, noise, settings.seed % 2**63)
         self.left, self.right = Wheel(self._running, "left"), Wheel(self._running, "right")
         self._robot = robot
+        self._mounting = settings.mounting
         self._electrics = settings.electrics
         self._commanded = CommandedRobot(self._running, self.parameters, Random(f"{settings.seed} commands"))
         self._turned, self._counted, self._counted_at = [0.0, 0.0], [0.0, 0.0], 0.0
@@ -110,9 +112,9 @@ class Plant:
         """Return the heading at a time up to gyro_latency ago (rad); times never go back."""
         return self.theta if self._headings is None or time >= self.time else self._headings.at(time)[0]
 
-    def command(self, left: float, right: float) -> None:
-        """Drive each side with this duty, -1 to 1, from now on; later, or never, where commands are late or lost."""
-        self._commanded.command(left, right)
+    def command(self, first: float, second: float) -> None:
+        """Drive the wheels of each channel with this duty, -1 to 1, from now on; later, or never, where it is lost."""
+        self._commanded.command(*_driven(self._mounting, first, second))
 
     def advance(self, time: float) -> None:
         """Let the world go on until `time` (s); a time that has passed changes nothing."""
@@ -123,20 +125,22 @@ class Plant:
             self._wheels.keep(self.time, self._of_wheels())
 
     def encoder_counts(self) -> tuple[float, float]:
-        """Return the counts of both encoders since the start; whole numbers of the disc's positions."""
+        """Return the counts at both channels since the start; whole numbers of the disc's positions."""
         self._count()
         p, nominal, (left, right) = self.parameters, self._robot.ticks_per_turn, self._counted
-        return ticks(p, 1.0, left, NO_DISC, nominal), ticks(p, -1.0, right, NO_DISC, nominal)
+        counts = ticks(p, 1.0, left, NO_DISC, nominal), ticks(p, -1.0, right, NO_DISC, nominal)
+        return _counted(self._mounting, counts)
 
     def encoder_speeds(self) -> tuple[float, float]:
-        """Return the velocity of both encoders in counts per second."""
+        """Return the velocity at both channels in counts per second."""
         _, _, left, right = self._wheels_told()
-        return self._encoder_speed(1.0, left), self._encoder_speed(-1.0, right)
+        return _counted(self._mounting, (self._encoder_speed(1.0, left), self._encoder_speed(-1.0, right)))
 
     def motor_currents(self) -> tuple[float, float]:
-        """Return the current through both motors in A; positive drives forward."""
+        """Return the current through the motors of both channels in A; positive where the duty drives."""
         _, left, right = self._running.electrics()
-        return self._electrics.stall_current * left, self._electrics.stall_current * right
+        first, second = _channels(self._mounting, left, right)
+        return self._electrics.stall_current * first, self._electrics.stall_current * second
 
     def battery_voltage(self) -> float:
         """Return the voltage at the controller in V."""
@@ -170,3 +174,23 @@ class Plant:
                 step = turned[side] - self._turned[side]
                 self._counted[side] += step * (1.0 - missed(self.parameters, step / seconds))
         self._turned, self._counted_at = turned, self.time
+
+
+def _driven(mounting: Mounting, first: float, second: float) -> Pair:
+    """Return the duties of the left and the right motor, positive forward, of those of both channels."""
+    left, right = (second, first) if mounting.motors_swapped else (first, second)
+    return -left if mounting.left_motor_inverted else left, -right if mounting.right_motor_inverted else right
+
+
+def _channels(mounting: Mounting, left: float, right: float) -> Pair:
+    """Return what both channels see of what drives the motors, the inverse of `_driven`."""
+    left, right = -left if mounting.left_motor_inverted else left, -right if mounting.right_motor_inverted else right
+    return (right, left) if mounting.motors_swapped else (left, right)
+
+
+def _counted(mounting: Mounting, forward: Pair) -> Pair:
+    """Return what both channels see of what the encoders of both sides would, each counting forward."""
+    left, right = forward
+    left = 0.0 if mounting.left_encoder_dead else -left if mounting.left_encoder_inverted else left
+    right = 0.0 if mounting.right_encoder_dead else -right if mounting.right_encoder_inverted else right
+    return (right, left) if mounting.motors_swapped is not mounting.encoders_swapped else (left, right)

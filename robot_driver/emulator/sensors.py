@@ -6,7 +6,7 @@ from random import Random
 
 from cmr.plant.sensors import filtered_on, rate_seen, seen
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.settings import Settings
+from robot_driver.emulator.settings import Cameras, Settings
 
 Values = tuple[float, float, float]  # x, y (m), theta (rad)
 
@@ -19,6 +19,7 @@ class YawGyro:
         self._noise = settings.imperfections.gyro_noise.effective
         self._random = Random(f"{settings.seed} gyro")
         self._last_theta = plant.theta
+        self._factor = settings.mounting.gyro_factor
 
     def rate(self, duration: float) -> float:
         """Return the mean rate of turn (rad/s, counter-clockwise) over the `duration` (s) since the last call."""
@@ -26,7 +27,8 @@ class YawGyro:
         time = plant.time
         theta = plant.theta_at(time - p.gyro_latency) if p.gyro_latency else plant.theta
         turned, self._last_theta = theta - self._last_theta, theta
-        return rate_seen(p, time, turned / duration, theta) + self._noise * self._random.gauss(0.0, 1.0)
+        rate = rate_seen(p, time, turned / duration, theta) + self._noise * self._random.gauss(0.0, 1.0)
+        return self._factor * rate
 
 
 @dataclass(frozen=True)
@@ -51,19 +53,22 @@ class MotionCapture:
         self._position_noise = noise.position if noise.enabled else 0.0
         self._heading_noise = noise.heading if noise.enabled else 0.0
         self._random = Random(f"{settings.seed} pose")
+        self._cameras = settings.cameras
+        self._start = plant.x, plant.y, plant.theta
         self._last: tuple[float, Values, Values] | None = None  # time (s), what was seen, what the filter showed
 
     def wake(self, time: float) -> Pose:
         """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
         self.wake_time += self._period
         p, gauss = self._plant.parameters, self._random.gauss
-        x, y, theta = self._filtered(time, seen(p, self._plant.x, self._plant.y, self._plant.theta))
+        robot = self._start if self._cameras.other_body else (self._plant.x, self._plant.y, self._plant.theta)
+        x, y, theta = self._filtered(time, seen(p, *robot))
         x += self._position_noise * gauss(0.0, 1.0)
         y += self._position_noise * gauss(0.0, 1.0)
         theta += self._heading_noise * gauss(0.0, 1.0)
         ready = time + p.pose_latency
         # clock_skew: the cameras' clock shows (1 + e) t at time t.
-        return Pose(ready * (1.0 + p.clock_skew), ready, x, y, math.remainder(theta, 2.0 * math.pi))
+        return Pose(ready * (1.0 + p.clock_skew), ready, *_shown(self._cameras, x, y, theta))
 
     def _filtered(self, time: float, pose: Values) -> Values:
         """Return what the cameras' filter shows of a pose seen at `time` (s)."""
@@ -75,3 +80,12 @@ class MotionCapture:
             shown = x, y, theta
         self._last = time, pose, shown
         return shown
+
+
+def _shown(cameras: Cameras, x: float, y: float, theta: float) -> Values:
+    """Return a pose as it is shown, with what is wrong in how the cameras are set up."""
+    if cameras.mirrored:
+        y, theta = -y, -theta
+    theta = math.remainder(theta + cameras.heading_offset, 2.0 * math.pi)
+    height = 0.1  # m, of the body; somewhere
+    return cameras.metre * x, cameras.metre * (height if cameras.vertical_y else y), cameras.radian * theta

@@ -45,6 +45,44 @@ class Robot:
 
 
 @dataclass(frozen=True)
+class Mounting:
+    """How motors, encoders and gyro are built in and plugged in.
+
+    Motors swapped: the first channel drives the right wheels. Encoders swapped: each channel counts the wheels that
+    the other one drives. A dead encoder never counts. `gyro_factor`: what the gyro says of a turn of 1.
+    """
+
+    motors_swapped: bool
+    encoders_swapped: bool
+    left_motor_inverted: bool
+    right_motor_inverted: bool
+    left_encoder_inverted: bool
+    right_encoder_inverted: bool
+    left_encoder_dead: bool
+    right_encoder_dead: bool
+    gyro_factor: float
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """What whoever set the cameras up has got wrong: a frame of the other hand, axes, units, and the body.
+
+    The heading is shown `heading_offset` (rad) too far; a metre and a radian are shown as so many. Vertical y: what is
+    shown as y is the height. Of another `body` it is not the robot that is seen but something that stands still.
+    """
+
+    mirrored: bool
+    heading_offset: float
+    vertical_y: bool
+    metre: float
+    radian: float
+    other_body: bool
+
+    def __post_init__(self) -> None:
+        require_positive(self, "metre", "radian")
+
+
+@dataclass(frozen=True)
 class Electrics:
     """Voltages in V, the current of one stalled motor at full duty in A, temperature in degrees Celsius."""
 
@@ -256,6 +294,8 @@ class Settings:
 
     seed: int
     robot: Robot
+    mounting: Mounting
+    cameras: Cameras
     electrics: Electrics
     roboclaw: Roboclaw
     roboteq: Roboteq

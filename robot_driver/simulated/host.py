@@ -4,6 +4,7 @@ The threads are real ones that take turns: only one runs at any time, and it han
 depends on times and seeds alone, so that the same drive gives the same bytes again.
 """
 
+import errno
 import itertools
 import math
 import os
@@ -66,9 +67,18 @@ class SimulatedHost(Host):
         """Have bytes of the robot arrive at a port."""
         self.follow_robot()
         line = self._lines[name]
-        if line.is_open:
+        if line.is_open and not line.is_unplugged:
             line.arrived += data
             self.wake(line)
+
+    def unplug(self, name: str) -> None:
+        """Pull the cable of a port; what uses it sees the device vanish."""
+        self._lines[name].is_unplugged = True
+        self.wake(self._lines[name])
+
+    def plug(self, name: str) -> None:
+        """Plug the cable of a port in again."""
+        self._lines[name].is_unplugged = False
 
     def follow_robot(self) -> None:
         """Let time pass until what the robot does just now; called before anybody here sees it."""
@@ -125,7 +135,7 @@ class SimulatedHost(Host):
     def open_line(self, path: str, baud_rate: int, *, lock_out: bool) -> "SimulatedLine":
         """Open a port of the robot. Raises FileNotFoundError where there is none."""
         del baud_rate, lock_out
-        if path not in self._lines:
+        if path not in self._lines or self._lines[path].is_unplugged:
             raise FileNotFoundError(2, "there is no such port", path)
         return self._lines[path].opened()
 
@@ -226,6 +236,7 @@ class SimulatedLine:
         self._adapter = adapter
         self.arrived = bytearray()
         self.is_open = False
+        self.is_unplugged = False
 
     def opened(self) -> "SimulatedLine":
         """Return this, open; it kept nothing from before."""
@@ -239,13 +250,16 @@ class SimulatedLine:
 
     def write(self, data: bytes) -> None:
         """Send to the robot."""
+        self._check()
         self._host.bring(self._name, data, self._adapter.way_down())
 
     def read(self, most: int, timeout: float) -> bytes:
         """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds."""
+        self._check()
         arrived = self.arrived
         if not arrived and timeout > 0.0:
             self._host.wait(timeout, self)
+            self._check()
         if len(arrived) <= most:
             data = bytes(arrived)
             arrived.clear()
@@ -253,6 +267,11 @@ class SimulatedLine:
             data = bytes(arrived[:most])
             del arrived[:most]
         return data
+
+    def _check(self) -> None:
+        """Raise OSError where the cable is out."""
+        if self.is_unplugged:
+            raise OSError(errno.ENODEV, "the device is gone")
 
 
 class _Event(threading.Event):

@@ -53,6 +53,7 @@ ONLY_PARSED = {
     "cmr-agent": "runs until it is stopped; tests/whole/test_agent_on_another_host.py runs it",
     "cmr key new": "makes a key for this user; tests/commands/test_key_and_relay.py makes one",
     "cmr relay": "runs until it is stopped; tests/commands/test_key_and_relay.py runs its parts",
+    "cmr bringup": "needs a robot, and somebody who answers; tests/robot_driver/bringup runs it",
     "cmr estop": "stops robots on the bus; tests/robot_driver/test_latched_stop.py runs it",
     "cmr-teleop": "commands a robot on the bus; tests/teleop runs it",
     "cmr demo --lead": "needs a person; tests/whole/test_lead.py runs it with a script",
@@ -178,6 +179,7 @@ def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path:
         "robots": lambda: scenarios.parse(block.text, str(block), bench),
         "schema": lambda: parse_parameters(block.text, str(block)),
         "effects": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
+        "mounting": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
     }
     used = [read() for key, read in readers.items() if key in content]
     assert used or block.page in (

@@ -136,6 +136,16 @@ def test_wiring_drives_and_counts_alike() -> None:
     assert wiring.sides(1.5, 2.5) == (2.5, 1.5)
 
 
+def test_encoders_may_be_plugged_in_and_mounted_otherwise_than_motors() -> None:
+    """The first channel drives the right wheel and counts the left one, which it counts backwards."""
+    wiring = Wiring(swap=True, swap_encoders=True, invert_left_encoder=True)
+    assert wiring.channels(0.5, 0.25) == (0.25, 0.5)
+    assert wiring.forward_counts(2**32 - 25, 50) == (25, 50)
+    both = Wiring(invert_right=True, invert_right_encoder=True)
+    assert both.channels(0.5, 0.25) == (0.5, -0.25)
+    assert both.forward_counts(7, 9) == (7, 9), "mounted backwards together with a motor, and counting against it"
+
+
 def test_a_reset_of_the_device_is_told_from_a_jump_and_counting_goes_on_from_the_total() -> None:
     encoders = WheelEncoders(2048)
     encoders.update((500_000, 2**32 - 400_000), 0, 40.0)

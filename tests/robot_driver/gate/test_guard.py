@@ -194,7 +194,7 @@ def test_a_duty_may_shrink_on_its_way_but_not_grow_to_what_was_commanded_long_ag
 @pytest.mark.parametrize("kind", KINDS)
 def test_8_the_driver_s_own_ramp_is_never_refused(kind: str, swap: bool, left: bool, right: bool) -> None:
     wiring, chance = Wiring(swap, left, right), Random(1)
-    driver = Driver(kind, wiring)
+    driver = Driver(kind, wiring.mounting)
     ramp = Ramp(Limits(), longest_step=0.02)
     for _ in range(300):
         driver.now += CYCLE

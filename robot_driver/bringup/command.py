@@ -1,0 +1,146 @@
+"""cmr bringup: the process around the procedure, with the terminal before it and the bus beside it."""
+
+import argparse
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from cmr.bus.process import EXIT_INTERRUPTED, Outgoing, Process
+from cmr.bus.streams import ESTOP, POSE, identify
+from cmr.cli.command_line import add_robot, parser
+from cmr.cli.errors import CommandError
+from cmr.msg import estop_t, pose_xyt_t
+from robot_driver.bringup.bench import Drivable, World
+from robot_driver.bringup.known import load
+from robot_driver.bringup.procedure import STEPS, Place, Procedure
+from robot_driver.driver import Driver
+from robot_driver.guided import Left, Terminal
+from robot_driver.host import THIS_COMPUTER
+from robot_driver.serial_port import available_ports
+from robot_driver.settings import Settings
+from robot_driver.stop_file import StopFile, state_folder
+
+RATE = 200.0  # Hz
+DESCRIPTION = """Bring up a new robot, step by step: find its devices, see which motor turns which wheel, have wheels
+and robot turned by hand, and drive 0.75 m on the floor to compare the poses with the wheels.
+
+Before the floor, no motor gets more than 10 % of full drive, for 1 s; where nothing turns, up to 20 % after your yes.
+Each motion is announced, and any key ends it, as do an emergency stop (cmr estop stop) and whatever stops a driver.
+Stop cmr-driver first: it holds the ports.
+
+Steps: devices, motors, ticks, stop, battery, gyro, floor; by default all of them, in this order. What cannot be decided
+is asked, or left open with the reason; nothing is guessed. Run one step again by its name.
+
+It writes robot_N_driver.yaml, for cmr-driver --settings, and after the floor robot_N.yaml, the parameter file."""
+EXAMPLE = "cmr bringup --ports /dev/serial/by-id/*\n  cmr bringup gyro\n  cmr driver --settings robot_0_driver.yaml"
+
+
+class Interrupted(Exception):  # noqa: N818 - somebody wants it
+    """A signal has come."""
+
+
+class QuietProcess(Process):
+    """A process that leaves the terminal to the steps and their answers."""
+
+    def news(self, text: str) -> None:
+        """Say nothing."""
+
+
+class BusWorld(World):
+    """The bus around the driver: emergency stops reach it, its measurements go out, poses of all robots are heard."""
+
+    def __init__(self, process: Process) -> None:
+        self._process = process
+        self._turns = process.loop(RATE)
+        self._collected: dict[int, list[tuple[int, float, float, float]]] | None = None
+        process.subscribe(ESTOP, every=True)
+        process.subscribe(POSE, every=True)
+
+    def turn(self, driver: Drivable | None) -> None:
+        """Wait for the next turn, and take what has come. Raises Interrupted."""
+        if next(self._turns, None) is None:
+            raise Interrupted
+        for received in self._process.received():
+            message = received.message
+            if isinstance(message, estop_t) and driver is not None:
+                driver.handle(message.utime, received.channel, message, received.sender)
+            elif isinstance(message, pose_xyt_t) and self._collected is not None:
+                known = identify(received.channel)
+                of_robot = self._collected.setdefault(known[1] or 0 if known else 0, [])
+                of_robot.append((message.utime, message.x, message.y, message.theta))
+
+    def publish(self, message: Outgoing) -> None:
+        """Send what the driver has measured."""
+        stream, robot_id, content = message
+        self._process.publish(stream, content, robot_id)
+
+    @contextmanager
+    def collect(self) -> Iterator[Mapping[int, list[tuple[int, float, float, float]]]]:
+        """Collect poses inside."""
+        self._collected = {}
+        try:
+            yield self._collected
+        finally:
+            self._collected = None
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr bringup; return its exit code: 1 where a step is left open.
+
+    Raises CommandError where a file cannot be used, BusError when there is no bus.
+    """
+    options = _options(arguments)
+    settings = options.folder / f"robot_{options.robot}_driver.yaml"
+    parameters = options.folder / f"robot_{options.robot}.yaml"
+    known = load(settings)
+    if not options.folder.is_dir():
+        raise CommandError(f"There is no folder {options.folder}.")
+    try:
+        with QuietProcess("cmr-bringup", options.lcm_url) as process, Terminal() as front:
+            world = BusWorld(process)
+            stop_file = StopFile(state_folder(), options.robot, process.bus.url)
+            ports = options.ports or available_ports()
+
+            def driver(settings: Settings) -> Driver:
+                return Driver(settings, stop_file=stop_file)
+
+            place = Place(THIS_COMPUTER, world, world, lambda: ports, driver)
+            procedure = Procedure(front, place, options.robot, known, settings, parameters)
+            results = procedure.run(options.steps or STEPS)
+    except Interrupted:
+        return EXIT_INTERRUPTED
+    except Left as left:
+        raise CommandError(str(left)) from left
+    open_steps = [result.step for result in results if not result.decided]
+    print(f"\nWritten: {settings}" + (f" and {parameters}" if parameters.exists() else ""))
+    if open_steps:
+        print(f"Left open: {', '.join(open_steps)}. Run them again: cmr bringup {' '.join(open_steps)}")
+        return 1
+    print(f"Next: cmr driver --robot {options.robot} --settings {settings} --parameters {parameters}")
+    return 0
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr bringup."""
+    result = parser("cmr bringup", DESCRIPTION, EXAMPLE)
+    result.add_argument("steps", nargs="*", metavar="STEP", help=f"one of {', '.join(STEPS)}")
+    add_robot(result)
+    result.add_argument("--ports", nargs="+", metavar="DEVICE", help="only these serial ports; else all there are")
+    result.add_argument(
+        "--folder",
+        type=Path,
+        default=Path(),
+        metavar="DIR",
+        help="where the files are written (default: here)",
+    )
+    return result
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    parser = command_parser()
+    options = parser.parse_args(arguments)
+    unknown = [step for step in options.steps if step not in STEPS]
+    if unknown:
+        parser.error(f"there is no step {unknown[0]!r}; there are {', '.join(STEPS)}")
+    options.steps = [step for step in STEPS if step in options.steps]
+    return options

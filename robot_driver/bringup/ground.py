@@ -1,0 +1,88 @@
+"""The step on the floor: it drives, and compares the poses, the gyro and the wheels."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from robot_driver.bringup.bench import Bench, CannotTell, Heard
+from robot_driver.bringup.floor import Body, drive
+from robot_driver.bringup.motor_constants import motor_constants
+from robot_driver.bringup.odometry import Path, path_of
+from robot_driver.bringup.poses import LENGTH_SHARE, Pose, PosesFound, judged
+from robot_driver.bringup.turning import GyroFound, angle_of
+from robot_driver.guided import Guide
+
+Seen = Mapping[int, Sequence[tuple[int, float, float, float]]]  # by robot: utime (us), x, y, theta as they came
+WIDTH_SHARE = 0.3  # by which a base width by the ruler may differ from the one by which the robot turns
+TURNED = math.radians(60.0)  # what a quarter turn has at least
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the drive showed: the base width by which it turns (m), its motors if they can be told, and the poses."""
+
+    base_width: float
+    motors: tuple[float, float] | None
+    poses: PosesFound | None
+    problem: str = ""  # why nothing is known of the poses
+
+
+def find_on_the_ground(bench: Bench, guide: Guide, body: Body, gyro: GyroFound, seen: Seen, robot: int) -> Ground:
+    """Drive, and compare. Raises CannotTell."""
+    heard = drive(bench, guide, body)
+    start = heard.feedback[0].utime
+    path = path_of(heard.feedback, start, body.wheel_radius, body.base_width, body.ticks_per_turn)
+    share = _share_of_turns(heard, gyro, path, start) if gyro.present else 1.0
+    constants = motor_constants(heard.feedback)
+    width = body.base_width / share
+    path = path_of(heard.feedback, start, body.wheel_radius, width, body.ticks_per_turn)
+    poses = {
+        number: [
+            Pose((utime - start) / 1e6, complex(x, y), theta)
+            for utime, x, y, theta in list(some)
+            if all(map(math.isfinite, (x, y, theta)))
+        ]
+        for number, some in seen.items()
+    }
+    own = poses.pop(robot, [])
+    if not own and not poses:
+        return Ground(width, constants, None, f"no poses came on POSE_{robot}: start what sends them, and run it again")
+    try:
+        found = judged(path, own, poses)
+        _check(found)
+    except CannotTell as unknown:
+        return Ground(width, constants, None, str(unknown))
+    return Ground(width if gyro.present else width / found.turn, constants, found)
+
+
+def _share_of_turns(heard: Heard, gyro: GyroFound, path: Path, start: int) -> float:
+    """Return how far the robot turned by its gyro, over that by its wheels. Raises CannotTell."""
+    most = max(range(len(path.headings)), key=lambda number: path.headings[number])
+    end = path.times[most]
+    if path.headings[most] < TURNED:
+        raise CannotTell("the robot did not turn left by its wheels")
+    readings = [reading for reading in heard.gyro if (reading.utime - start) / 1e6 <= end]
+    if len(readings) < 10:
+        raise CannotTell("the gyro fell silent during the drive")
+    share = angle_of(readings, gyro.bias * (-1.0 if gyro.inverted else 1.0)) / gyro.scale / path.headings[most]
+    if share < 0.0:
+        raise CannotTell(
+            "the robot turned left by its wheels and right by its gyro: either the wheels are swapped, or it was "
+            "turned the other way in the step gyro. Run both steps again (cmr bringup motors gyro)"
+        )
+    if abs(share - 1.0) > WIDTH_SHARE:
+        raise CannotTell(
+            f"the robot turned {share:.2f} times as far by its gyro as by its wheels. Measure the base width from the "
+            "middle of one wheel to that of the other, and run this step again"
+        )
+    return share
+
+
+def _check(found: PosesFound) -> None:
+    """Raise CannotTell where poses and wheels do not go equally far."""
+    if found.vertical == "z" and abs(found.length - 1.0) > LENGTH_SHARE:
+        raise CannotTell(
+            f"the robot went {found.length:.3f} times as far by its poses as by its wheels. If the wheel radius is "
+            "right, a turn was miscounted: run the step ticks again (cmr bringup ticks floor). Otherwise measure the "
+            "radius, or calibrate the system that the poses come from"
+        )

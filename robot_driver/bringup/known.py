@@ -1,0 +1,67 @@
+"""What bring-up knows of a robot, and the file that keeps it: the driver's settings, and what else was found.
+
+driver: {port: ..., controller: roboclaw, swap: true, ...}   what cmr-driver --settings takes
+undecided: [ticks]                                           the steps that came to no end
+found: {...}                                                 what later steps need, and what a person may want to read
+"""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+
+from cmr.files import write_atomically
+from robot_driver.settings import Settings, content_of
+
+DRIVER_STEPS = ("devices", "motors", "ticks", "gyro")  # without which cmr-driver would go by settings that may be wrong
+Plain = str | float | bool | list[str] | None
+
+
+@dataclass
+class Known:
+    """What is known: the driver's options by name, steps that came to no end, and what was found by name."""
+
+    driver: dict[str, Plain] = field(default_factory=dict)
+    undecided: list[str] = field(default_factory=lambda: list(DRIVER_STEPS))
+    found: dict[str, Plain] = field(default_factory=dict)
+
+    def settings(self, robot: int, **changed: bool | float | None) -> Settings:
+        """Return the driver's settings with some of them changed."""
+        return Settings(**{**self.driver, **changed, "robot": robot})  # type: ignore[arg-type]
+
+    def number(self, name: str) -> float:
+        """Return a number that was found; NaN where it was not."""
+        value = self.found.get(name)
+        return float(value) if isinstance(value, int | float) else math.nan
+
+    def decide(self, step: str) -> None:
+        """Note that a step came to its end."""
+        self.undecided = [name for name in self.undecided if name != step]
+
+    def doubt(self, step: str) -> None:
+        """Note that a step has to be done, or done again."""
+        if step in DRIVER_STEPS and step not in self.undecided:
+            self.undecided = [name for name in DRIVER_STEPS if name in (*self.undecided, step)]
+
+    def to_yaml(self) -> str:
+        """Return the text of the file."""
+        content = {"driver": self.driver, "undecided": self.undecided, "found": self.found}
+        text = yaml.safe_dump(content, sort_keys=False, default_flow_style=False, allow_unicode=True)
+        return f"# Written by cmr bringup; cmr-driver --settings takes `driver`.\n{text}"
+
+    def save(self, path: Path) -> None:
+        """Write the file, all of it or nothing."""
+        write_atomically(self.to_yaml(), path)
+
+
+def load(path: Path) -> Known:
+    """Return what a file keeps; nothing where there is none. Raises CommandError."""
+    if not path.exists():
+        return Known()
+    content = content_of(path)
+    driver, undecided, found = content["driver"], content["undecided"], content["found"]
+    assert isinstance(driver, dict)
+    assert isinstance(undecided, list)
+    assert isinstance(found, dict)
+    return Known(driver, [str(step) for step in undecided], found)

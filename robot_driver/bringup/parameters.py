@@ -1,0 +1,72 @@
+"""The parameter file after bring-up: what was measured by ruler and by the drive; everything else in it stays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cmr.parameters.file import ParameterFile, ParameterFileError, Value, load
+from robot_driver.bringup.bench import CannotTell
+from robot_driver.bringup.poses import PosesFound
+
+WIDTH_STD, MOTOR_STD = 0.03, 0.3  # shares; of a first estimate
+
+
+@dataclass(frozen=True)
+class ParametersFound:
+    """Radius of the wheels and base width (m), k2_over_k3 and k1 if known, the gyro's scale, and the poses."""
+
+    wheel_radius: float
+    base_width: float
+    motors: tuple[float, float] | None
+    gyro_scale: float
+    poses: PosesFound
+
+
+def write_parameters(path: Path, robot: int, found: ParametersFound) -> str:
+    """Write the parameter file; return what has changed in it. Raises CannotTell where it cannot be read."""
+    try:
+        old = load(path) if path.exists() else ParameterFile(robot, {})
+    except ParameterFileError as error:
+        raise CannotTell(f"the parameter file cannot be read: {error}") from error
+    if old.robot_id != robot:
+        raise CannotTell(f"{path} is of robot {old.robot_id}, not of robot {robot}")
+    values, effects = _values(found), _effects(found)
+    kept = {name: value for name, value in old.values.items() if name not in values and name not in EFFECTS}
+    kept_effects = tuple(name for name in old.effects if name not in EFFECTS)
+    new = ParameterFile(
+        robot,
+        {**kept, **values, **{name: Value(value) for name, value in effects.items()}},
+        (*kept_effects, *effects),
+        {"by": "cmr bringup"},
+    )
+    new.save(path)
+    before = {name: f"{value.value:.4g} -> " for name, value in old.values.items()}
+    changes = [
+        f"{name} {before.get(name, '')}{value.value:.4g}"
+        for name, value in new.values.items()
+        if name not in old.values or old.values[name].value != value.value
+    ]
+    gone = [name for name in old.effects if name in EFFECTS and name not in effects]
+    return ", ".join([*changes, *(f"{name} removed" for name in gone)]) or "unchanged"
+
+
+EFFECTS = ("gyro_scale", "pose_latency", "pose_offset")
+
+
+def _values(found: ParametersFound) -> dict[str, Value]:
+    values = {"wheel_radius": Value(found.wheel_radius)}
+    if found.motors is not None:
+        gain, k1 = found.motors
+        values |= {"k2_over_k3": Value(gain, MOTOR_STD * gain), "k1": Value(k1, MOTOR_STD * k1)}
+    return values | {"base_width": Value(found.base_width, WIDTH_STD * found.base_width)}
+
+
+def _effects(found: ParametersFound) -> dict[str, float]:
+    """Return what the model has to know of sensors, by the name of the effect, which is that of its parameter."""
+    effects = {}
+    if found.gyro_scale != 1.0:
+        effects["gyro_scale"] = found.gyro_scale - 1.0
+    if found.poses.lateness:
+        effects["pose_latency"] = round(found.poses.lateness, 3)
+    if found.poses.ahead:
+        effects["pose_offset"] = round(found.poses.ahead, 4)
+    return effects

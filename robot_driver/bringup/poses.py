@@ -1,0 +1,252 @@
+"""What is wrong with poses, by comparing them with the way that the wheels say: frame, units, body, lateness.
+
+A pose is taken to be z = a (o + d e) + c with o the place and e = exp(i heading) by the wheels `lateness` before its
+stamp, d the tracked point on the robot; a holds the scale and how the frame lies, which is of no importance. In a
+mirrored frame o and e are conjugate.
+"""
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from robot_driver.bringup.bench import CannotTell
+from robot_driver.bringup.fitting import Undetermined, least_squares
+from robot_driver.bringup.odometry import Path
+
+MOST = 240  # poses that are looked at
+FEWEST = 60
+EARLIEST, LATEST, FINEST = -0.1, 0.8, 0.02  # s of lateness that are tried
+FLAT = 0.1  # ratio of the spreads of two axes, of which one shows nothing of the drive
+WIDE = 0.2  # what the drive's own has to be
+MOVES = 0.9  # share of the poses' spread that the wheels explain, where they are of this robot
+APART = 3.0  # ratio of what is left unexplained by one hand and by the other
+PLACE, ANGLE = 0.02, 0.05  # m, rad: what wheels and poses differ by anyway
+UNITS = {1.0: "m", 100.0: "cm", 1000.0: "mm"}  # what a metre is shown as
+DEGREES = 180.0 / math.pi
+HEADING_SHARE = 0.35  # by which turns by wheels and by poses may differ: a base width by the ruler
+LENGTH_SHARE = 0.045  # by which ways may
+SMALL_ANGLE, SMALL_POINT, SMALL_LATENESS = math.radians(4.0), 0.015, 0.04  # rad, m, s: not worth a word
+
+
+class Pose(NamedTuple):
+    """A pose as it came: `time` by its stamp (s, of the drive), `place` as x + iy and `theta` in whatever units."""
+
+    time: float
+    place: complex
+    theta: float
+
+
+@dataclass(frozen=True)
+class PosesFound:
+    """What poses are like; as they should be, all is as by default.
+
+    A metre is shown as `metre`, headings in degrees or not, a heading `heading_offset` (rad) too far, the tracked point
+    lies at `ahead` and `left` (m) of the turning centre, poses are `lateness` (s) older than their stamps.
+    `vertical`: the axis that is the height; if not z, nothing else can be found. `length` and `turn`: how far they
+    went and turned, over what the wheels did.
+    """
+
+    metre: float = 1.0
+    degrees: bool = False
+    mirrored: bool = False
+    heading_offset: float = 0.0
+    ahead: float = 0.0
+    left: float = 0.0
+    lateness: float = 0.0
+    vertical: str = "z"
+    length: float = 1.0
+    turn: float = 1.0
+
+    def sentences(self) -> list[str]:
+        """Return what is to be corrected where the poses come from, a sentence each."""
+        if self.vertical != "z":
+            return [f"{self.vertical} of the poses is the height: have your system publish a frame with z upward."]
+        said = []
+        if self.metre != 1.0:
+            said.append(f"positions are in {UNITS[self.metre]}: they have to be in m.")
+        if self.degrees:
+            said.append("headings are in degrees: they have to be in radians.")
+        if self.mirrored:
+            said.append("the frame is mirrored (of the left hand): exchange x and y, or negate y and the heading.")
+        if self.heading_offset:
+            said.append(
+                f"headings are {math.degrees(self.heading_offset):.0f} degrees too far: turn the body's x axis forward."
+            )
+        if self.ahead or self.left:
+            side = "left" if self.left > 0 else "right"
+            said.append(
+                f"the tracked point lies {1e3 * self.ahead:.0f} mm ahead of the turning centre and "
+                f"{1e3 * abs(self.left):.0f} mm to the {side} of it."
+            )
+        if self.lateness:
+            said.append(f"poses are {self.lateness:.2f} s older than their stamps say.")
+        return said
+
+
+class _Fit(NamedTuple):
+    """One way to explain places: the hand, the lateness, a, d and how much (root mean square, m) is not explained."""
+
+    mirrored: bool
+    lateness: float
+    a: complex
+    point: complex
+    error: float
+
+
+class _Headings(NamedTuple):
+    """How headings follow the wheels: shown = unit * slope * heading + unit * begin; `error` in rad."""
+
+    unit: float
+    slope: float
+    begin: float
+    error: float
+
+
+def judged(path: Path, poses: Sequence[Pose], others: Mapping[int, Sequence[Pose]]) -> PosesFound:
+    """Return what the poses of this robot are like; `others` are those of other robots.
+
+    Raises CannotTell.
+    """
+    poses = _thinned(poses)
+    if len(poses) < FEWEST and any(len(some) >= FEWEST for some in others.values()):
+        raise CannotTell(_whose(path, others))
+    if len(poses) < FEWEST:
+        raise CannotTell(f"only {len(poses)} poses came during the drive")
+    if vertical := _vertical_axis(path, poses):
+        return PosesFound(vertical=vertical)
+    fits = [_best(path, poses, mirrored) for mirrored in (False, True)]
+    best, other = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.error)
+    if not _explains(best, poses):
+        raise CannotTell(_whose(path, others))
+    if other.error < APART * best.error:
+        raise CannotTell("the poses fit the wheels as badly mirrored as not: they are too noisy, or the wheels slipped")
+    headings = _headings(path, poses, best.lateness)
+    if headings is None:
+        raise CannotTell("the headings of the poses do not follow the turns of the robot, in radians or in degrees")
+    if (headings.slope < 0.0) is not best.mirrored:
+        raise CannotTell(
+            "the positions of the poses turn one way and their headings the other. Negate the heading where the poses "
+            "come from"
+        )
+    return _found(best, headings)
+
+
+def _found(fit: _Fit, headings: _Headings) -> PosesFound:
+    metre = min(UNITS, key=lambda unit: abs(math.log(abs(fit.a) / unit)))
+    offset = math.remainder(headings.begin - cmath.phase(fit.a), 2.0 * math.pi)
+    is_small = abs(fit.point) < SMALL_POINT
+    return PosesFound(
+        metre=metre,
+        degrees=headings.unit == DEGREES,
+        mirrored=fit.mirrored,
+        heading_offset=0.0 if abs(offset) < SMALL_ANGLE else offset,
+        ahead=0.0 if is_small else fit.point.real,
+        left=0.0 if is_small else fit.point.imag,
+        lateness=0.0 if abs(fit.lateness) < SMALL_LATENESS else fit.lateness,
+        length=abs(fit.a) / metre,
+        turn=abs(headings.slope),
+    )
+
+
+def _thinned(poses: Sequence[Pose]) -> list[Pose]:
+    return list(poses[:: max(1, len(poses) // MOST)])
+
+
+def _whose(path: Path, others: Mapping[int, Sequence[Pose]]) -> str:
+    """Return why these poses are not of this robot, and whose are."""
+    for robot, poses in others.items():
+        thinned = _thinned(poses)
+        if len(thinned) < FEWEST or _vertical_axis(path, thinned):
+            continue
+        if any((fit := _best(path, thinned, hand)) is not None and _explains(fit, thinned) for hand in (False, True)):
+            return (
+                f"the poses do not move as this robot does, but those of robot {robot} do: the bodies are swapped "
+                "where the poses come from"
+            )
+    return (
+        "the poses do not move as this robot does: they are of another body, or the robot was not seen. Check which "
+        "body has the number of this robot"
+    )
+
+
+def _spreads(values: Sequence[complex]) -> tuple[float, float]:
+    mean = sum(values) / len(values)
+    return (
+        math.sqrt(sum((value - mean).real ** 2 for value in values) / len(values)),
+        math.sqrt(sum((value - mean).imag ** 2 for value in values) / len(values)),
+    )
+
+
+def _vertical_axis(path: Path, poses: Sequence[Pose]) -> str:
+    """Return the axis, x or y, that shows nothing while the other one moves; "" if there is none."""
+    along, across = _spreads(path.places)
+    if across < WIDE * along:
+        raise CannotTell("the robot did not drive as planned: too straight a way")
+    x, y = _spreads([pose.place for pose in poses])
+    is_flat = min(x, y) < FLAT * max(x, y)
+    return "" if not is_flat else "x" if x < y else "y"
+
+
+def _explains(fit: _Fit, poses: Sequence[Pose]) -> bool:
+    """Return whether the wheels explain most of what the poses move."""
+    spread = math.hypot(*_spreads([pose.place for pose in poses])) / abs(fit.a) if fit.a else 0.0
+    return spread > 0.0 and fit.error**2 < (1.0 - MOVES) * spread**2 and fit.error < 4 * PLACE
+
+
+def _best(path: Path, poses: Sequence[Pose], mirrored: bool) -> _Fit | None:
+    """Return the best explanation of the places by one hand, at the lateness that fits best."""
+    steps = round((LATEST - EARLIEST) / FINEST)
+    fits = [_fit(path, poses, mirrored, EARLIEST + step * FINEST) for step in range(steps + 1)]
+    known = [fit for fit in fits if fit is not None]
+    if not known:
+        return None
+    place = min(range(len(known)), key=lambda number: known[number].error)
+    best = known[place]
+    if 0 < place < len(known) - 1:
+        before, after = (known[place + step].error ** 2 for step in (-1, 1))
+        bend = before - 2.0 * best.error**2 + after
+        if bend > 0.0:
+            finer = _fit(path, poses, mirrored, best.lateness + 0.5 * FINEST * (before - after) / bend)
+            best = finer if finer is not None and finer.error < best.error else best
+    return best
+
+
+def _fit(path: Path, poses: Sequence[Pose], mirrored: bool, lateness: float) -> _Fit | None:
+    rows, values = [], []
+    for pose in poses:
+        place, heading = path.at(pose.time - lateness)
+        ahead = cmath.rect(1.0, heading)
+        row = (place.conjugate(), ahead.conjugate(), 1.0) if mirrored else (place, ahead, 1.0)
+        rows.append(row)
+        values.append(pose.place)
+    try:
+        a, b, c = least_squares(rows, values)
+    except Undetermined:
+        return None
+    if not a:
+        return None
+    left = sum(abs(row[0] * a + row[1] * b + c - value) ** 2 for row, value in zip(rows, values, strict=True))
+    point = b / a
+    return _Fit(mirrored, lateness, a, point.conjugate() if mirrored else point, math.sqrt(left / len(rows)) / abs(a))
+
+
+def _headings(path: Path, poses: Sequence[Pose], lateness: float) -> _Headings | None:
+    """Return how headings follow the turns by the wheels; None where they do not, in either unit."""
+    turned = [path.at(pose.time - lateness)[1] for pose in poses]
+    for unit in (1.0, DEGREES):
+        shown = _unwrapped([pose.theta / unit for pose in poses])
+        slope, begin = (value.real for value in least_squares([(angle, 1.0) for angle in turned], shown))
+        error = math.sqrt(sum((slope * a + begin - b) ** 2 for a, b in zip(turned, shown, strict=True)) / len(shown))
+        if abs(abs(slope) - 1.0) < HEADING_SHARE and error < 4 * ANGLE:
+            return _Headings(unit, slope, begin, error)
+    return None
+
+
+def _unwrapped(angles: Sequence[float]) -> list[float]:
+    """Return angles (rad) that go on where they would jump by a turn."""
+    whole = [angles[0]]
+    for angle in angles[1:]:
+        whole.append(whole[-1] + math.remainder(angle - whole[-1], 2.0 * math.pi))
+    return whole

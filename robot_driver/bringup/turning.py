@@ -1,0 +1,119 @@
+"""Sign and scale of the gyro, by turning the robot round once by hand."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cmr.msg import gyro_t
+from robot_driver.bringup.bench import Bench, CannotTell
+from robot_driver.guided import Choice, Guide
+
+STANDING = 3.0  # s in which the robot stands, for what the gyro reads then
+TURN = 360.0  # degrees
+NEAR = 0.06  # share by which a turn by hand misses 360 degrees, with the gyro's own scale
+SAME = 0.03  # share by which two turns by hand differ
+SCALES = {1.0: "", 0.5: "180 degrees for a turn", 2.0: "720 degrees for a turn"}
+STILL = 5.0  # degrees; less than that is no turn
+FEWEST = 20  # readings while standing
+ROUNDS = 3
+LONGEST_GAP = 0.2  # s between readings, through which a rate is taken to hold
+
+
+@dataclass(frozen=True)
+class GyroFound:
+    """Whether it is mounted upside down, and what it shows of a turn of 1; `present` is False where none answers."""
+
+    present: bool
+    inverted: bool = False
+    scale: float = 1.0
+    bias: float = 0.0  # rad/s, while standing
+
+    @property
+    def text(self) -> str:
+        """What was found, for a person."""
+        if not self.present:
+            return "no gyro answers"
+        words = f"the gyro counts {'clockwise' if self.inverted else 'counter-clockwise'}"
+        return f"{words}, {TURN * self.scale:.0f} degrees for a turn"
+
+
+def find_gyro(bench: Bench, guide: Guide) -> GyroFound:
+    """Have the robot turned by hand; `bench` does not invert the gyro. Raises CannotTell."""
+    guide.say("gyro.standing", "Put the robot on the floor and do not touch it for three seconds.")
+    with bench.listening() as heard:
+        for tenth in range(round(10 * STANDING)):
+            bench.run(0.1)
+            guide.progress(tenth / 10 / STANDING, "standing")
+    rates = [reading.yaw_rate for reading in heard.gyro if reading.valid]
+    if len(rates) < FEWEST:
+        return _none(guide, len(heard.gyro))
+    bias = sum(rates) / len(rates)
+    before: float | None = None
+    for _ in range(ROUNDS):
+        turned = _turned(bench, guide, bias)
+        found = judged(turned, bias)
+        if found == GyroFound(True, bias=bias):
+            return found
+        if found is None:
+            guide.say("gyro.repeat", f"The gyro counted {turned:.0f} degrees, which is no whole turn. Once more.")
+        elif before is not None and abs(turned - before) < SAME * abs(before):
+            if found.inverted and _which_way(guide) == "clockwise":
+                guide.say("gyro.repeat", "Then it counts as it should, so far. Turn it counter-clockwise: to its left.")
+            else:
+                return found
+        else:
+            guide.say("gyro.again", f"The gyro counted {turned:.0f} degrees. Once more, to be sure.")
+        before = turned if found is not None else None
+    raise CannotTell(
+        "the gyro did not count the same for turns by hand. Turn the robot on one spot, from a mark back to the mark, "
+        "slower than one turn in two seconds"
+    )
+
+
+def judged(turned: float, bias: float) -> GyroFound | None:
+    """Return what the gyro is like that shows so many degrees for one turn; None where nothing fits."""
+    for scale in SCALES:
+        if abs(abs(turned) / (TURN * scale) - 1.0) < NEAR:
+            return GyroFound(True, turned < 0.0, scale, bias)
+    return None
+
+
+def _none(guide: Guide, marked: int) -> GyroFound:
+    """Return that there is no gyro, if there is to be none."""
+    why = "says only readings that it marks as not valid" if marked else "says nothing"
+    text = f"The gyro {why}. Is there to be one?"
+    choices = Choice("none", "no, this robot has no gyro"), Choice("yes", "yes, it should be there")
+    if guide.ask("gyro.none", text, choices) == "yes":
+        raise CannotTell(f"the gyro {why}. Check its power, its cable and its baud rate (cmr bringup devices)")
+    return GyroFound(False)
+
+
+def _which_way(guide: Guide) -> str:
+    text = "The gyro counted backward. Which way did you turn the robot, seen from above?"
+    ways = Choice("left", "counter-clockwise, to the left"), Choice("clockwise", "clockwise, to the right")
+    return guide.ask("gyro.direction", text, ways)
+
+
+def _turned(bench: Bench, guide: Guide, bias: float) -> float:
+    """Have the robot turned once; return what the gyro counted (degrees)."""
+    with bench.listening() as heard:
+        guide.ask(
+            "gyro.turn",
+            "Turn the robot by hand, on the spot, counter-clockwise seen from above (to its left): one full turn, back "
+            "to where it began, in about five seconds.",
+            (Choice("done", "it has made one turn to the left"),),
+        )
+        bench.run(0.2)
+    return math.degrees(angle_of(heard.gyro, bias))
+
+
+def angle_of(readings: Sequence[gyro_t], bias: float) -> float:
+    """Return by how much the readings say the robot has turned (rad)."""
+    valid = [reading for reading in readings if reading.valid]
+    angle = 0.0
+    for one, following in itertools.pairwise(valid):
+        seconds = (following.utime - one.utime) / 1e6
+        if 0.0 < seconds < LONGEST_GAP:
+            angle += seconds * (0.5 * (one.yaw_rate + following.yaw_rate) - bias)
+    return angle
