@@ -19,9 +19,7 @@ LEFT, RIGHT = 0.4, 0.5  # duties
 class Circle(Behaviour):
     """Drive in a circle at about half duty."""
 
-    def command(
-        self, _utime: int, _me: Robot, _world: WorldView, _parameters: RobotParameters
-    ) -> tuple[float, float]:
+    def command(self, _utime: int, _me: Robot, _world: WorldView, _parameters: RobotParameters) -> tuple[float, float]:
         """Return both duties, always the same."""
         return LEFT, RIGHT
 

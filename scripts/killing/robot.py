@@ -27,7 +27,7 @@ class DrivenPlant(Plant):
 
 
 class Robot:
-    """A robot that is switched on, with a controller of this kind behind `folder`/motor; use it as a context manager."""
+    """A robot with a controller of this kind behind `folder`/motor; it is switched on as a context manager."""
 
     def __init__(self, folder: Path, controller: str) -> None:
         settings = load_settings().ideal()

@@ -50,13 +50,14 @@ KNOWN: dict[str, set[str]] = {
     "cmr.view": {*RECORDED, "cmr.litter", "cmr.report", "cmr.geometry"},
     "cmr.robot_log": {*RECORDED, "cmr.report", "cmr.calibration", "cmr.diagnosis", "cmr.distribution"},
     # Teams.
+    "cmr.processes": {*BUS, "cmr.files"},  # on robots' own computers, too
     "cmr.experiments": set(),
     "cmr.experiments.team": {*RECORDED, "cmr.geometry", "cmr.plant", "cmr.world"},
     "cmr.experiments.scenario": {*RECORDED, "cmr.documents", "cmr.geometry", "cmr.world", "cmr.experiments.team"},
     "cmr.experiments.live": {
         *RECORDED,
         *("cmr.files", "cmr.geometry", "cmr.report", "cmr.world", "cmr.experiments.team", "cmr.experiments.scenario"),
-        "cmr.documents",
+        *("cmr.documents", "cmr.processes"),
     },
     "cmr.experiments.sweep": {
         *RECORDED,
@@ -85,7 +86,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.camera", "cmr.estimation", "cmr.calibration", "cmr.diagnosis", "cmr.world", "cmr.view"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        *("robot_driver.emulator", "cmr.tools"),
+        *("robot_driver.emulator", "cmr.tools", "cmr.processes"),
     },
     "cmr.__main__": {"cmr.commands"},
 }
