@@ -109,7 +109,9 @@ def test_its_services_need_nothing_else(module: str, amd64: Built) -> None:
     assert run("import yaml; yaml.CSafeLoader", amd64.home).returncode == 0
 
 
-@pytest.mark.parametrize("command", ["driver --help", "estop --help", "key --help", "relay --help", "agent --help", "doctor --json"])
+@pytest.mark.parametrize(
+    "command", ["driver --help", "estop --help", "key --help", "relay --help", "agent --help", "doctor --json"]
+)
 def test_its_commands_start(command: str, amd64: Built) -> None:
     umbrella = "sys.argv[0] = 'cmr'; from cmr.commands import umbrella; sys.exit(umbrella())"
     result = run(umbrella, amd64.home, *command.split(), "--lcm-url", "memq://")
