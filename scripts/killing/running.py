@@ -93,7 +93,9 @@ class Kills:
         """Kill one of the processes while the robot drives, and see it drive again."""
         victim = self._chance.choice(VICTIMS)
         time.sleep(self._chance.uniform(0.0, 1.0))
-        self._until(self._robot.drives, PATIENCE)
+        self._until(self._robot.drives, FIRST)
+        if not self._robot.drives():
+            raise SystemExit(f"The robot does not drive again.\n{self.said()}")
         self._listen()
         self._torn = ""
         took = self._kill_and_wait(victim)
@@ -179,8 +181,16 @@ class Kills:
         """Return when the condition came to hold [s of the monotonic clock], or when patience ended."""
         end = time.monotonic() + seconds
         while not condition() and time.monotonic() < end:
+            self._start_what_ended()
             time.sleep(LOOK)
         return time.monotonic()
+
+    def _start_what_ended(self) -> None:
+        """Start again what ended by itself, as systemd and cmr-run do."""
+        for name, process in list(self._running.items()):
+            if process.returncode is None and process.poll() is not None:
+                time.sleep(RESTART)
+                self._start(name)
 
 
 def kill_and_look(kills: int, seed: int, controller: str, out: Path | None) -> tuple[str, bool]:
