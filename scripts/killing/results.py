@@ -11,6 +11,7 @@ from tests.support.stalls import Interval
 PILOT, SIMULATOR, DRIVER, GATE, WRITER = "cmr-pilot", "cmr-sim", "cmr-driver", "last gate", "writer"
 VICTIMS = (PILOT, SIMULATOR, DRIVER, GATE, WRITER)
 ZERO, DRIVES, TWIN = "the duty is zero", "it drives again", "WORLD_STATE has its twin"
+AFTERWARDS = (ZERO, DRIVES, TWIN)
 ZERO_WITHIN = 0.56  # s
 ZERO_BY_MBOT = 1.1  # s; its watchdog is built in
 BACK_WITHIN = 2.0  # s
@@ -78,27 +79,27 @@ def stood_still(stalls: Iterable[Interval], within: Interval) -> float:
 
 
 def report(kills: Iterable[Kill]) -> tuple[str, bool]:
-    """Return what came out as a table with what was wrong below it, and whether nothing was."""
-    kills = list(kills)
-    each: defaultdict[tuple[str, str, str], list[Kill]] = defaultdict(list)
+    """Return what came out as a table, with what was wrong below it, and whether nothing was.
+
+    Times are the median and the latest, without those that are excused; how many those are and their latest follow.
+    """
+    each: defaultdict[tuple[str, str], list[Kill]] = defaultdict(list)
     for kill in kills:
-        for what in kill.seconds:
-            each[kill.controller, kill.victim, what].append(kill)
-    lines = [
-        "| controller | killed | until | kills | median | latest | at most | excused | latest of those |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    lines += [_row(name, some) for name, some in sorted(each.items())]
-    lines.append(f"Besides, what writes parameter files was killed {sum(k.victim == WRITER for k in kills)} times.")
-    faults = [fault for kill in kills for fault in kill.faults()]
+        each[kill.controller, kill.victim].append(kill)
+    lines = [f"| controller | killed | kills | {' | '.join(AFTERWARDS)} |", "|---" * (3 + len(AFTERWARDS)) + "|"]
+    for (controller, victim), some in sorted(each.items()):
+        cells = [controller, victim, str(len(some)), *(_times(some, what) for what in AFTERWARDS)]
+        lines.append(f"| {' | '.join(cells)} |")
+    faults = [fault for some in each.values() for kill in some for fault in kill.faults()]
+    torn = sum(bool(kill.torn) for some in each.values() for kill in some)
+    lines += ["", f"{sum(map(len, each.values()))} kills; torn parameter files: {torn}."]
     return "\n".join(lines + faults), not faults
 
 
-def _row(name: tuple[str, str, str], kills: list[Kill]) -> str:
-    """Return the row of the table on what followed from the kills of one process."""
-    what = name[2]
+def _times(kills: list[Kill], what: str) -> str:
+    """Return when something came to be after these kills, for the table; a dash where it is not looked at."""
+    kills = [kill for kill in kills if what in kill.seconds]
     times = sorted(kill.seconds[what] for kill in kills if not kill.is_excused(what))
     excused = [kill.seconds[what] for kill in kills if kill.is_excused(what)]
-    cells = [f"{times[len(times) // 2]:.2f} s", f"{times[-1]:.2f} s"] if times else ["", ""]
-    cells += [f"{limit(*name):g} s", str(len(excused)), f"{max(excused):.2f} s" if excused else ""]
-    return "| " + " | ".join([*name, str(len(kills)), *cells]) + " |"
+    text = f"{times[len(times) // 2]:.2f} s, {times[-1]:.2f} s" if times else "-"
+    return f"{text}; {len(excused)} excused, {max(excused):.2f} s" if excused else text
