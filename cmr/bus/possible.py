@@ -107,7 +107,7 @@ def screened(message: Message) -> Screened:
         value = read(message)
         if not bound.lowest <= value <= bound.highest and not (bound.dispensable and math.isnan(value)):
             mended = _mended(message, bounds)
-            return mended if mended.message is None else _stamped(*mended)
+            return mended if mended.message is None else _stamped(mended.message, mended.reasons)
     return _stamped(message)
 
 

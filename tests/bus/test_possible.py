@@ -25,7 +25,7 @@ from cmr.bus.streams import (
     WORLD_STATE,
     Stream,
 )
-from cmr.msg import gyro_t, motor_command_t, pose_xyt_t, waypoints_t, world_state_t
+from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t, waypoints_t, world_state_t
 
 EPOCH = 1_800_000_000_000_000  # us
 HOUR = 3_600_000_000  # us
@@ -116,7 +116,7 @@ def test_a_message_may_be_wrong_in_a_number_and_a_stamp() -> None:
     message = message_of(MOTOR_FEEDBACK)
     message.temperature, message.applied_utime = math.inf, 1
     left, reasons = screened(message)
-    assert left is not None
+    assert isinstance(left, motor_feedback_t)
     assert math.isnan(left.temperature)
     assert left.applied_utime == 0
     assert reasons == ("temperature not finite", "applied_utime impossible")
