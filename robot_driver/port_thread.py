@@ -5,11 +5,13 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from types import TracebackType
 
-from robot_driver.serial_port import PortLost, SerialPort
+from robot_driver.serial_port import PortInUse, PortLost, SerialPort
 
 FIRST_PAUSE = 0.1  # s before the first attempt to get a lost device back; doubled each time
 LONGEST_PAUSE = 1.0  # s
 STOP_TIMEOUT = 0.8  # s; a thread that hangs must not keep the process alive: the device's own watchdog stops it
+LETTING_GO = 0.8  # s for which the last gate of a driver that was killed may still have the port, to stop the motors
+LOOK = 0.02  # s between looks whether it has let go
 
 
 class Device(ABC):
@@ -38,8 +40,8 @@ class Device(ABC):
 class PortThread:
     """Runs `device` on `port`; a context manager, inside which the thread lives.
 
-    Entering opens the port and raises PortLost if that fails: a wrong path shows at once. Later the device may come
-    and go. Leaving stops the thread after `device.leave()`.
+    Entering opens the port and raises PortLost if that fails: a wrong path shows at once, and a port that another
+    program has, after a moment. Later the device may come and go. Leaving stops the thread after `device.leave()`.
     """
 
     def __init__(self, port: SerialPort, device: Device) -> None:
@@ -51,7 +53,7 @@ class PortThread:
         self._thread = port.host.thread(self._run, port.path)
 
     def __enter__(self) -> "PortThread":
-        self.port.open()
+        self._open_at_last()
         self._thread.start()
         return self
 
@@ -74,6 +76,16 @@ class PortThread:
         if self.failure is not None:
             raise self.failure
         return self._lost or self.device.problem
+
+    def _open_at_last(self) -> None:
+        end = self.port.host.monotonic() + LETTING_GO
+        while True:
+            try:
+                return self.port.open()
+            except PortInUse:
+                if self.port.host.monotonic() >= end:
+                    raise
+            self._stop.wait(LOOK)
 
     def _run(self) -> None:
         pause = FIRST_PAUSE

@@ -29,10 +29,15 @@ RESYNC_LIMIT = 0.1  # s; a device that never stops talking is not waited for
 PSEUDO_TERMINALS = "/dev/pts/"
 STABLE_NAMES = Path("/dev/serial/by-id")
 NUMBERED = re.compile(r"/dev/tty(USB|ACM)[0-9]+")  # names that go to whatever was plugged in first
+IN_USE = (errno.EAGAIN, errno.EBUSY)
 
 
 class PortLost(Exception):  # noqa: N818 - unplugging is an event to live with
     """The port cannot be opened or used any more; the text says why and what to do."""
+
+
+class PortInUse(PortLost):
+    """Another program has the port."""
 
 
 class NotSent(BadReply):
@@ -88,7 +93,8 @@ class SerialPort:
         except LineLost as lost:
             raise PortLost(str(lost)) from lost
         except (*PORT_ERRORS, ValueError) as error:
-            raise PortLost(why_not_open(path, error)) from error
+            kind = PortInUse if getattr(error, "errno", None) in IN_USE else PortLost
+            raise kind(why_not_open(path, error)) from error
         if NUMBERED.fullmatch(self.path):
             self._stable = stable_name(self.path)
 
@@ -219,7 +225,7 @@ def why_not_open(path: str, error: Exception) -> str:
         return f"There is no serial port {path}. Plug the device in, or choose one that is there: {present}."
     if number in (errno.EACCES, errno.EPERM):
         return f"You may not use {path}. Join its group, then log in again: sudo usermod -aG dialout $USER"
-    if number in (errno.EAGAIN, errno.EBUSY):
+    if number in IN_USE:
         return f"Another program is using {path}. End it first: sudo fuser -v {path} shows which."
     if not _is_terminal(path):
         present = ", ".join(available_ports()) or "none"

@@ -41,6 +41,7 @@ DUTY = within(1.0)
 SPEED = within(100.0)  # m/s
 SENT_DUTY, CURRENT, VOLTAGE = Bound(-1.0, 1.0, True), Bound(-500.0, 500.0, True), Bound(-1.0, 1e3, True)  # duty, A, V
 TEMPERATURE = Bound(-100.0, 500.0, True)  # deg C
+COUNT = within(2.0**53)  # ticks; where a number with a fraction no longer has each of them
 STATE = {
     "x": POSITION,
     "y": POSITION,
@@ -54,6 +55,8 @@ BOUNDS: Mapping[type[Message], Mapping[str, Bound]] = {
     msg.pose_xyt_t: {"x": POSITION, "y": POSITION, "theta": HEADING},
     msg.gyro_t: {"yaw_rate": YAW_RATE},
     msg.motor_feedback_t: {
+        "ticks_left": COUNT,
+        "ticks_right": COUNT,
         "psi_left": MEASURED_WHEEL_SPEED,
         "psi_right": MEASURED_WHEEL_SPEED,
         "applied_left": SENT_DUTY,
@@ -70,6 +73,12 @@ BOUNDS: Mapping[type[Message], Mapping[str, Bound]] = {
     msg.wheel_speed_command_t: {"psi_left": WHEEL_SPEED, "psi_right": WHEEL_SPEED},
     msg.velocity_command_t: {"v": SPEED, "omega": YAW_RATE},
 }
+# Stamps beside that of the message, with what stands for one that cannot be: None for the message's own, 0 for unknown.
+STAMPS: Mapping[type[Message], Mapping[str, int | None]] = {
+    msg.motor_feedback_t: {"received_utime": None, "applied_utime": 0},
+    msg.gyro_t: {"received_utime": None},
+}
+STAMPED_WITHIN = 60_000_000  # us from the message's own stamp: logs that were imported may have the times of two clocks
 NOT_FINITE, IMPOSSIBLE = "not finite", "impossible"
 LONGEST_LEG = 200.0  # m between two waypoints, or a robot and its first one
 OUT_OF_REACH = f"a leg of more than {LONGEST_LEG:g} m"
@@ -97,8 +106,9 @@ def screened(message: Message) -> Screened:
     for read, bound in _numbers_of(type(message)):
         value = read(message)
         if not bound.lowest <= value <= bound.highest and not (bound.dispensable and math.isnan(value)):
-            return _mended(message, bounds)
-    return Screened(message)
+            mended = _mended(message, bounds)
+            return mended if mended.message is None else _stamped(mended.message, mended.reasons)
+    return _stamped(message)
 
 
 def is_out_of_reach(path: msg.waypoints_t, x: float, y: float) -> bool:
@@ -123,6 +133,23 @@ def _mended(message: Message, bounds: Mapping[str, Bound]) -> Screened:
         setattr(mended, name, math.nan)
         usable &= bound.dispensable
     return Screened(mended if usable else None, tuple(reasons))
+
+
+def _stamped(message: Message, reasons: tuple[str, ...] = ()) -> Screened:
+    """Return a message without stamps that are far from its own; what was wrong is added to the reasons."""
+    stamps = STAMPS.get(type(message), {})
+    wrong = [name for name in stamps if getattr(message, name) != 0 and _is_far(getattr(message, name), message.utime)]
+    if not wrong:
+        return Screened(message, reasons)
+    mended = copy.copy(message)
+    for name in wrong:
+        instead = stamps[name]
+        setattr(mended, name, message.utime if instead is None else instead)
+    return Screened(mended, (*reasons, *(f"{name} {IMPOSSIBLE}" for name in wrong)))
+
+
+def _is_far(stamp: int, own: int) -> bool:
+    return abs(stamp - own) > STAMPED_WITHIN
 
 
 def _of_a_world(message: msg.world_state_t) -> Screened:

@@ -1,6 +1,6 @@
-"""What the system of a robot's computer needs: udev's rules for its ports and systemd's unit of its driver.
+"""What the system of a robot's computer needs: udev's rules for its ports, systemd's units of its driver and agent.
 
-`cmr init` writes them for one robot; scripts/release puts those of any robot into the Debian package.
+`cmr init` writes rules and driver of one robot; scripts/release puts those of any robot into the Debian package.
 """
 
 USB_IDS = {"roboclaw": ("03eb", "2404"), "roboclaw-pair": ("03eb", "2404"), "roboteq": ("20d2", "5740")}
@@ -56,3 +56,8 @@ def unit(what: str, command: str, *more: str) -> str:
 def driver_unit(robot: str, command: str, *more: str) -> str:
     """Return the unit of a robot's driver, which may use what a driver needs and nothing else."""
     return unit(f"driver of robot {robot}", command, *more, *ALLOWED_TO_A_DRIVER)
+
+
+def agent_unit(command: str, *more: str) -> str:
+    """Return the unit of the agent, which may use what the drivers need that it starts."""
+    return unit("agent of experiments", command, *more, *ALLOWED_TO_A_DRIVER)

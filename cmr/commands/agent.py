@@ -10,9 +10,9 @@ from cmr.bus.streams import PROCESS_REQUEST, PROCESS_STATUS
 from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import is_insecure, results
 from cmr.cli.errors import CommandError
-from cmr.experiments.live.agent import Agent
-from cmr.experiments.live.requests import AGENT
 from cmr.msg import process_status_t
+from cmr.processes.agent import Agent
+from cmr.processes.requests import AGENT
 
 RATE = 20.0  # Hz
 

@@ -22,13 +22,13 @@ from cmr.cli.configuration import DEFAULT_URL, results
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands.first_use import PARTS, compile_first
-from cmr.experiments.live.children import Children, our_command
 from cmr.experiments.live.jobs import STATE
 from cmr.files import gone_before_and_after
 from cmr.geometry.figures import LENGTH, figure_eight
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t, process_status_t, waypoints_t, world_state_t
 from cmr.parameters.file import ParameterFile, Value, load
+from cmr.processes.children import Children, our_command
 from cmr.world.behaviours.leading import SPEEDS, laps_within, read_speeds, seconds_of
 from cmr.world.comparison import Drive, draw_before_and_after, drives_of
 from cmr.world.view import WorldView

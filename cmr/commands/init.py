@@ -9,9 +9,9 @@ from textwrap import dedent
 from cmr.cli.command_line import add_robot, parse_robot_id, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.system_files import USB_IDS, command_line, driver_unit, udev_rule, unit
-from cmr.experiments.live.children import our_command
 from cmr.files import write_atomically
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value
+from cmr.processes.children import our_command
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.gyros import GYROS
 from robot_driver.serial_port import available_ports

@@ -15,17 +15,18 @@ from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands import first_use
 from cmr.commands.scenarios import load
-from cmr.experiments.live.children import Children
-from cmr.experiments.live.jobs import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, STATE, Job, jobs_of
+from cmr.experiments.live.jobs import STATE, jobs_of
 from cmr.experiments.live.live_run import LiveRun, Outcome
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.recorder import logs_in
 from cmr.experiments.live.report import metrics_in_words, write_report
-from cmr.experiments.live.requests import AGENT, is_this_host, short_name
 from cmr.experiments.scenario import Scenario, ScenarioError
 from cmr.experiments.scenario.reading import SHIPPED, path_of, shipped
 from cmr.experiments.team.metrics import UNITS
 from cmr.files import gone_before_and_after
+from cmr.processes.children import Children
+from cmr.processes.job import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job
+from cmr.processes.requests import AGENT, is_this_host, short_name
 
 HEARING_AGENTS, HEARING_RATE = 1.5, 20.0  # s, Hz
 # What processes have to be compiled for, by their role.

@@ -1,6 +1,7 @@
 """What keeps a robot from harm whatever its behaviour says: its geofence, its poses, and robots in its way."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from cmr.world.view import Robot, WorldView
 MARGIN = 0.3  # m from the geofence's border at which a robot is stopped
 STOPPING = 0.3  # s of driving on until a robot stands: what a pilot sees is old, and motors take their time
 OLDEST_POSE = 500_000  # us
+DOUBTFUL = 0.5  # m from the estimate; the estimator uses poses that are nearer than about that
+DOUBTED = 500_000  # us for which a robot stands after a doubtful pose; if they come for longer, it left for good
 STANDING = 0.01  # m/s; slower than this, a robot stands
 
 
@@ -20,26 +23,72 @@ class FenceGuard:
     """Stops a robot that gets nearer than `margin` [m] to the border of its geofence, or would soon be outside.
 
     `left` is then a sentence; it stays for good, as a robot that somebody carries back must not drive on in the hands.
+    A pose outside that is far from the estimate is doubtful: one glitch of a tracker is no leaving. The robot stands at
+    once all the same, for half a second after the last one. Where such poses come for longer, without one between that
+    is inside and near the estimate, the estimate is wrong and not the tracker, and the robot stands for good.
     """
 
     def __init__(self, robot_id: int, geofence: Geofence, margin: float = MARGIN, program: str = "cmr-pilot") -> None:
         self.left = ""
         self.kept: tuple[float, float] | None = None  # distance of the last place from the border, and the margin [m]
         self._robot_id, self._geofence, self._margin, self._program = robot_id, geofence, margin, program
+        self._doubts: _Doubts | None = None
 
     def look(self, x: float, y: float, going: tuple[float, float] = (0.0, 0.0)) -> None:
         """Look at where the robot is [m; world frame] and how it moves [m/s]."""
-        inside = bool(self._geofence.contains(x, y))
         away = float(self._geofence.distance(x, y))
         self.kept = away, self._margin
-        soon = (x + STOPPING * going[0], y + STOPPING * going[1])
-        if self.left or (inside and away >= self._margin and self._geofence.contains(*soon)):
+        if self.left or self._holds(x, y, going):
             return
+            return
+        inside = bool(self._geofence.contains(x, y))
         where = f"{away:.2f} m {'inside' if inside else 'outside'} of the border" if math.isfinite(away) else "nowhere"
         self.left = (
             f"Robot {self._robot_id} left its geofence: at ({x:.2f}, {y:.2f}) m it was {where}, with a margin of "
             f"{self._margin:g} m. It stands. Put it back inside by hand and start {self._program} again."
         )
+
+    def look_at_pose(self, x: float, y: float, estimated: tuple[float, float] | None, now: int) -> None:
+        """Look at a pose [m] that came at `now` [us], with where the robot was by the estimate; None if there is none.
+
+        Each pose is to be looked at once.
+        """
+        doubtful = estimated is None or math.dist((x, y), estimated) > DOUBTFUL
+        if not doubtful:
+            self.look(x, y)
+            self._doubts = self._doubts and self._doubts._replace(since=None)
+        elif not self._holds(x, y):
+            since = self._doubts.since if self._doubts and self._doubts.since is not None else now
+            self._doubts = _Doubts(since, now, (x, y))
+            if now - since >= DOUBTED:
+                self.look(x, y)
+
+    def doubt(self, now: int) -> str:
+        """Return what the robot waits for at `now` [us] after a doubtful pose; empty where there was none lately."""
+        if self._doubts is None or abs(now - self._doubts.last) > DOUBTED:
+            return ""
+        x, y = self._doubts.place
+        return (
+            f"poses inside its geofence: one at ({x:.2f}, {y:.2f}) m is far from where cmr-sim has robot "
+            f"{self._robot_id}"
+        )
+
+    def _holds(self, x: float, y: float, going: tuple[float, float] = (0.0, 0.0)) -> bool:
+        """Return whether a place is far enough inside, and will be."""
+        soon = (x + STOPPING * going[0], y + STOPPING * going[1])
+        far_enough = bool(self._geofence.contains(x, y)) and float(self._geofence.distance(x, y)) >= self._margin
+        return far_enough and bool(self._geofence.contains(*soon))
+
+
+class _Doubts(NamedTuple):
+    """Doubtful poses outside: when the first and the last came [us], and where the last was [m].
+
+    `since` is None once a good pose came: the next doubtful one is a first one again.
+    """
+
+    since: int | None
+    last: int
+    place: tuple[float, float]
 
 
 class PoseGuard:
@@ -49,22 +98,26 @@ class PoseGuard:
     """
 
     def __init__(self, robot_id: int, *, needed: bool) -> None:
-        self.place: tuple[float, float] | None = None
         self._robot_id, self._needed = robot_id, needed
         self._stamp: int | None = None
         self._news = False
         self._heard = 0
 
-    def take(self, message: pose_xyt_t, now: int) -> None:
-        """Take a pose_xyt_t at `now` [us]; the same one again is no news.
+    @property
+    def heard(self) -> bool:
+        """Whether a pose has come."""
+        return self._stamp is not None
+
+    def take(self, message: pose_xyt_t, now: int) -> bool:
+        """Take a pose_xyt_t at `now` [us]; return whether it is used. The same one again is no news.
 
         One of another clock does not take the place of one that is right.
         """
         if self._stamp is not None and abs(now - self._stamp) <= OLDEST_POSE < abs(now - message.utime):
-            return
-        self.place = (message.x, message.y)
+            return False
         if message.utime != self._stamp:
             self._stamp, self._news = message.utime, True
+        return True
 
     def missing(self, utime: int) -> str:
         """Return what the robot waits for at `utime` [us]; empty if its poses are there, or are not needed."""

@@ -41,10 +41,11 @@ class Pilot:
     """The pilot of one robot; `waiting_for` says what keeps it from driving, empty when nothing does.
 
     Inside of a `geofence`, `margin` [m] from its border, it drives; once it was elsewhere, it stands for good, as
-    `left_fence` says. With a geofence, or once poses were heard, it stands while they are missing; a virtual robot has
-    none, and is where the world says. With `keep_clear` it stops before robots in its way, real and virtual ones.
-    `kind` of cmr.model.command_kinds is what it commands; by default (v, omega) to a robot whose parameters have a
-    velocity controller, duties to others. `program` is what people start again.
+    `left_fence` says; after a single pose that is elsewhere and far from the estimate, for half a second. With a
+    geofence, or once poses were heard, it stands while they are missing; a virtual robot has none, and is where the
+    world says. With `keep_clear` it stops before robots in its way, real and virtual ones. `kind` of
+    cmr.model.command_kinds is what it commands; by default (v, omega) to a robot whose parameters have a velocity
+    controller, duties to others. `program` is what people start again.
     """
 
     def __init__(
@@ -127,7 +128,7 @@ class Pilot:
         if isinstance(usable, world_state_t):
             self._world.handle(utime, channel, usable)
         elif isinstance(usable, pose_xyt_t):
-            self._poses.take(usable, self.gate.now)
+            self._take_pose(usable)
         elif isinstance(usable, motor_feedback_t):
             if usable.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
                 self._zeros_to_send = FIRST_ZEROS
@@ -135,6 +136,14 @@ class Pilot:
             self.parameters.handle(utime, channel, usable)
         elif isinstance(usable, waypoints_t):
             self._take_path(channel, usable)
+
+    def _take_pose(self, pose: pose_xyt_t) -> None:
+        now = self.gate.now
+        if self._poses.take(pose, now) and self._fence is not None:
+            me = self._world.robot(self.robot_id)
+            is_known = me is not None and abs(now - me.utime) <= OLDEST_WORLD
+            estimated = (me.state.x, me.state.y) if me is not None and is_known else None
+            self._fence.look_at_pose(pose.x, pose.y, estimated, now)
 
     def _take_path(self, channel: str, path: waypoints_t) -> None:
         me = self._world.robot(self.robot_id)
@@ -197,7 +206,8 @@ class Pilot:
             self._caution.note_motion(me.utime, me.state.psi_left, me.state.psi_right)
         model, without_model = self._model()
         is_virtual = me is not None and me.origin == VIRTUAL
-        without_poses = "" if is_virtual else self._poses.missing(utime)
+        in_doubt = self._fence.doubt(utime) if self._fence else ""
+        without_poses = "" if is_virtual else self._poses.missing(utime) or in_doubt
         self._look_at_fence(me, model)
         if self.left_fence:
             self.waiting_for = f"a new start of {self._program}"
@@ -239,12 +249,10 @@ class Pilot:
             return None, f"complete parameters of robot {self.robot_id}: {error}"
 
     def _look_at_fence(self, me: Robot | None, model: RobotParameters | None) -> None:
-        """Look where the robot is by its newest pose, and where it is and goes by the world's estimate."""
-        if self._fence is None:
+        """Look where the robot is and goes by the world's estimate, once poses came; a virtual robot needs none."""
+        if self._fence is None or me is None:
             return
-        if self._poses.place is not None:
-            self._fence.look(*self._poses.place)
-        if me is not None and (self._poses.place is not None or me.origin == VIRTUAL):
+        if self._poses.heard or me.origin == VIRTUAL:
             speed = float(forward(me.state.psi_left, me.state.psi_right, model)) if model else 0.0
             going = (speed * math.cos(me.state.theta), speed * math.sin(me.state.theta))
             self._fence.look(me.state.x, me.state.y, going)

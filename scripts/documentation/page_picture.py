@@ -9,7 +9,7 @@ from pathlib import Path
 
 from playwright.sync_api import FloatRect, Page, sync_playwright
 
-from cmr.experiments.live.children import our_command
+from cmr.processes.children import our_command
 from cmr.view.camera import FREE, TOP
 
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]

@@ -16,8 +16,8 @@ from cmr.bus.streams import CAMERA_IMAGE, WAYPOINTS, WORLD_STATE, identify
 from cmr.camera.drawing import Drawer, Picture, Waypoints
 from cmr.camera.place import Place
 from cmr.camera.tracks import REAL, VIRTUAL, Tracks
-from cmr.experiments.live.children import our_command
 from cmr.msg import camera_image_t, waypoints_t, world_state_t
+from cmr.processes.children import our_command
 from cmr.recordings.events import Event, EventReader, event_bytes
 from tests.support.camera_bench import CARRIED, lens_of
 from tests.support.rendered_floor import Box, Eye, Scene, Sheet

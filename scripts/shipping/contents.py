@@ -11,7 +11,7 @@ from documentation.imports import GENERATED, PROJECT, TOP, TYPING, Import, impor
 
 from cmr.commands.catalogue import COMMANDS
 
-COMMANDS_THERE = ("driver", "bringup", "doctor", "estop", "key", "relay")
+COMMANDS_THERE = ("driver", "bringup", "doctor", "estop", "key", "relay", "agent")
 ENTRY = "cmr.commands"  # has a function for every command, of which most are not there
 STARTED = ("cmr", ENTRY, "cmr.commands.umbrella", *(COMMANDS[name][0] for name in COMMANDS_THERE))
 DEVICES = "robot_driver"

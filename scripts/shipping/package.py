@@ -8,7 +8,7 @@ from textwrap import dedent
 
 from documentation.imports import PROJECT
 
-from cmr.cli.system_files import USB_IDS, driver_unit, udev_rule
+from cmr.cli.system_files import USB_IDS, agent_unit, driver_unit, udev_rule
 from shipping.contents import files_there
 from shipping.libraries import PYTHONS
 from shipping.wheel import SUMMARY, information
@@ -16,8 +16,9 @@ from shipping.wheel import SUMMARY, information
 NAME = "cmr-driver"
 HOME = f"usr/lib/{NAME}"
 EXECUTABLE, PLAIN, FOLDER = 0o755, 0o644, 0o755
-COMMANDS = {"cmr": "umbrella", "cmr-driver": "driver"}  # with their functions in cmr.commands
-CONFIGURATION = "etc/cmr/robot-0.conf"
+AGENT = "cmr-agent"
+COMMANDS = {"cmr": "umbrella", "cmr-driver": "driver", AGENT: "agent"}  # with their functions in cmr.commands
+CONFIGURATION, OF_AGENT = "etc/cmr/robot-0.conf", "etc/cmr/agent.conf"
 PORT = "cmr-motor"
 FIRST, LAST = (tuple(map(int, python.split("."))) for python in (PYTHONS[0], PYTHONS[-1]))
 
@@ -35,11 +36,16 @@ ROBOT = f"""\
 # After a change: sudo systemctl restart cmr-driver@0
 ARGUMENTS=--controller roboclaw --port /dev/{PORT}
 """
+AGENT_OPTIONS = f"""\
+# Options of cmr-agent; cmr-agent --help lists them. It serves experiments that cmr-run leads on another computer, and
+# needs the key of the bus. A robot that it is to drive has no service of its own: sudo systemctl disable cmr-driver@0
+# To start it: sudo systemctl enable --now {AGENT}
+ARGUMENTS=--out /var/lib/cmr/agent
+"""
 UNIT = (
     "User=cmr",
     "Group=cmr",
     "SupplementaryGroups=dialout",
-    "EnvironmentFile=/etc/cmr/robot-%i.conf",
     "Environment=XDG_CONFIG_HOME=/etc",  # so it finds /etc/cmr/key and /etc/cmr/config.yaml where they are there
     "CapabilityBoundingSet=",
 )
@@ -55,7 +61,7 @@ systemd-sysusers {NAME}.conf
 /usr/bin/python3 -IS -m compileall -q /{HOME} || echo "{NAME}: not compiled beforehand, so it starts later"
 if [ -d /run/systemd/system ]; then
     systemctl daemon-reload
-    [ -z "$2" ] || echo "{NAME}: drivers that run are the old ones, until: systemctl restart 'cmr-driver@*'"
+    [ -z "$2" ] || echo "{NAME}: drivers that run are the old ones, until: systemctl restart 'cmr-driver@*' {AGENT}"
 fi
 if [ -d /run/udev ]; then
     udevadm control --reload
@@ -66,16 +72,17 @@ BEFORE_REMOVAL = f"""\
 #!/bin/sh
 set -e
 if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
-    systemctl stop 'cmr-driver@*.service'
+    systemctl stop {AGENT}.service 'cmr-driver@*.service'
 fi
 find /{HOME} -name __pycache__ -prune -exec rm -rf {{}} +
 """
-AFTER_REMOVAL = """\
+AFTER_REMOVAL = f"""\
 #!/bin/sh
 set -e
 if [ "$1" = purge ]; then
     rm -rf /var/lib/cmr
     rm -f /etc/systemd/system/multi-user.target.wants/cmr-driver@*.service
+    rm -f /etc/systemd/system/multi-user.target.wants/{AGENT}.service
 fi
 if [ -d /run/systemd/system ]; then
     systemctl daemon-reload
@@ -89,10 +96,12 @@ def files_of_package(root: Path, version: str, libraries: dict[str, bytes]) -> d
     private = modules | libraries | information(version, f"calibrated_mixed_reality_driver-{version}.dist-info")
     rules = dict.fromkeys(udev_rule(PORT, ids) for ids in USB_IDS.values())
     system = {
-        f"usr/lib/systemd/system/{NAME}@.service": driver_unit("%i", f"/usr/bin/{NAME} --robot %i $ARGUMENTS", *UNIT),
+        f"usr/lib/systemd/system/{NAME}@.service": _driver_unit(),
+        f"usr/lib/systemd/system/{AGENT}.service": _agent_unit(),
         "usr/lib/udev/rules.d/60-cmr.rules": "\n".join([*rules, ""]),
         f"usr/lib/sysusers.d/{NAME}.conf": USER,
         CONFIGURATION: ROBOT,
+        OF_AGENT: AGENT_OPTIONS,
         f"usr/share/doc/{NAME}/copyright": _copyright(),
     }
     return {
@@ -109,7 +118,7 @@ def control_files(version: str, architecture: str, installed: int) -> dict[str, 
     """Return what the package manager reads and runs, by name; `installed` is the size of all files [bytes]."""
     return {
         "control": (_control(version, architecture, installed).encode(), PLAIN),
-        "conffiles": (f"/{CONFIGURATION}\n".encode(), PLAIN),
+        "conffiles": (f"/{CONFIGURATION}\n/{OF_AGENT}\n".encode(), PLAIN),
         "postinst": (AFTER_UNPACKING.encode(), EXECUTABLE),
         "prerm": (BEFORE_REMOVAL.encode(), EXECUTABLE),
         "postrm": (AFTER_REMOVAL.encode(), EXECUTABLE),
@@ -142,6 +151,15 @@ def write_package(
     return package
 
 
+def _driver_unit() -> str:
+    options = "EnvironmentFile=/etc/cmr/robot-%i.conf"
+    return driver_unit("%i", f"/usr/bin/{NAME} --robot %i $ARGUMENTS", options, *UNIT)
+
+
+def _agent_unit() -> str:
+    return agent_unit(f"/usr/bin/{AGENT} $ARGUMENTS", f"EnvironmentFile=/{OF_AGENT}", *UNIT)
+
+
 def _write(path: Path, content: bytes, mode: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
@@ -160,8 +178,9 @@ def _control(version: str, architecture: str, installed: int) -> str:
         Priority: optional
         Description: {SUMMARY}
          It connects a motor controller and a gyro to the bus: cmr-driver@0 is the
-         service of robot 0, configured in /etc/cmr/robot-0.conf. Nothing is started
-         by the installation.
+         service of robot 0, configured in /etc/cmr/robot-0.conf; {AGENT} runs
+         drivers for experiments that another computer leads. Nothing is started by
+         the installation.
         """)  # noqa: E501 - a field is one line
 
 

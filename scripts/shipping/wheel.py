@@ -12,7 +12,7 @@ from documentation.imports import PROJECT
 from cmr.distribution import DRIVER_NAME
 from shipping.contents import files_there
 
-SCRIPTS = {"cmr": "cmr.commands:umbrella", "cmr-driver": "cmr.commands:driver"}
+SCRIPTS = {"cmr": "cmr.commands:umbrella", "cmr-driver": "cmr.commands:driver", "cmr-agent": "cmr.commands:agent"}
 REQUIRED = ("lcm", "pyserial", "PyYAML")
 SUMMARY = "The driver of Calibrated Mixed Reality alone, for a robot's own computer"
 ANYWHERE = "Wheel-Version: 1.0\nGenerator: scripts/release\nRoot-Is-Purelib: true\nTag: py3-none-any\n"

@@ -10,7 +10,7 @@ from cmr.bus.fields import fields_of
 from cmr.bus.gate import AHEAD, BEHIND, LIVES_FOR, MEASURED_WITHIN, SPOKEN_OF, Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import make
-from cmr.bus.possible import BOUNDS, LONGEST_LEG, is_out_of_reach, screened
+from cmr.bus.possible import BOUNDS, LONGEST_LEG, STAMPED_WITHIN, is_out_of_reach, screened
 from cmr.bus.process import Process
 from cmr.bus.streams import (
     COMMAND_LIFETIME,
@@ -25,7 +25,7 @@ from cmr.bus.streams import (
     WORLD_STATE,
     Stream,
 )
-from cmr.msg import gyro_t, motor_command_t, pose_xyt_t, waypoints_t, world_state_t
+from cmr.msg import gyro_t, motor_command_t, motor_feedback_t, pose_xyt_t, waypoints_t, world_state_t
 
 EPOCH = 1_800_000_000_000_000  # us
 HOUR = 3_600_000_000  # us
@@ -83,6 +83,43 @@ def test_every_number_has_bounds(stream: Stream[Any], name: str) -> None:
             assert as_world(left).n == 1
         else:
             assert left is None
+
+
+@pytest.mark.parametrize("count", [2**53 + 1, -(2**63), 2**63 - 1])
+@pytest.mark.parametrize("name", ["ticks_left", "ticks_right"])
+def test_more_counts_than_a_wheel_can_have_turned_are_refused(name: str, count: int) -> None:
+    message = message_of(MOTOR_FEEDBACK)
+    setattr(message, name, count)
+    assert screened(message) == (None, (f"{name} impossible",))
+
+
+@pytest.mark.parametrize("offset", [HOUR, -HOUR, 2**62, -(2**62)])
+@pytest.mark.parametrize(
+    ("stream", "name", "instead"),
+    [(MOTOR_FEEDBACK, "received_utime", EPOCH), (MOTOR_FEEDBACK, "applied_utime", 0), (GYRO, "received_utime", EPOCH)],
+    ids=lambda one: getattr(one, "name", one),
+)
+def test_a_stamp_far_from_that_of_its_message_is_not_known(
+    stream: Stream[Any], name: str, instead: int, offset: int
+) -> None:
+    message = message_of(stream)
+    setattr(message, name, EPOCH + offset)
+    left, reasons = screened(message)
+    assert getattr(left, name) == instead
+    assert reasons == (f"{name} impossible",)
+    assert getattr(message, name) == EPOCH + offset, "it is another one's"
+    setattr(message, name, EPOCH - STAMPED_WITHIN)
+    assert screened(message) == (message, ())
+
+
+def test_a_message_may_be_wrong_in_a_number_and_a_stamp() -> None:
+    message = message_of(MOTOR_FEEDBACK)
+    message.temperature, message.applied_utime = math.inf, 1
+    left, reasons = screened(message)
+    assert isinstance(left, motor_feedback_t)
+    assert math.isnan(left.temperature)
+    assert left.applied_utime == 0
+    assert reasons == ("temperature not finite", "applied_utime impossible")
 
 
 def as_world(message: Message | None) -> world_state_t:

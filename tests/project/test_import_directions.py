@@ -51,13 +51,14 @@ KNOWN: dict[str, set[str]] = {
     "cmr.teleop": {*RECORDED, "cmr.geometry", "cmr.world"},
     "cmr.robot_log": {*RECORDED, "cmr.report", "cmr.calibration", "cmr.diagnosis", "cmr.distribution"},
     # Teams.
+    "cmr.processes": {*BUS, "cmr.files"},  # on robots' own computers, too
     "cmr.experiments": set(),
     "cmr.experiments.team": {*RECORDED, "cmr.geometry", "cmr.plant", "cmr.world"},
     "cmr.experiments.scenario": {*RECORDED, "cmr.documents", "cmr.geometry", "cmr.world", "cmr.experiments.team"},
     "cmr.experiments.live": {
         *RECORDED,
         *("cmr.files", "cmr.geometry", "cmr.report", "cmr.world", "cmr.experiments.team", "cmr.experiments.scenario"),
-        "cmr.documents",
+        *("cmr.documents", "cmr.processes"),
     },
     "cmr.experiments.sweep": {
         *RECORDED,
@@ -94,7 +95,7 @@ KNOWN: dict[str, set[str]] = {
         "cmr.teleop",
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        *("robot_driver.emulator", "robot_driver.bringup", "cmr.tools"),
+        *("robot_driver.emulator", "robot_driver.bringup", "cmr.tools", "cmr.processes"),
     },
     "cmr.__main__": {"cmr.commands"},
 }

@@ -366,6 +366,16 @@ def test_a_port_in_use_is_refused_with_a_sentence(bench: Bench) -> None:
             pass
 
 
+def test_a_port_that_the_last_gate_of_a_killed_driver_still_has_is_waited_for(bench: Bench) -> None:
+    before = SerialPort(str(bench.device.link), 115200)
+    before.open()
+    letting_go = threading.Timer(0.3, before.close)
+    letting_go.start()
+    with bench.running():
+        bench.more_feedback(1)
+    letting_go.join()
+
+
 def test_a_missing_port_is_refused_with_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(PortLost, match="There is no serial port"):
         SerialPort(str(tmp_path / "nothing"), 115200).open()

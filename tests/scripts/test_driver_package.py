@@ -99,8 +99,9 @@ def test_it_holds_what_it_should_for_its_processor_and_is_small(
     assert {path.stat().st_mode & 0o777 for path in (one.tree / "usr" / "bin").iterdir()} == {0o755}
 
 
-def test_its_driver_needs_nothing_else(amd64: Built) -> None:
-    result = run(f"import robot_driver.main; {WHERE}", amd64.home)
+@pytest.mark.parametrize("module", ["robot_driver.main", "cmr.commands.agent"])
+def test_its_services_need_nothing_else(module: str, amd64: Built) -> None:
+    result = run(f"import {module}; {WHERE}", amd64.home)
     assert result.returncode == 0, result.stderr
     imported = set(result.stdout.split())
     assert imported <= {*sys.stdlib_module_names, "cmr", "robot_driver", "lcm", "serial", "yaml", "cython_runtime"}
@@ -108,7 +109,9 @@ def test_its_driver_needs_nothing_else(amd64: Built) -> None:
     assert run("import yaml; yaml.CSafeLoader", amd64.home).returncode == 0
 
 
-@pytest.mark.parametrize("command", ["driver --help", "estop --help", "key --help", "relay --help", "doctor --json"])
+@pytest.mark.parametrize(
+    "command", ["driver --help", "estop --help", "key --help", "relay --help", "agent --help", "doctor --json"]
+)
 def test_its_commands_start(command: str, amd64: Built) -> None:
     umbrella = "sys.argv[0] = 'cmr'; from cmr.commands import umbrella; sys.exit(umbrella())"
     result = run(umbrella, amd64.home, *command.split(), "--lcm-url", "memq://")
@@ -138,11 +141,32 @@ def test_its_unit_is_one_of_systemd_and_as_confined_as_that_of_cmr_init(amd64: B
     of_init = contents(Answers(0, "roboclaw", "none", 0.04, 0.2), tmp_path)["cmr-driver-0.service"]
     assert {line for line in of_init.splitlines() if not line.startswith(("Description", "ExecStart"))} <= lines
     assert {"User=cmr", "NoNewPrivileges=yes", "ProtectSystem=strict", "Restart=on-failure", "LimitRTPRIO=1"} <= lines
+    assert_systemd_takes(unit, tmp_path / "cmr-driver@0.service")
+
+
+def assert_systemd_takes(unit: Path, copy: Path) -> None:
     if shutil.which("systemd-analyze"):
-        robot = tmp_path / "cmr-driver@0.service"
-        robot.write_text(unit.read_text().replace("/usr/bin/cmr-driver", "/bin/true"))
-        checked = subprocess.run(["systemd-analyze", "verify", str(robot)], capture_output=True, text=True, check=False)
-        assert str(tmp_path) not in checked.stderr
+        copy.write_text(re.sub("/usr/bin/cmr-[a-z]+", "/bin/true", unit.read_text()))
+        checked = subprocess.run(["systemd-analyze", "verify", str(copy)], capture_output=True, text=True, check=False)
+        assert str(copy.parent) not in checked.stderr
+
+
+def test_the_unit_of_its_agent_may_do_what_that_of_the_driver_may_and_no_more(amd64: Built, tmp_path: Path) -> None:
+    units = amd64.tree / "usr/lib/systemd/system"
+
+    def confinement(name: str) -> set[str]:
+        own = ("Description", "ExecStart", "EnvironmentFile")
+        return {line for line in (units / name).read_text().splitlines() if not line.startswith(own)}
+
+    assert confinement("cmr-agent.service") == confinement("cmr-driver@.service")
+    assert_systemd_takes(units / "cmr-agent.service", tmp_path / "cmr-agent.service")
+    options = (amd64.tree / package.OF_AGENT).read_text()
+    assert "ARGUMENTS=--out /var/lib/cmr/" in options, "the folder that it may write to"
+
+
+def test_its_agent_refuses_what_is_not_installed(amd64: Built) -> None:
+    program = "from cmr.processes.requests import PROGRAMS, is_there; print(*filter(is_there, PROGRAMS))"
+    assert "cmr-run-recorder" not in run(program, amd64.home).stdout.split()
 
 
 def test_its_ports_are_those_of_cmr_init(amd64: Built) -> None:
@@ -166,7 +190,7 @@ def test_its_scripts_are_ones_of_the_shell(amd64: Built, tmp_path: Path) -> None
     subprocess.run(["dpkg-deb", "-e", str(amd64.path), str(tmp_path)], check=True)
     for name in ("postinst", "prerm", "postrm"):
         subprocess.run(["sh", "-n", str(tmp_path / name)], check=True)
-    assert (tmp_path / "conffiles").read_text() == f"/{package.CONFIGURATION}\n"
+    assert (tmp_path / "conffiles").read_text() == f"/{package.CONFIGURATION}\n/{package.OF_AGENT}\n"
 
 
 def test_the_wheel_requires_three_libraries_and_installs_the_same_modules(amd64: Built, tmp_path: Path) -> None:
@@ -183,7 +207,7 @@ def test_the_wheel_requires_three_libraries_and_installs_the_same_modules(amd64:
         return {path.as_posix() for path in found}
 
     assert modules_in(target) == modules_in(amd64.home)
-    assert sorted(path.name for path in (target / "bin").iterdir()) == ["cmr", "cmr-driver"]
+    assert sorted(path.name for path in (target / "bin").iterdir()) == ["cmr", "cmr-agent", "cmr-driver"]
     declared = (PROJECT / "pyproject.toml").read_text()
     assert all(f'{name} = "{function}"' in declared for name, function in wheel.SCRIPTS.items())
 

@@ -95,6 +95,57 @@ def test_a_pose_outside_stops_it_though_the_estimate_is_inside(tmp_path: Path) -
     assert bench.turn(pose=False) == (0.0, 0.0)
 
 
+def test_one_wrong_pose_stops_it_for_half_a_second_and_not_for_good(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, geofence=SQUARE)
+    bench.turn()
+    bench.pose(1_000.0)
+    assert bench.turn() == (0.0, 0.0)
+    assert "one at (1000.00, 0.00) m is far from where cmr-sim has robot 0" in bench.pilot.waiting_for
+    later = [bench.turn() for _ in range(25)]
+    assert later[22] == (0.0, 0.0)
+    assert later[24] == (0.5, 0.5)
+    assert bench.pilot.left_fence == ""
+
+
+def test_poses_outside_that_come_for_half_a_second_stop_it_for_good_though_the_estimate_stays_inside(
+    tmp_path: Path,
+) -> None:
+    bench = Bench(tmp_path, geofence=SQUARE)
+    bench.turn()
+    for count in range(27):
+        bench.pose(3.0 + 0.1 * count)
+        assert bench.turn(pose=False) == (0.0, 0.0)
+    assert "left its geofence" in bench.pilot.left_fence
+    assert [bench.turn() for _ in range(50)][-1] == (0.0, 0.0), "it must not drive on in the hands"
+
+
+def test_two_wrong_poses_far_apart_stop_it_for_good_only_where_no_good_one_is_between(tmp_path: Path) -> None:
+    for is_good_between, left in ((True, False), (False, True)):
+        bench = Bench(tmp_path, geofence=SQUARE)
+        bench.turn()
+        bench.pose(1_000.0)
+        for _ in range(30):
+            bench.turn(pose=is_good_between)
+        bench.pose(1_000.0)
+        assert bool(bench.pilot.left_fence) is left
+
+
+def test_a_pose_outside_and_near_the_estimate_is_no_glitch(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, geofence=SQUARE)
+    bench.turn(0.65)
+    bench.pose(0.75)
+    bench.turn(0.65)
+    assert "left its geofence" in bench.pilot.left_fence
+
+
+def test_before_it_knows_where_it_is_one_wrong_pose_is_doubtful_too(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, geofence=SQUARE)
+    bench.pilot.turn(bench.utime)
+    bench.pose(1_000.0)
+    assert bench.turn() == (0.0, 0.0)
+    assert [bench.turn() for _ in range(26)][-1] == (0.5, 0.5)
+
+
 def test_with_a_geofence_it_waits_for_the_first_pose(tmp_path: Path) -> None:
     bench = Bench(tmp_path, geofence=SQUARE)
     assert bench.turn(pose=False) == (0.0, 0.0)

@@ -40,6 +40,11 @@ KINDS: dict[str, Callable[[float], float]] = {
     "thousandfold": lambda value: 1_000.0 * (value or 1.0),
 }
 STAMPS = {"an hour ahead": HOUR, "an hour back": -HOUR}
+WHOLE = {"2^62": 2**62, "-2^62": -(2**62)}  # of counts, and of stamps beside that of the message
+WHOLE_NUMBERS = [
+    *((MOTOR_FEEDBACK, name) for name in ("ticks_left", "ticks_right", "received_utime", "applied_utime")),
+    (GYRO, "received_utime"),
+]
 ROBOT_OF: dict[Stream[Any], int | None] = {
     POSE: 0,
     GYRO: 0,
@@ -79,6 +84,15 @@ def spoiled(name: str, kind: str) -> Spoil:
         bad, value = copy.copy(message), getattr(message, name)
         worse = KINDS[kind]
         setattr(bad, name, [worse(one) for one in value] if isinstance(value, list) else worse(value))
+        return bad
+
+    return spoil
+
+
+def replaced(name: str, value: int) -> Spoil:
+    def spoil(message: Any) -> Any:
+        bad = copy.copy(message)
+        setattr(bad, name, value)
         return bad
 
     return spoil
@@ -225,6 +239,18 @@ def test_a_number_that_cannot_be_is_refused_and_reported(
         and (stream, kind) != (WORLD_STATE, "thousandfold")
     ):
         assert stream.channel(ROBOT_OF[stream]) in outcome.report
+        assert outcome.state == process_status_t.DEGRADED
+
+
+@pytest.mark.parametrize("value", WHOLE)
+@pytest.mark.parametrize(("stream", "name"), WHOLE_NUMBERS, ids=lambda one: getattr(one, "name", one))
+def test_a_count_or_a_second_stamp_that_cannot_be_is_refused_and_reported(
+    stream: Stream[Any], name: str, value: str, tmp_path: Path, clean: Outcome
+) -> None:
+    for instead in (False, True):
+        outcome = run(tmp_path, stream, replaced(name, WHOLE[value]), instead=instead)
+        assert_unharmed(outcome, clean)
+        assert f"{stream.channel(0)} {name} impossible" in outcome.report
         assert outcome.state == process_status_t.DEGRADED
 
 

@@ -99,7 +99,7 @@ def spoiled(name: str, kind: str, message: Any) -> Any:
     return bad
 
 
-# A pose outside of the geofence stops a robot for good, whoever says so; speeds and headings may really be such.
+# A pose outside of the geofence stops a robot for half a second (test_pilot_guards.py); speeds, headings may be so.
 POSSIBLE = {POSE: ("x", "y", "theta"), WORLD_STATE: fields(WORLD_STATE), MOTOR_FEEDBACK: fields(MOTOR_FEEDBACK)}
 REFUSED = [c for c in CASES if not (c[2] == "thousandfold" and c[1] in POSSIBLE.get(c[0], ()))]
 

@@ -5,9 +5,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from cmr.experiments.live.jobs import PILOT, RECORDER, SIM, Job
-from cmr.experiments.live.requests import AGENT, short_name
 from cmr.msg import process_status_t
+from cmr.processes.job import PILOT, RECORDER, SIM, Job
+from cmr.processes.requests import AGENT, short_name
 
 LONGEST_SILENCE = 5.0  # s; each says how it is once a second
 NOT_IN_SERVICE = (process_status_t.STARTING, process_status_t.STOPPING)

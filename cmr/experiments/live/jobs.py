@@ -2,42 +2,29 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from cmr.cli.options import arguments_of
-from cmr.experiments.live.children import our_command
 from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.model.command_kinds import DUTY
-
-# What a process is for.
-RECORDER, EMULATOR, DRIVER, SIM = "recorder", "emulator", "driver", "sim"
-CALIBRATOR, DIAGNOSER, PILOT = "calibrator", "diagnoser", "pilot"
-START_ORDER = (RECORDER, EMULATOR, DRIVER, SIM, CALIBRATOR, DIAGNOSER, PILOT)
-# Those that command motors first, those that hold them next, and who writes it all down at last.
-STOP_ORDER = (PILOT, CALIBRATOR, DIAGNOSER, SIM, DRIVER, EMULATOR, RECORDER)
+from cmr.processes.children import our_command
+from cmr.processes.job import (
+    CALIBRATOR,
+    DIAGNOSER,
+    DRIVER,
+    EMULATOR,
+    PILOT,
+    RECORDER,
+    SIM,
+    START_ORDER,
+    Job,
+)
 
 OPEN_LOOP = "manoeuvre"  # the behaviour that drives without looking where it is
 LOG = "run.lcm"
-CANNOT_WRITE = 74  # exit code of a recorder that cannot write any more; EX_IOERR of sysexits.h
 SIM_SCENARIO = "sim.yaml"
 STATE = "state"  # folder in which drivers of emulated robots keep an emergency stop: it ends with the run, as they do
-
-
-@dataclass(frozen=True)
-class Job:
-    """One process: its name, what it is for, its command, and the robot that it belongs to, if to one.
-
-    It is started when there is a file `after`. `host` is the machine on which it runs; None: this one.
-    """
-
-    name: str
-    role: str
-    command: list[str]
-    robot_id: int | None = None
-    after: Path | None = None
-    host: str | None = None
-    once: bool = False  # never started again: it would begin its drive again, from wherever the robot is
 
 
 def jobs_of(scenario: Scenario, folder: Path, url: str) -> list[Job]:

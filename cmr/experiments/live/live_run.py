@@ -11,19 +11,19 @@ from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import ESTOP, ESTOP_LATCH, PROCESS_REQUEST, PROCESS_STATUS, WAYPOINTS, WORLD_STATE
 from cmr.cli.progress import Progress
-from cmr.experiments.live.children import Children
 from cmr.experiments.live.disk import Disk
 from cmr.experiments.live.elsewhere import Elsewhere
-from cmr.experiments.live.jobs import EMULATOR, PILOT, RECORDER, SIM, Job
 from cmr.experiments.live.keeping_up import TOO_SLOW
 from cmr.experiments.live.measuring import EndingMetric
 from cmr.experiments.live.preparing import write_emulators, write_sim_scenario
-from cmr.experiments.live.requests import requests_of
-from cmr.experiments.live.supervisor import Supervisor
 from cmr.experiments.live.virtual import waypoints_message
 from cmr.experiments.live.watch import TeamWatch
 from cmr.experiments.scenario.plan import Scenario
 from cmr.msg import process_status_t
+from cmr.processes.children import Children
+from cmr.processes.job import EMULATOR, PILOT, RECORDER, SIM, Job
+from cmr.processes.requests import requests_of
+from cmr.processes.supervisor import Supervisor
 from cmr.world.others import named
 
 RATE = 20.0  # Hz

@@ -12,7 +12,8 @@ from pathlib import Path
 from cmr.bus.messages import now_utime
 from cmr.bus.preflight import handled, open_lcm
 from cmr.bus.process import Process
-from cmr.experiments.live.jobs import CANNOT_WRITE, LOG
+from cmr.experiments.live.jobs import LOG
+from cmr.processes.job import CANNOT_WRITE
 from cmr.recordings.log_file import LogFile
 
 RATE = 10.0  # Hz, of looking how it goes

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from cmr.experiments.live.jobs import DRIVER, EMULATOR, PILOT, SIM
 from cmr.experiments.live.keeping_up import Pace, in_words, is_too_late, what_was_too_slow
 from cmr.experiments.live.live_run import LiveRun, Outcome
 from cmr.experiments.live.measuring import measure
 from cmr.experiments.live.page import more_than, run_page
 from cmr.experiments.live.run_document import PathDocument, ProcessDocument, RobotDocument, RunDocument
-from cmr.experiments.live.supervisor import State
 from cmr.experiments.live.watch import Floats, TeamWatch
 from cmr.experiments.team.metrics import UNITS
 from cmr.files import write_atomically
+from cmr.processes.job import DRIVER, EMULATOR, PILOT, SIM
+from cmr.processes.supervisor import State
 
 SCHEMA = 1
 MOST_POINTS = 200_000  # of all paths together

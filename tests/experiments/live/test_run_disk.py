@@ -15,11 +15,11 @@ import pytest
 
 from cmr.cli import news
 from cmr.experiments.live import disk as disk_module
-from cmr.experiments.live.children import Children
 from cmr.experiments.live.disk import FOR_REPORT, Disk
-from cmr.experiments.live.jobs import CANNOT_WRITE, RECORDER, Job
-from cmr.experiments.live.supervisor import Supervisor
 from cmr.experiments.scenario.reading import shipped
+from cmr.processes.children import Children
+from cmr.processes.job import CANNOT_WRITE, RECORDER, Job
+from cmr.processes.supervisor import Supervisor
 from cmr.recordings.events import EventReader
 from cmr.recordings.log_file import LogFile
 from tests.support.full_disk import limiting, no_file_larger_than

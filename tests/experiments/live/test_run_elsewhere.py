@@ -11,7 +11,6 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.commands.scenarios import load
-from cmr.experiments.live.children import Children
 from cmr.experiments.live.elsewhere import Elsewhere
 from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.live_run import LiveRun, Outcome
@@ -21,6 +20,7 @@ from cmr.experiments.scenario.reading import shipped
 from cmr.geometry.places import Pose
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
+from cmr.processes.children import Children
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from robot_driver.emulator.settings import load_settings
 

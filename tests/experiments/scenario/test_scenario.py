@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from cmr.cli.options import arguments_of
 from cmr.commands.scenarios import load, parse
-from cmr.experiments.live.jobs import PILOT, RECORDER, SIM, jobs_of
+from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.scenario import Scenario, ScenarioError
 from cmr.experiments.scenario.reading import KEYS, path_of
 from cmr.experiments.scenario.robots import KEYS as ROBOT_KEYS
 from cmr.experiments.scenario.writing import to_yaml
 from cmr.parameters.file import load as load_parameters
+from cmr.processes.job import PILOT, RECORDER, SIM
 from tests.support.project import PROJECT
 
 SHIPPED = PROJECT / "cmr/experiments/scenario/shipped"

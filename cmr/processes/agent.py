@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cmr.bus.message import Message
-from cmr.experiments.live.children import Children
-from cmr.experiments.live.requests import Request, RequestError, is_this_host, read_request
-from cmr.experiments.live.supervisor import State, Supervisor
 from cmr.files import write_atomically
 from cmr.msg import process_request_t, process_status_t
 from cmr.plain_text import plain
+from cmr.processes.children import Children
+from cmr.processes.requests import Request, RequestError, is_this_host, read_request
+from cmr.processes.supervisor import State, Supervisor
 
 LAPSE = 5.0  # s without a request, after which the run is over: cmr-run died or is out of reach
 LONGEST_NAME = 80  # characters of a run and of a process

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cmr.bus.messages import make
-from cmr.experiments.live.agent import LAPSE, Agent
-from cmr.experiments.live.jobs import DRIVER, EMULATOR, PILOT, Job
-from cmr.experiments.live.requests import RequestError, read_request, requests_of
-from cmr.experiments.live.supervisor import FIRST_DELAY
 from cmr.msg import process_request_t
+from cmr.processes.agent import LAPSE, Agent
+from cmr.processes.job import DRIVER, EMULATOR, PILOT, Job
+from cmr.processes.requests import RequestError, read_request, requests_of
+from cmr.processes.supervisor import FIRST_DELAY
 from tests.support.driver_bench import wait_for
 
 HERE = socket.gethostname()
@@ -43,7 +43,7 @@ def agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Agent]:
     program = tmp_path / "program"
     program.write_text(f"#!{sys.executable}\nimport sys, time\nprint(sys.argv[1:], flush=True)\ntime.sleep(60)\n")
     program.chmod(0o755)
-    monkeypatch.setattr("cmr.experiments.live.requests.our_command", lambda _name: str(program))
+    monkeypatch.setattr("cmr.processes.requests.our_command", lambda _name: str(program))
     result = Agent(tmp_path / "robot")
     yield result
     result.stop()
@@ -164,6 +164,14 @@ def test_what_is_no_request_of_a_run_starts_nothing_and_writes_nothing(
     assert not agent.states
     assert agent.refused
     assert not (tmp_path / "robot").exists()
+
+
+def test_a_program_that_is_not_installed_is_refused_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cmr.processes.requests.our_command", lambda name: f"/nowhere/{name}")
+    agent = Agent(tmp_path / "robot")
+    agent.handle(UTIME, "PROCESS_REQUEST", make(process_request_t, **GOOD), 0.0)
+    agent.poll(0.0)
+    assert agent.refused == "driver 0 of line-1: cmr-driver is not installed on this computer"
 
 
 @given(st.dictionaries(st.sampled_from(["run", "name", "role", "command", "after", "files"]), st.text(max_size=30)))

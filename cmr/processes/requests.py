@@ -6,17 +6,20 @@ import socket
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from cmr.bus.messages import make
-from cmr.experiments.live.children import our_command
-from cmr.experiments.live.jobs import RECORDER, SIM, START_ORDER, Job
 from cmr.msg import process_request_t
+from cmr.processes.children import our_command
+from cmr.processes.job import RECORDER, SIM, START_ORDER, Job
 
 AGENT = "cmr-agent"  # on PROCESS_STATUS
 RUN_FOLDER = "{run}"
 RECORDER_PROGRAM = "cmr-run-recorder"  # which is no command by itself
 PROGRAMS = ("cmr-driver", "cmr-pilot", "cmr-emulate", "cmr-sim", "cmr-calibrate", "cmr-diagnose", RECORDER_PROGRAM)
+RECORDER_MODULE = "cmr.experiments.live.recorder"
+RECORDER_HERE = [sys.executable, "-m", RECORDER_MODULE]
 RUN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,79}")
 FILE_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,80}\.yaml")
 MOST_ARGUMENTS, MOST_FILES = 100, 500
@@ -40,6 +43,16 @@ class Request:
     wanted: bool
     job: Job
     files: Mapping[str, str]
+
+
+def is_there(program: str) -> bool:
+    """Return whether one of PROGRAMS is installed on this computer; on a robot's own, few are."""
+    if program != RECORDER_PROGRAM:
+        return Path(our_command(program)).exists()
+    try:
+        return find_spec(RECORDER_MODULE) is not None
+    except ModuleNotFoundError:  # not even the package in which it is
+        return False
 
 
 def is_this_host(name: str) -> bool:
@@ -90,9 +103,9 @@ def read_request(message: process_request_t, base: Path) -> Request:
     if not isinstance(files, dict) or len(files) > MOST_FILES or not all(map(FILE_NAME.fullmatch, files)):
         raise RequestError("its files are none of a run")
     _texts(list(files.values()))
-    program = [sys.executable, "-m", "cmr.experiments.live.recorder"]
-    if command[0] != RECORDER_PROGRAM:
-        program = [our_command(command[0])]
+    if not is_there(command[0]):
+        raise RequestError(f"{command[0]} is not installed on this computer")
+    program = RECORDER_HERE if command[0] == RECORDER_PROGRAM else [our_command(command[0])]
     job = Job(
         message.name,
         message.role,

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from cmr.experiments.live.children import Children
-from cmr.experiments.live.jobs import DRIVER, PILOT, RECORDER, SIM, Job
-from cmr.experiments.live.supervisor import FIRST_DELAY, MOST_ENDS, PROVEN, Supervisor
+from cmr.processes.children import Children
+from cmr.processes.job import DRIVER, PILOT, RECORDER, SIM, Job
+from cmr.processes.supervisor import FIRST_DELAY, MOST_ENDS, PROVEN, Supervisor
 
 pytestmark = pytest.mark.waits
 

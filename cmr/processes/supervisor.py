@@ -4,8 +4,8 @@ import signal
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from cmr.experiments.live.children import Children
-from cmr.experiments.live.jobs import CANNOT_WRITE, DRIVER, PILOT, RECORDER, STOP_ORDER, Job
+from cmr.processes.children import Children
+from cmr.processes.job import CANNOT_WRITE, DRIVER, PILOT, RECORDER, STOP_ORDER, Job
 
 FIRST_DELAY = 0.5  # s until a process that died is started again; doubled each time
 LONGEST_DELAY = 30.0  # s
