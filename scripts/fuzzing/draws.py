@@ -8,7 +8,7 @@ One = TypeVar("One")
 
 
 class Draws:
-    """Decides by the bytes of `data`, one after the other; where they have come to their end, each decision is the first.
+    """Decides by the bytes of `data`, one after the other; at their end, each decision is the first there is.
 
     So whoever has the bytes can have all decisions again, and bytes that are nearly the same decide nearly the same.
     """

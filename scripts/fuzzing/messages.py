@@ -1,4 +1,4 @@
-"""Messages as strangers may send them: right ones, and ones in which fields, stamps, lengths, texts or bytes are not."""
+"""Messages as strangers may send them: right ones, and some whose fields, stamps, lengths, texts or bytes are not."""
 
 import copy
 import hashlib
@@ -27,8 +27,28 @@ REALS = (
 )
 WHOLES = (0, 1, -1, 2, 3, 7, 10, 127, -128, 255, 2**31 - 1, -(2**31), 2**32, 2**53, 2**62, 2**63 - 1, -(2**63))
 TEXTS = (
-    *("", "0", "a", "\0", "\n" * 50, "\x1b[2J\x1b]0;title\x07", "\r\x08\x7f\x9b", "=1+1", "../../etc/passwd", "%s%n{0}"),
-    *("\u202e\u2066\ufeff\U0001f916", "x" * 300, "y" * 70_000, "\x1b" * 5000, "null", "[" * 3000, '{"a":' * 300, "'\"<&>"),
+    *(
+        "",
+        "0",
+        "a",
+        "\0",
+        "\n" * 50,
+        "\x1b[2J\x1b]0;title\x07",
+        "\r\x08\x7f\x9b",
+        "=1+1",
+        "../../etc/passwd",
+        "%s%n{0}",
+    ),
+    *(
+        "\u202e\u2066\ufeff\U0001f916",
+        "x" * 300,
+        "y" * 70_000,
+        "\x1b" * 5000,
+        "null",
+        "[" * 3000,
+        '{"a":' * 300,
+        "'\"<&>",
+    ),
 )
 YAMLS = (
     *("", "schema: 1", "[" * 5000, "a: &a [*a]", "{" * 3000, "? " * 3000, "- " * 5000, "schema: 1\nschema: 1\n"),
@@ -36,11 +56,26 @@ YAMLS = (
 )
 NUMBERS = ("0.04", "118.0", "0.054", "0.161")  # in PARAMETERS
 YAML = (
-    "schema: 1\nrobot_id: {robot_id}\nwritten: 2026-11-22T00:00:00Z\nparameters:\n  wheel_radius: {{value: {0}, unit: m}}\n"
-    "  k2_over_k3: {{value: {1}, unit: rad/s^2}}\n  k1: {{value: {2}, unit: s/rad}}\n"
+    "schema: 1\nrobot_id: {robot_id}\nwritten: 2026-11-22T00:00:00Z\nparameters:\n"
+    "  wheel_radius: {{value: {0}, unit: m}}\n  k2_over_k3: {{value: {1}, unit: rad/s^2}}\n  k1: {{value: {2}, unit: s/rad}}\n"
     "  base_width: {{value: {3}, unit: m}}\neffects: []\nprovenance: {{}}\n"
 )
-ODD_NUMBERS = ("0", "-1", "1e300", ".nan", ".inf", "1e-300", "0.08", "[]", "{}", "null", "'x'", "0x10", "1_0", "9" * 400)
+ODD_NUMBERS = (
+    "0",
+    "-1",
+    "1e300",
+    ".nan",
+    ".inf",
+    "1e-300",
+    "0.08",
+    "[]",
+    "{}",
+    "null",
+    "'x'",
+    "0x10",
+    "1_0",
+    "9" * 400,
+)
 LENGTHS = (0, 1, 2, 3, 5, 50, 300, 1000)
 HOST = socket.gethostname()
 PLAIN = {  # what differs from the messages of the small log, so that it is taken
@@ -202,4 +237,12 @@ def _rubbish(draws: Draws, data: bytes) -> bytes:
     return draws.bytes(draws.choice((0, 1, 7, 8, 9, 20, 60)))
 
 
-DAMAGES: tuple[Callable[[Draws, bytes], bytes], ...] = (_cut, _extended, _flipped, _flipped, _length, _foreign, _rubbish)
+DAMAGES: tuple[Callable[[Draws, bytes], bytes], ...] = (
+    _cut,
+    _extended,
+    _flipped,
+    _flipped,
+    _length,
+    _foreign,
+    _rubbish,
+)

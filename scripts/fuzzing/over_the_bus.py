@@ -5,7 +5,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +28,7 @@ LARGEST_GROWTH = 30e6  # bytes
 LOADING = 30.0  # s in which a process loads what it needs; one that lives shorter after it is not measured
 SETTLING = 300.0  # s, or a third of all: what is there by then may stay
 SAMPLE, MEMORY_SAMPLE = 0.1, 5.0  # s
-START_UP, ENDING = 240.0, 20.0  # s
+START_UP, ENDING = 900.0, 20.0  # s
 CALM = 3.0  # s after the flood
 DUTY, DRIVEN, AT_REST = 0.3, 1.0, 0.05  # duty, and wheel speeds [rad/s] at which a robot drives and stands
 STOPPED_WITHIN = 1.5  # s after the last command
@@ -87,6 +88,14 @@ class Flood:
         self.processes = {one.name: one for one in self._watched()}
 
     def __enter__(self) -> "Flood":
+        with ExitStack() as undo:
+            undo.push(self.__exit__)
+            self._begin()
+            undo.pop_all()
+        return self
+
+    def _begin(self) -> None:
+        """Start all processes, and wait until each has reported."""
         self._buses = [Bus(self.open_url)]
         os.environ["CMR_KEY"] = str(self._folder / "key")
         self._buses.append(Bus(self.signed_url))
@@ -99,7 +108,6 @@ class Flood:
             if one.name == "emulate":
                 _until(lambda: "ready" in self.said("emulate"), START_UP)
         _until(self._all_run, START_UP)
-        return self
 
     def __exit__(self, *_error: object) -> None:
         self._end_senders()
@@ -121,7 +129,11 @@ class Flood:
 
     def run(self, seconds: float) -> None:
         """Flood for so long, and watch."""
-        plan = ((self.open_url, FLOODED, ""), (self.signed_url, FLOODED / 5, "key"), (self.foreign_url, FLOODED / 5, ""))
+        plan = (
+            (self.open_url, FLOODED, ""),
+            (self.signed_url, FLOODED / 5, "key"),
+            (self.foreign_url, FLOODED / 5, ""),
+        )
         for number, (url, rate, key) in enumerate(plan):
             command = [sys.executable, "-m", "fuzzing.sender", url, str(rate), str(self._seed + number)]
             environment = os.environ | ({"CMR_KEY": str(self._folder / "key")} if key else {})
@@ -200,7 +212,16 @@ class Flood:
             "sim": ["sim", "--parameters", str(folder), "--virtual", *virtual, "--range-sensor", "10"],
             "pilot": ["pilot", "--parameters", file, "--behaviour", "figure_eight,laps=0", "--take-over"],
             "calibrate": ["calibrate", "--robot", "0", "--parameters", file, "--out", str(folder / "found.yaml")],
-            "diagnose": ["diagnose", "--live", "--robot", "0", "--parameters", file, "--out", str(folder / "diagnosis")],
+            "diagnose": [
+                "diagnose",
+                "--live",
+                "--robot",
+                "0",
+                "--parameters",
+                file,
+                "--out",
+                str(folder / "diagnosis"),
+            ],
             "view": ["view", "--port", "18300"],
         }
         for name, arguments in commands.items():
@@ -337,8 +358,7 @@ def _resident(pid: int) -> int:
         return 0
 
 
-def _until(condition: "object", seconds: float) -> None:
-    assert callable(condition)
+def _until(condition: Callable[[], bool], seconds: float) -> None:
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:

@@ -16,7 +16,13 @@ from fuzzing.signatures import Signatures
 
 ROBOTS = (0, 0, 0, 0, 0, 10, 11, 12)  # the real one, virtual ones, and one that is none
 LONGEST_DRAW = 150  # bytes
-RARE = {ESTOP: 40, PARAMETERS: 5, COMMAND_CLAIM: 40, COMMAND_OWNER: 400, PROCESS_REQUEST: 5}  # so many times as rare: else nothing but them would be tried
+RARE = {
+    ESTOP: 40,
+    PARAMETERS: 5,
+    COMMAND_CLAIM: 40,
+    COMMAND_OWNER: 400,
+    PROCESS_REQUEST: 5,
+}  # so many times as rare: else nothing but them would be tried
 RELEASE_EVERY = 5.0  # s; else the robot would stand for good
 LARGEST = 60_000  # bytes of a packet; larger ones are sent in pieces, and one of these in so many
 LARGE_ONE_IN = 20
@@ -48,7 +54,9 @@ def _one(random: Random, signatures: Signatures) -> tuple[str, bytes]:
     """Return a channel and what to send on it."""
     draws = Draws(random.randbytes(LONGEST_DRAW))
     if random.randrange(30) == 0:  # channels of nobody
-        name = random.choice(("POSE_01", "JUNK", f"JUNK_{random.randrange(10**6)}", "GYRO_99999999999", "\x1b[31m", "x" * 63))
+        name = random.choice(
+            ("POSE_01", "JUNK", f"JUNK_{random.randrange(10**6)}", "GYRO_99999999999", "\x1b[31m", "x" * 63)
+        )
         return name, draws.choice(TEXTS).encode()[:1000]
     stream = random.choice(STREAMS)
     while random.randrange(RARE.get(stream, 1)):
