@@ -57,7 +57,8 @@ YAMLS = (
 NUMBERS = ("0.04", "118.0", "0.054", "0.161")  # in PARAMETERS
 YAML = (
     "schema: 1\nrobot_id: {robot_id}\nwritten: 2026-11-22T00:00:00Z\nparameters:\n"
-    "  wheel_radius: {{value: {0}, unit: m}}\n  k2_over_k3: {{value: {1}, unit: rad/s^2}}\n  k1: {{value: {2}, unit: s/rad}}\n"
+    "  wheel_radius: {{value: {0}, unit: m}}\n  k2_over_k3: {{value: {1}, unit: rad/s^2}}\n"
+    "  k1: {{value: {2}, unit: s/rad}}\n"
     "  base_width: {{value: {3}, unit: m}}\neffects: []\nprovenance: {{}}\n"
 )
 ODD_NUMBERS = (
