@@ -1,7 +1,8 @@
 """Fuzz pairs of a process and message types: bus_target.py PROCESS TYPE,... SECONDS FOLDER [--atheris | FILE ...].
 
 SECONDS are those of a processor, for each pair. With files, lives are given the inputs that are recorded in them.
-Atheris takes one type. With TYPE `?` it only prints to which channels the process subscribes, and where in the code.
+Atheris takes one type. TYPE may be `every`; with `?` it only prints to which channels the process subscribes, and where
+in the code.
 """
 
 import importlib
@@ -44,6 +45,7 @@ MOST_OF_A_KIND = 3  # findings of one kind at one place that are kept
 LARGEST_GROWTH = 40e6  # bytes, within a life after its first third, or its first 500 inputs
 SETTLING = 500  # inputs
 FEWEST = 20  # inputs of a life of which the growth is measured
+EVERY, NOTED = "every", "subscriptions.json"
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -167,6 +169,10 @@ def main() -> int:
         if "--atheris" in more:
             return _with_atheris(process, stream, float(seconds), out / stream)
         found = 0
+        if stream == EVERY:
+            noted = subscriptions(process)
+            (out / NOTED).write_text(json.dumps(noted))
+            stream = ",".join(noted["heard"])
         for each in stream.split(","):
             target = Target(process, each, out / each)
             if more:
@@ -199,7 +205,8 @@ def subscriptions(process: str) -> dict[str, Any]:
         write_new_key(key)
         life = Life(PROGRAMS[process], Path(folder), key)
         life.begin()
-        places = sorted({(name, line) for name, line in life.network.subscribed.values()})
+        made = {(Path(name).resolve(), line) for name, line in life.network.subscribed.values()}
+        places = sorted((str(path.relative_to(ROOT)), line) for path, line in made if path.is_relative_to(ROOT))
         heard, found = list(life.heard()), [list(finding) for finding in life.found]
         life.end()
     return {"heard": heard, "places": places, "found": found}

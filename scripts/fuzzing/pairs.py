@@ -11,12 +11,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from fuzzing.programs import PROGRAMS
+from fuzzing.programs import PROGRAMS, ROOT
+from fuzzing.subscriptions import not_made
 
 TARGET = Path(__file__).with_name("bus_target.py")
 COLUMNS = "| process | message | executions | edges | features | lives | longest step | growth | found |"
 HEAD = f"{COLUMNS}\n{'|---' * 9}|"
 COVERAGE = re.compile(r"cov: (\d+) ft: (\d+) ")
+EVERY, NOTED = "every", "subscriptions.json"  # as in bus_target.py
 BY_CHANCE = "by chance"
 
 
@@ -36,14 +38,25 @@ class Plan:
 
 
 def pairs_of(process: str, out: Path) -> list[str]:
-    """Return the streams that a process subscribes to: it is started, and what it does is noted."""
-    noted = out / _folder(process) / "subscriptions.json"
+    """Return the streams that a process subscribes to."""
+    heard: list[str] = _noted(process, out)["heard"]
+    return heard
+
+
+def unfuzzed(out: Path) -> list[str]:
+    """Return where in the code somebody subscribes to what no process was seen to subscribe to, as file:line."""
+    made = {(name, line) for process in PROGRAMS for name, line in _noted(process, out)["places"]}
+    return not_made(ROOT, made)
+
+
+def _noted(process: str, out: Path) -> dict[str, Any]:
+    """Return what a process was seen to subscribe to, and where; it is started if that was not seen yet."""
+    noted = out / _folder(process) / NOTED
     if not noted.exists():
         noted.parent.mkdir(parents=True, exist_ok=True)
         done = subprocess.run(_command(process, "?", 0, noted.parent), capture_output=True, text=True, check=True)
         noted.write_text(done.stdout)
-    heard: list[str] = json.loads(noted.read_text())["heard"]
-    return heard
+    return dict(json.loads(noted.read_text()))
 
 
 def fuzz_all(plan: Plan, only: str | None) -> bool:
@@ -54,7 +67,11 @@ def fuzz_all(plan: Plan, only: str | None) -> bool:
         raise SystemExit(f"There is no process {wanted}: {', '.join(PROGRAMS)}")
     print(HEAD, flush=True)
     with ThreadPoolExecutor(plan.jobs) as pool:
-        return any(list(pool.map(lambda name: _fuzz(plan, name, stream), processes)))
+        is_found = any(list(pool.map(lambda name: _fuzz(plan, name, stream), processes)))
+    left_out = [] if wanted else unfuzzed(plan.out)
+    for place in left_out:
+        print(f"Not fuzzed: what is subscribed to in {place}", flush=True)
+    return is_found or bool(left_out)
 
 
 def try_again(records: Iterable[Path]) -> int:
@@ -74,6 +91,8 @@ def try_again(records: Iterable[Path]) -> int:
 def _fuzz(plan: Plan, process: str, only: str) -> bool:
     """Fuzz the pairs of a process that are not finished."""
     folder = plan.out / _folder(process)
+    if not (plan.has_atheris or only or (folder / NOTED).exists()):
+        _run(plan, process, EVERY, folder)
     streams = [stream for stream in pairs_of(process, plan.out) if not only or stream == only]
     missing = [stream for stream in streams if not _is_done(folder / stream, plan.seconds)]
     if plan.has_atheris:
@@ -90,7 +109,7 @@ def _run(plan: Plan, process: str, streams: str, folder: Path, *more: str) -> No
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "log").open("wb") as log:
         subprocess.run(_command(process, streams, plan.seconds, folder, *more), stderr=log, stdout=log, check=False)
-    for stream in streams.split(","):
+    for stream in pairs_of(process, plan.out) if streams == EVERY else streams.split(","):
         result = folder / stream / "result.json"
         if not result.exists():
             continue

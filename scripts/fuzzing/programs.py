@@ -55,6 +55,13 @@ class Program:
     url: str = URL
     relays: bool = False  # what it publishes is what strangers say
     needs_key: bool = False
+    more: tuple[str, ...] = ()  # files in which it subscribes, beside that of its module
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files in which it subscribes."""
+        own = self.module.removeprefix("cmr.") if self.module.startswith("cmr.tools") else self.module
+        return (own.replace(".", "/") + ".py", *self.more)
 
 
 def _driver(stage: Stage) -> None:
@@ -166,8 +173,14 @@ PROGRAMS = {
         lambda at: ["0", "--lens", str(at / "lens.yaml"), "--floor", str(at / "floor.yaml"), "--image-rate", "5"],
         _camera,
     ),
-    "view": Program("cmr.commands.view", lambda _at: ["--port", "18400"]),
-    "run": Program("cmr.commands.run", lambda at: [str(at / "team.yaml"), "--out", str(at / "run")], _run, ANYTHING),
+    "view": Program("cmr.commands.view", lambda _at: ["--port", "18400"], more=("cmr/view/data/live.py",)),
+    "run": Program(
+        "cmr.commands.run",
+        lambda at: [str(at / "team.yaml"), "--out", str(at / "run")],
+        _run,
+        ANYTHING,
+        more=("cmr/experiments/live/live_run.py",),
+    ),
     "recorder": Program("cmr.experiments.live.recorder", lambda at: [str(at / "run.lcm")]),
     "agent": Program("cmr.commands.agent", lambda at: ["--out", str(at / "agent")], _childless, needs_key=True),
     "relay": Program(
