@@ -5,8 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -28,6 +29,7 @@ LARGEST_GROWTH = 30e6  # bytes
 LOADING = 30.0  # s in which a process loads what it needs; one that lives shorter after it is not measured
 SETTLING = 300.0  # s, or a third of all: what is there by then may stay
 SAMPLE, MEMORY_SAMPLE = 0.1, 5.0  # s
+SAMPLES = 3_000  # that are looked back upon
 START_UP, ENDING = 900.0, 20.0  # s
 CALM = 3.0  # s after the flood
 DUTY, DRIVEN, AT_REST = 0.3, 1.0, 0.05  # duty, and wheel speeds [rad/s] at which a robot drives and stands
@@ -73,7 +75,15 @@ class Watched:
     reports: int = 0
     memory: list[tuple[float, int]] = field(default_factory=list)  # s, bytes; of the present process
     growths: list[float] = field(default_factory=list)
-    last: tuple[int, float] | None = None  # stamp of the last report [us], and the waits until then [s]
+    last: int | None = None  # stamp of the last report [us]
+    waits: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=SAMPLES))  # us, and the waits [s]
+
+    def waited(self, begin: int, end: int) -> float:
+        """Return for how long [s] its threads waited for a processor between the samples around two moments [us]."""
+        before = [waits for utime, waits in self.waits if utime <= begin]
+        after = [waits for utime, waits in self.waits if utime >= end]
+        first = before[-1] if before else self.waits[0][1] if self.waits else 0.0
+        return (after[0] if after else _waited(self.running.pid) if self.running else first) - first
 
 
 class Flood:
@@ -146,13 +156,16 @@ class Flood:
             self._probe_late.append((now, max(now - due, 0.0)))
             self._listen()
             self._look_for_deaths()
+            for one in self.processes.values():
+                if one.running is not None:
+                    one.waits.append((now_utime(), _waited(one.running.pid)))
             if now - self._began >= memory:
                 memory += MEMORY_SAMPLE
                 self._measure(now - self._began)
             due = time.monotonic() + SAMPLE
             time.sleep(SAMPLE)
         self._end_senders()
-        self._settle(seconds)
+        self._settle()
 
     def sent(self) -> int:
         """Return how many messages were sent."""
@@ -238,6 +251,7 @@ class Flood:
         with (self._folder / f"{one.name}.txt").open("ab") as said:
             one.running = subprocess.Popen(one.command, env=os.environ | one.environment, stdout=said, stderr=said)
         one.starts, one.last, one.memory = one.starts + 1, None, []
+        one.waits.clear()
 
     def _all_run(self) -> bool:
         self._look_for_deaths()
@@ -256,16 +270,15 @@ class Flood:
         if report.state == process_status_t.STARTING:
             one.last = None
             return
-        waited = _waited(report.pid)
         if one.last is not None:
-            seconds = (report.utime - one.last[0]) / 1e6
+            seconds = (report.utime - one.last) / 1e6
             one.reports += 1
             one.longest = max(one.longest, seconds)
             if seconds - PERIOD > LONGEST_HANG:
                 now = time.monotonic()
                 late = max((late for when, late in self._probe_late if when > now - seconds - 1.0), default=0.0)
-                one.gaps.append(Gap(now, seconds, waited - one.last[1], late))
-        one.last = report.utime, waited
+                one.gaps.append(Gap(now, seconds, one.waited(one.last, report.utime), late))
+        one.last = report.utime
 
     def _look_for_deaths(self) -> None:
         for one in self.processes.values():
@@ -282,11 +295,12 @@ class Flood:
         for one in self.processes.values():
             if one.running is not None and (size := _resident(one.running.pid)):
                 one.memory.append((passed, size))
+                with (self._folder / "memory.csv").open("a") as table:
+                    table.write(f"{one.name},{one.starts},{passed:.0f},{size}\n")
 
-    def _settle(self, seconds: float) -> None:
+    def _settle(self) -> None:
         for one in self.processes.values():
             self._end_memory(one)
-        del seconds
         end = time.monotonic() + CALM
         while time.monotonic() < end:
             self._listen()
@@ -343,11 +357,15 @@ def flood_and_look(folder: Path, minutes: float, seed: int) -> tuple[str, bool]:
 
 
 def _waited(pid: int) -> float:
-    """Return for how long [s] the main thread of a process waited for a processor so far."""
-    try:
-        return int(Path(f"/proc/{pid}/task/{pid}/schedstat").read_text().split()[1]) / 1e9
-    except OSError:
-        return 0.0
+    """Return for how long [s] the threads of a process, together, waited for a processor so far.
+
+    The main thread waits as well where another one has to let go of the interpreter first.
+    """
+    total = 0
+    for path in Path(f"/proc/{pid}/task").glob("*/schedstat"):
+        with suppress(OSError):
+            total += int(path.read_text().split()[1])
+    return total / 1e9
 
 
 def _resident(pid: int) -> int:
