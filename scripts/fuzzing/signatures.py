@@ -31,4 +31,4 @@ class Signatures:
 
     def _damaged(self, draws: Draws, signed: bytes) -> bytes:
         at = max(len(signed) - 1 - draws.below(TRAILER.size), 0)
-        return signed[:at] + draws.bytes(1) + signed[at + 1 :]
+        return signed[:at] + draws.take(1) + signed[at + 1 :]
