@@ -20,6 +20,7 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fuzzing.inputs import Inputs
     from fuzzing.life import Finding, Life
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,12 +68,15 @@ class Target:
         self._key_file = self._scratch / "key"
         self._key = write_new_key(self._key_file)
         self._life: Life | None = None
+        self._inputs: Inputs | None = None
+        self._count = self._settled = 0
 
     def give(self, data: bytes) -> None:
         """Give one input."""
         if self._life is None:
             self._begin()
         assert self._life is not None
+        assert self._inputs is not None
         self._given.write(len(data).to_bytes(2, "big") + data)
         self._count += 1
         self.executions += 1

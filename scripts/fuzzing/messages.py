@@ -155,7 +155,6 @@ def _plain(stream: Stream[Message]) -> Any:
     return message
 
 
-@cache
 def _changeable(message_type: type[Message]) -> tuple[Field, ...]:
     """Return all fields but the stamp, whose changes are a case of their own."""
     return tuple(field for field in fields_of(message_type) if field.name not in ("utime", "n")) + _counts(message_type)
@@ -184,7 +183,8 @@ def _change(draws: Draws, message: Any, field: Field) -> None:
 
 def _resize(message: Any, length: int) -> None:
     """Make all arrays of a message so long."""
-    for field in fields_of(type(message)):
+    kind: Any = type(message)
+    for field in fields_of(kind):
         if field.counted_by is not None or field.wire_type == BYTES:
             values = getattr(message, field.name) or ([1] if field.wire_type != BYTES else b"x")
             setattr(message, field.name, (values * length)[:length])
@@ -198,8 +198,8 @@ def _number(draws: Draws, wire_type: str, value: float) -> float:
         bits = INT_BITS[wire_type]
         if wire_type == "boolean":
             return whole % 2
-        lowest = 0 if wire_type == "byte" else -(2 ** (bits - 1))
-        return (whole - lowest) % 2**bits + lowest
+        lowest = 0 if wire_type == "byte" else -(1 << bits - 1)
+        return (whole - lowest) % (1 << bits) + lowest
     real = draws.choice((*REALS, draws.real(), value * 1000.0, -value, value + draws.fraction()))
     return math.copysign(math.inf, real) if wire_type == "float" and abs(real) > LARGEST_FLOAT else real
 

@@ -67,7 +67,7 @@ def fuzz_all(plan: Plan, only: str | None) -> bool:
         raise SystemExit(f"There is no process {wanted}: {', '.join(PROGRAMS)}")
     print(HEAD, flush=True)
     with ThreadPoolExecutor(plan.jobs) as pool:
-        is_found = any(list(pool.map(lambda name: _fuzz(plan, name, stream), processes)))
+        is_found: bool = any(list(pool.map(lambda name: _fuzz(plan, name, stream), processes)))
     left_out = [] if wanted else unfuzzed(plan.out)
     for place in left_out:
         print(f"Not fuzzed: what is subscribed to in {place}", flush=True)
@@ -125,7 +125,7 @@ def _command(process: str, streams: str, seconds: float, folder: Path, *more: st
 
 
 def _is_done(folder: Path, seconds: float) -> bool:
-    return _result(folder).get("seconds", 0.0) >= seconds
+    return float(_result(folder).get("seconds", 0.0)) >= seconds
 
 
 def _result(folder: Path) -> dict[str, Any]:

@@ -68,7 +68,7 @@ def _driver(stage: Stage) -> None:
     """Plug an emulated robot into a simulated computer, and have the driver run on it."""
     settings = load_settings(None)
     plant, host = Plant(settings), SimulatedHost(0)
-    controller = CONTROLLER_DEVICES["roboclaw"](settings, plant)
+    controller: Any = CONTROLLER_DEVICES["roboclaw"](settings, plant)
     devices = {"motor": controller, "gyro": GYRO_DEVICES["dsp3000"](settings, plant)}
     adapters: dict[str, UsbAdapter | OwnUsb] = {name: OwnUsb() for name in devices}
     host.plug_in(RobotInTime(plant, devices, host.arrive, adapters=adapters), adapters)
