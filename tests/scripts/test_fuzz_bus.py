@@ -80,7 +80,7 @@ def test_each_file_that_subscribes_belongs_to_a_process_that_is_fuzzed() -> None
 
 
 def test_a_process_is_seen_to_subscribe_where_the_code_says_so(tmp_path: Path) -> None:
-    command = [sys.executable, PROJECT / "scripts/fuzzing/bus_target.py", "agent", "?", "0", tmp_path]
+    command = [sys.executable, str(PROJECT / "scripts/fuzzing/bus_target.py"), "agent", "?", "0", str(tmp_path)]
     noted = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert noted["heard"] == ["PROCESS_REQUEST", "PROCESS_STATUS"]
     lines = {line for name, line in coverage.in_the_code(PROJECT) if name == "cmr/commands/agent.py"}
@@ -90,7 +90,7 @@ def test_a_process_is_seen_to_subscribe_where_the_code_says_so(tmp_path: Path) -
 
 def test_some_pairs_for_a_second_each(tmp_path: Path) -> None:
     for process, streams in (("agent", "PROCESS_REQUEST"), ("relay", "POSE,WORLD_STATE")):
-        command = [sys.executable, PROJECT / "scripts/fuzzing/bus_target.py", process, streams, "1", tmp_path]
+        command = [sys.executable, str(PROJECT / "scripts/fuzzing/bus_target.py"), process, streams, "1", str(tmp_path)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         found = "".join(path.read_text() for path in tmp_path.glob("*/found.txt"))
         assert (done.returncode, found) == (0, ""), done.stderr
