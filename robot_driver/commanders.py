@@ -9,6 +9,7 @@ from collections import deque
 from typing import NamedTuple
 
 WINDOW = 1_000_000  # us
+MOST = 10_000  # commands that are looked back upon: any number may have stamps within the window
 FEWEST = 7  # departures and returns within the window; chance, noise and a single correction make fewer
 SHARE = 0.1  # of all commands
 DIFFERENT = 0.01  # duty; smaller differences do nothing to the robot
@@ -27,8 +28,8 @@ class Commanders:
 
     def __init__(self) -> None:
         self._recent: deque[_Command] = deque(maxlen=3)
-        self._commands: deque[int] = deque()
-        self._departures: deque[int] = deque()
+        self._commands: deque[int] = deque(maxlen=MOST)
+        self._departures: deque[int] = deque(maxlen=MOST)
         self._seen: int | None = None
 
     def take(self, utime: int, left: float, right: float) -> None:

@@ -4,18 +4,20 @@ import csv
 import importlib
 from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pyarrow.parquet
 import pytest
 
 from cmr.bus.channel_statistics import MOST_CHANNELS
+from cmr.bus.estop import MOST_NAMED, EmergencyStop
 from cmr.bus.messages import make
 from cmr.bus.process import Process
 from cmr.bus.rejections import OTHERS
 from cmr.bus.senders import MOST_SENDERS
 from cmr.diagnosis.live.watcher import MOST_WATCHED, Watcher
-from cmr.msg import estop_t, motor_feedback_t, pose_xyt_t, process_status_t
+from cmr.msg import estop_latch_t, estop_t, motor_feedback_t, pose_xyt_t, process_status_t, waypoints_t
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.events import Event, LogReader, event_bytes
 from cmr.tools.logs.main import main as log_command
@@ -25,6 +27,7 @@ from cmr.world.world import MOST_STRANGERS, World
 
 EPOCH = 1_800_000_000_000_000  # us
 MANY = 20_000
+CAMERA = importlib.import_module("cmr.commands.camera")
 SIM = importlib.import_module("cmr.commands.sim")  # the package has a function of this name
 
 
@@ -56,6 +59,25 @@ def test_a_simulator_of_named_robots_follows_no_other(tmp_path: Path) -> None:
         world.handle(EPOCH, f"POSE_{message.robot_id}", message)
     assert list(world.parameters) == [7]
     assert not world.crowded
+
+
+def test_of_robots_that_are_held_so_many_are_known_and_few_are_named() -> None:
+    stop, latch = EmergencyStop(), {"engaged": True, "stored": True, "since_utime": EPOCH, "source": "a", "reason": "b"}
+    for robot_id in range(MANY):
+        message: Any = make(estop_latch_t, utime=EPOCH, robot_id=robot_id, **latch)
+        stop.handle(EPOCH, f"ESTOP_LATCH_{robot_id}", message)
+    assert len(stop.latched) == MOST_SENDERS
+    assert stop.holds(MANY - 1)
+    assert f"and {MOST_SENDERS - MOST_NAMED} more" in stop.reason
+    assert len(stop.reason) < 500
+
+
+def test_a_camera_draws_the_ways_of_so_many_robots() -> None:
+    showing: Any = SimpleNamespace(_waypoints={}, _make_waypoints=lambda x, y: (x, y))
+    for robot_id in range(MANY):
+        way = make(waypoints_t, utime=EPOCH, robot_id=robot_id, x=[1.0], y=[2.0])
+        CAMERA._Showing.handle(showing, EPOCH, f"WAYPOINTS_{robot_id}", way)
+    assert len(showing._waypoints) == MOST_SENDERS
 
 
 def test_channels_are_counted_together_from_a_certain_number_on() -> None:

@@ -4,6 +4,7 @@ import time
 
 UNNOTICED = 100_000  # us; a clock that is set by less is not reported
 SPOKEN_OF = 60_000_000  # us
+TRIES = 10  # to read both clocks at one moment: others may run in the midst of one
 
 
 class ClockWatch:
@@ -16,7 +17,7 @@ class ClockWatch:
 
     def look(self, utime: int, steady: int | None = None) -> str:
         """Take the time of day and the steady one [us]; return a sentence if the clock was set since the last look."""
-        self._steady = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1000 if steady is None else steady
+        utime, self._steady = _compared() if steady is None else (utime, steady)
         offset, before = utime - self._steady, self._offset
         if before is not None and abs(offset - before) < UNNOTICED:
             return ""
@@ -34,3 +35,14 @@ class ClockWatch:
     def remark(self) -> str:
         """Return what happened to the clock within the last minute; empty if nothing did."""
         return self._sentence if self._steady - self._set <= SPOKEN_OF else ""
+
+
+def _compared() -> tuple[int, int]:
+    """Return the time of day and the steady one at the same moment [us], whoever runs between two looks at a clock."""
+    for _ in range(TRIES):
+        before = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1000
+        utime = time.time_ns() // 1000
+        steady = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1000
+        if steady - before < UNNOTICED // 2:
+            break
+    return utime, steady

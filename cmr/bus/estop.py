@@ -4,18 +4,20 @@ import time
 
 from cmr.bus.message import Message
 from cmr.bus.messages import make
+from cmr.bus.senders import keep
 from cmr.bus.streams import ESTOP
 from cmr.msg import estop_latch_t, estop_t
 
 HOW_TO_RELEASE = "cmr estop release --reason TEXT, or the page of cmr-view"
 RELEASES = 6  # messages, as one can be lost
+MOST_NAMED = 20  # robots that are held
 LAST_UTIME = 253_370_764_800_000_000  # us; the year 9999
 
 
 class EmergencyStop:
     """Whether the emergency stop is engaged, and by whom and why: as it is asked for on ESTOP, and as drivers keep it.
 
-    `latched` holds the last ESTOP_LATCH_N of each robot whose driver holds it.
+    `latched` holds the last ESTOP_LATCH_N of each robot whose driver holds it, of so many that there can be.
     """
 
     def __init__(self) -> None:
@@ -28,7 +30,7 @@ class EmergencyStop:
             self._asked = f"{message.source}: {message.reason}" if message.engaged else ""
         elif isinstance(message, estop_latch_t):
             if message.engaged:
-                self.latched[message.robot_id] = message
+                keep(self.latched, message.robot_id, message)
             else:
                 self.latched.pop(message.robot_id, None)
 
@@ -52,7 +54,8 @@ class EmergencyStop:
         if not self.latched:
             return ""
         first = min(self.latched.values(), key=lambda latch: latch.since_utime)
-        ids = ", ".join(map(str, sorted(self.latched)))
+        more = len(self.latched) - MOST_NAMED
+        ids = ", ".join(map(str, sorted(self.latched)[:MOST_NAMED])) + (f" and {more} more" if more > 0 else "")
         robots = f"robot{'s' if len(self.latched) > 1 else ''} {ids}"
         return f"{first.source}: {first.reason} ({robots}, since {local_time(first.since_utime)})"
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from cmr.bus.estop import LAST_UTIME
 from cmr.bus.message import Message
 from cmr.bus.possible import screened
 from cmr.bus.rejections import Rejections
@@ -10,6 +11,7 @@ from cmr.bus.streams import COMMAND_LIFETIME, identify
 from cmr.msg import (
     gyro_t,
     motor_command_t,
+    motor_duty_t,
     motor_feedback_t,
     pose_xyt_t,
     velocity_command_t,
@@ -26,6 +28,7 @@ NEAR: Mapping[type[Message], int] = {
     pose_xyt_t: MEASURED_WITHIN,
     gyro_t: MEASURED_WITHIN,
     motor_feedback_t: MEASURED_WITHIN,
+    motor_duty_t: MEASURED_WITHIN,
     world_state_t: MEASURED_WITHIN,
     waypoints_t: MEASURED_WITHIN,
     motor_command_t: COMMAND_LIFETIME,
@@ -42,7 +45,8 @@ class Gate:
 
     `refused` counts by (channel, reason) what was not let in since the start. Who finds something else wrong with a
     message says so to `refuse`. Stamps of the types in `stamps_of_all_times` are looked at elsewhere. With `replays`
-    also a log that is played again comes in: robots none of whose stamps were near the clock lately.
+    also a log that is played again comes in: robots none of whose stamps were near the clock lately, at a time that a
+    clock can show.
     """
 
     def __init__(self, *stamps_of_all_times: type[Message], replays: bool = False) -> None:
@@ -65,7 +69,7 @@ class Gate:
         near = self._near.get(kind)
         if near is not None and self.now:
             why = self._wrong_time(message.utime, near)
-            if why and (not self._replays or self._lives(channel)):
+            if why and (not self._replays or self._lives(channel) or not 0 <= message.utime < LAST_UTIME):
                 self.refuse(channel, why)
                 return None
             if not why and self._replays:

@@ -66,6 +66,7 @@ BOUNDS: Mapping[type[Message], Mapping[str, Bound]] = {
         "battery_voltage": VOLTAGE,
         "temperature": TEMPERATURE,
     },
+    msg.motor_duty_t: {"sent_left": DUTY, "sent_right": DUTY},
     msg.robot_state_t: STATE,
     msg.world_state_t: STATE,
     msg.waypoints_t: {"x": POSITION, "y": POSITION},

@@ -54,7 +54,8 @@ class WorldState(world_state_t):
         origins, floats = HEAD.size + 4 * n, HEAD.size + 5 * n
         ids = np.ndarray(n, ID, data, HEAD.size).astype(np.int64)
         kinds = np.ndarray(n, ORIGIN, data, origins).astype(np.int64)
-        columns = np.ndarray((FLOATS_PER_ROBOT, n), FLOAT, data, floats).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # NumPy warns of some bits that are no number, which anybody may send
+            columns = np.ndarray((FLOATS_PER_ROBOT, n), FLOAT, data, floats).astype(np.float64)
         return WorldState(utime, ids, kinds, *columns)
 
 

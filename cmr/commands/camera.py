@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cmr.bus.message import Message
 from cmr.bus.messages import make
 from cmr.bus.process import Process, Timer
+from cmr.bus.senders import keep
 from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
 from cmr.camera.paper import PAPERS
 from cmr.cli.command_line import parse_seconds, parser
@@ -197,7 +198,7 @@ class _Showing:
         if isinstance(message, world_state_t):
             self._tracks.handle(utime, message)
         elif isinstance(message, waypoints_t):
-            self._waypoints[channel] = self._make_waypoints(list(message.x), list(message.y))
+            keep(self._waypoints, channel, self._make_waypoints(list(message.x), list(message.y)))
 
     def publish(self, seen: "Seen") -> None:
         """Publish the poses in a picture, and the picture if it is time for one."""

@@ -35,12 +35,13 @@ class Agent:
         """Take a process_request_t or a process_status_t; `now` is any steady time [s]."""
         if isinstance(message, process_status_t) and is_this_host(message.host):
             held = message.state == process_status_t.DEGRADED
-            (self._degraded.add if held else self._degraded.discard)(message.pid)
+            if message.pid in (state.pid for state in self.states.values()):
+                (self._degraded.add if held else self._degraded.discard)(message.pid)
         elif isinstance(message, process_request_t) and is_this_host(message.host):
             try:
                 self._take(read_request(message, self._base), now)
-            except RequestError as error:
-                self.refused = plain(f"{message.name} of {message.run}: {error}", 2 * LONGEST_NAME)
+            except (RequestError, OSError) as error:
+                self._refuse(f"{message.name} of {message.run}", error)
 
     def poll(self, now: float) -> list[str]:
         """Start and stop what is due; return sentences on what happened."""
@@ -48,7 +49,11 @@ class Agent:
             run = self._run
             self.stop()
             return [f"Nothing was heard of {run} for {LAPSE:.0f} s: its processes were stopped."]
-        return self._supervisor.poll(now)
+        try:
+            return self._supervisor.poll(now)
+        except OSError as error:  # a disk that is full, or a process that the system refuses; it is tried again
+            self._refuse(f"a process of {self._run}", error)
+            return []
 
     def stop(self) -> None:
         """Stop all processes, those that command motors first; the agent is free for another run."""
@@ -72,6 +77,9 @@ class Agent:
     def down(self) -> list[str]:
         """The processes that ended before their time and do not run."""
         return self._supervisor.down()
+
+    def _refuse(self, what: str, error: Exception) -> None:
+        self.refused = plain(f"{what[:LONGEST_NAME]}: {error}", 2 * LONGEST_NAME)
 
     def _take(self, request: Request, now: float) -> None:
         name = plain(request.job.name, LONGEST_NAME)

@@ -21,8 +21,11 @@ PROGRAMS = ("cmr-driver", "cmr-pilot", "cmr-emulate", "cmr-sim", "cmr-calibrate"
 RECORDER_MODULE = "cmr.experiments.live.recorder"
 RECORDER_HERE = [sys.executable, "-m", RECORDER_MODULE]
 RUN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,79}")
+PROCESS_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9 ._-]{0,79}")  # a file is called by it
 FILE_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,80}\.yaml")
 MOST_ARGUMENTS, MOST_FILES = 100, 500
+LONGEST_ARGUMENT = 4_000  # characters; a path is no longer, ...
+LONGEST_FILE_NAME = 255  # bytes; ... and no part of one is longer than this
 LONGEST_NAME = 80  # characters
 LARGEST = 300_000  # bytes of a request's files; larger ones are copied by hand
 
@@ -93,16 +96,23 @@ def read_request(message: process_request_t, base: Path) -> Request:
     if not RUN_NAME.fullmatch(message.run):
         raise RequestError("its run has no name that a folder can have")
     folder = base / message.run
+    if not PROCESS_NAME.fullmatch(message.name):
+        raise RequestError("it has no name that a file can have")
     command, files = _texts(_json(message.command)), _json(message.files)
     if not 0 < len(command) <= MOST_ARGUMENTS:
         raise RequestError("its command has no program, or too many arguments")
     if command[0] not in PROGRAMS:
         raise RequestError(f"{command[0]!r} is none of CMR's programs")
+    if not all(map(_is_argument, (*command, message.after))):
+        raise RequestError("an argument is too long, or none that a process can have")
+    if max(len(part.encode()) for part in message.after.split("/")) > LONGEST_FILE_NAME:
+        raise RequestError("it waits for a file that cannot be")
     if message.role not in START_ORDER:
         raise RequestError(f"{message.role!r} is nothing that a process is for")
     if not isinstance(files, dict) or len(files) > MOST_FILES or not all(map(FILE_NAME.fullmatch, files)):
         raise RequestError("its files are none of a run")
-    _texts(list(files.values()))
+    if not all(map(_is_encodable, _texts(list(files.values())))):
+        raise RequestError("its files are none of a run")
     if not is_there(command[0]):
         raise RequestError(f"{command[0]} is not installed on this computer")
     program = RECORDER_HERE if command[0] == RECORDER_PROGRAM else [our_command(command[0])]
@@ -127,6 +137,19 @@ def _texts(value: object) -> list[str]:
     if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
         raise RequestError("it has something else in place of texts")
     return value
+
+
+def _is_argument(text: str) -> bool:
+    """Return whether a system can hand a text to a process."""
+    return len(text) <= LONGEST_ARGUMENT and "\0" not in text and _is_encodable(text)
+
+
+def _is_encodable(text: str) -> bool:
+    """Return whether a text can be written; JSON may name halves of letters."""
+    try:
+        return bool(text.encode()) or not text
+    except UnicodeEncodeError:
+        return False
 
 
 def _elsewhere(argument: str, folder: Path) -> str:

@@ -16,6 +16,7 @@ from cmr.bus.streams import (
     COMMAND_LIFETIME,
     GYRO,
     MOTOR_COMMAND,
+    MOTOR_DUTY,
     MOTOR_FEEDBACK,
     POSE,
     ROBOT_STATE,
@@ -33,6 +34,7 @@ HELD: list[Stream[Any]] = [
     POSE,
     GYRO,
     MOTOR_FEEDBACK,
+    MOTOR_DUTY,
     ROBOT_STATE,
     WORLD_STATE,
     WAYPOINTS,
@@ -228,3 +230,13 @@ def test_a_robot_lives_until_no_stamp_is_near_the_clock_any_more() -> None:
             assert gate.let_in("POSE_0", pose(now)) is not None
         assert (gate.let_in("POSE_0", pose(EPOCH - HOUR)) is not None) == comes_in
         assert gate.let_in("POSE_1", pose(EPOCH - HOUR)) is not None
+
+
+@pytest.mark.parametrize("stamp", [-1, -(2**63), 2**62, 2**63 - 1])
+@pytest.mark.parametrize("stream", [POSE, MOTOR_FEEDBACK, MOTOR_DUTY], ids=lambda one: one.name)
+def test_no_log_has_a_time_that_no_clock_shows(stream: Stream[Any], stamp: int) -> None:
+    gate, message = Gate(replays=True), message_of(stream)
+    gate.turn(EPOCH)
+    message.utime = stamp
+    assert gate.let_in(stream.channel(0), message) is None
+    assert gate.problem()

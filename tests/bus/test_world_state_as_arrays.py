@@ -1,5 +1,7 @@
 """WORLD_STATE read as arrays says what the generated class reads, and robots' ids are the same however they come."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,6 +30,18 @@ def test_what_is_read_as_arrays_is_what_the_generated_class_reads(n: int, seed: 
     for name in world_state_t.__slots__:
         assert np.array_equal(getattr(ours, name), getattr(generated, name)), name
     assert ours.encode() == data
+
+
+@pytest.mark.filterwarnings("error")
+def test_bits_that_are_no_number_are_none_without_a_word_on_the_terminal() -> None:
+    state = dict.fromkeys(RobotState._fields, [0.0])
+    data = make(world_state_t, utime=EPOCH, robot_id=[1], origin=[0], **state).encode()
+    signalling = data[:-4] + bytes.fromhex("7fa00000")
+    assert np.isnan(as_array(decode(WORLD_STATE.name, signalling).message)[-1])
+
+
+def as_array(message: Any) -> Any:
+    return np.array([getattr(message, name)[0] for name in RobotState._fields])
 
 
 @pytest.mark.parametrize("largest", [None, 100, 1400])

@@ -150,6 +150,16 @@ GOOD = {
         {"run": ""},
         {"run": "."},
         {"role": "root"},
+        {"name": ""},
+        {"name": "../driver 0"},
+        {"name": "d" * 300},
+        {"name": "driver\0"},
+        {"command": json.dumps(["cmr-driver", "a\0b"])},
+        {"command": '["cmr-driver", "\\ud800"]'},
+        {"command": json.dumps(["cmr-driver", "x" * 200_000])},
+        {"files": '{"a.yaml": "\\ud800"}'},
+        {"after": "{run}/" + "x" * 300},
+        {"after": "a\0b"},
     ],
     ids=str,
 )
@@ -181,6 +191,25 @@ def test_no_text_of_a_request_raises_anything_else(texts: dict[str, str]) -> Non
     except RequestError:
         return
     assert request.folder.parent == Path("/nowhere")
+
+
+def test_what_the_system_refuses_is_reported_and_leaves_the_agent_alive(
+    agent: Agent, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "robot").touch()  # so that no folder can be made
+    ask(agent, [job("driver 0", run, host=HERE)], run, 0.0)
+    assert (list(agent.states), "driver 0 of line-1" in agent.refused) == ([], True)
+    (tmp_path / "robot").unlink()
+    with monkeypatch.context() as full:
+        full.setattr("subprocess.Popen", refuse)
+        ask(agent, [job("driver 0", run, host=HERE)], run, 1.0)
+    assert "no process more" in agent.refused
+    agent.poll(2.0)
+    assert agent.states["driver 0"].starts == 1
+
+
+def refuse(*_arguments: Any, **_options: Any) -> None:
+    raise OSError("no process more")
 
 
 def _is_alive(pid: int) -> bool:

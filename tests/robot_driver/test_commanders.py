@@ -1,6 +1,7 @@
 """The driver reports within a second that two processes command its robot, and never that one does twice."""
 
 import math
+import tracemalloc
 from itertools import pairwise
 from random import Random
 
@@ -68,3 +69,14 @@ def test_one_command_stamped_an_hour_ahead_does_not_fill_the_memory() -> None:
     for command in sender(50.0, 60.0, 0, 1):
         commanders.take(*command)
     assert len(commanders._commands) < 60
+
+
+def test_commands_that_all_have_one_stamp_are_not_kept_without_end() -> None:
+    commanders = Commanders()
+    tracemalloc.start()
+    try:
+        for _ in range(50_000):
+            commanders.take(1_700_000_000_000_000, 0.1, 0.1)
+        assert tracemalloc.get_traced_memory()[0] < 200_000
+    finally:
+        tracemalloc.stop()

@@ -61,3 +61,35 @@ def test_a_clock_that_was_set_is_spoken_of_for_a_minute(by: int, said: str) -> N
     assert said in watch.remark()
     watch.look(EPOCH + by + SPOKEN_OF + 20_001, SPOKEN_OF + 20_001)
     assert watch.remark() == ""
+
+
+@pytest.mark.parametrize("held_up_at", range(6))
+def test_a_process_that_waits_for_a_processor_takes_no_clock_for_set(
+    held_up_at: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = HeldUp()
+    monkeypatch.setattr("cmr.bus.clock_watch.time", clock)
+    watch = ClockWatch()
+    for look in range(4):
+        utime = clock.time_ns() // 1000
+        clock.reads_until_held_up = held_up_at if look == 1 else -1
+        assert watch.look(utime) == ""
+    clock.offset += 1_000_000_000
+    assert "set ahead by 1.0 s" in watch.look(clock.time_ns() // 1000)
+
+
+class HeldUp:
+    """The clocks of a process that others may hold up for 1.3 s before it looks at one [ns]."""
+
+    CLOCK_BOOTTIME = 7
+
+    def __init__(self) -> None:
+        self.now, self.offset, self.reads_until_held_up = 0, 1_800_000_000_000_000_000, -1
+
+    def time_ns(self) -> int:
+        return self.clock_gettime_ns(0) + self.offset
+
+    def clock_gettime_ns(self, _clock: int) -> int:
+        self.now += 1_300_000_000 if self.reads_until_held_up == 0 else 1_000
+        self.reads_until_held_up -= 1
+        return self.now

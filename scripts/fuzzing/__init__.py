@@ -1,0 +1,1 @@
+"""What scripts/fuzz and scripts/fuzz_bus do."""

@@ -1,0 +1,288 @@
+"""Fuzz pairs of a process and message types: bus_target.py PROCESS TYPE,... SECONDS FOLDER [--atheris | FILE ...].
+
+SECONDS are those of a processor, for each pair. With files, lives are given the inputs that are recorded in them.
+Atheris takes one type. TYPE may be `every`; with `?` it only prints to which channels the process subscribes, and where
+in the code.
+"""
+
+import importlib
+import json
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fuzzing.inputs import Inputs
+    from fuzzing.life import Finding, Life
+
+ROOT = Path(__file__).resolve().parents[2]
+# What the fuzzer sees the branches of. What Numba compiles cannot be instrumented.
+INSTRUMENTED = (
+    *(
+        "cmr.bus",
+        "cmr.parameters",
+        "cmr.documents",
+        "cmr.commands",
+        "cmr.experiments.live",
+        "cmr.view.data",
+        "cmr.tools.spy",
+    ),
+    *("cmr.world.world", "cmr.world.gate", "cmr.world.estimator", "cmr.world.real_robot", "cmr.world.others"),
+    *("cmr.world.pilot", "cmr.world.behaviours.waypoints", "cmr.calibration.calibrator", "cmr.diagnosis.live"),
+    *("cmr.recordings", "cmr.camera.tracks", "robot_driver"),
+)
+SIMULATED = ("robot_driver.emulator", "robot_driver.simulated")
+COMPILED = ("compiled", "njit", "numba")  # words in modules with such functions
+LONGEST_LIFE = 5_000  # inputs
+MOST_OF_A_KIND = 3  # findings of one kind at one place that are kept
+LARGEST_GROWTH = 40e6  # bytes, within a life after its first third, or its first 500 inputs
+SETTLING = 500  # inputs
+FEWEST = 20  # inputs of a life of which the growth is measured
+EVERY, NOTED = "every", "subscriptions.json"
+PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+class Target:
+    """Gives inputs to lives of a process, one after the other, and keeps what ended badly."""
+
+    def __init__(self, process: str, stream: str, folder: Path) -> None:
+        from cmr.bus.keys import write_new_key
+        from cmr.bus.streams import STREAMS
+        from fuzzing.programs import PROGRAMS
+
+        self.executions = self.lives = self.short_lives = 0
+        self.longest = self.growth = 0.0
+        self.found: dict[tuple[str, str], int] = {}
+        self._program, self._folder = PROGRAMS[process], folder
+        self._stream = next(each for each in STREAMS if each.name == stream)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._scratch = Path(tempfile.mkdtemp(prefix="cmr-fuzz-bus-"))
+        self._key_file = self._scratch / "key"
+        self._key = write_new_key(self._key_file)
+        self._life: Life | None = None
+        self._inputs: Inputs | None = None
+        self._count = self._settled = 0
+
+    def give(self, data: bytes) -> None:
+        """Give one input."""
+        if self._life is None:
+            self._begin()
+        assert self._life is not None
+        assert self._inputs is not None
+        self._given.write(len(data).to_bytes(2, "big") + data)
+        self._count += 1
+        self.executions += 1
+        self._inputs.give(data)
+        if self._count == 1 or self._count % 50 == 0:
+            self._life.take_over()
+        if self._count == SETTLING or (self._settled == 0 and self._count == FEWEST):
+            self._settled = _resident()
+        self.longest = max(self.longest, self._life.longest)
+        if self._life.found or self._life.is_over or self._count >= LONGEST_LIFE:
+            self.finish()
+
+    def finish(self) -> None:
+        """End the present life, and note what came of it."""
+        if self._life is None:
+            return
+        life, self._life = self._life, None
+        grown = _resident() - self._settled if self._settled else 0
+        life.end()
+        self._given.close()
+        self.growth = max(self.growth, float(grown))
+        if grown > LARGEST_GROWTH:
+            life._find("growth", "", f"{grown / 1e6:.0f} MB within {self._count} inputs")
+        self.short_lives += self._count < FEWEST
+        for finding in life.found:
+            self._keep(finding)
+        shutil.rmtree(self._place, ignore_errors=True)
+        if not any(life.found):
+            self._record.unlink(missing_ok=True)
+        if any(finding.kind == "hang" and finding.text.startswith("no rest") for finding in life.found):
+            self.report()
+            os._exit(3)  # a thread that never rests cannot be ended
+
+    def clean(self) -> None:
+        """Leave nothing behind."""
+        shutil.rmtree(self._scratch, ignore_errors=True)
+
+    def report(self) -> None:
+        """Write down what came of it."""
+        result = {name: getattr(self, name) for name in ("executions", "lives", "short_lives", "longest", "growth")}
+        result["found"] = [[*which, count] for which, count in self.found.items()]
+        (self._folder / "result.json").write_text(json.dumps(result))
+
+    def _begin(self) -> None:
+        from fuzzing.inputs import Inputs
+        from fuzzing.life import Life
+
+        self.lives += 1
+        self._place = self._scratch / f"life_{self.lives}"
+        self._place.mkdir()
+        has_key = self.lives % 2 == 0 or self._program.needs_key
+        self._record = self._folder / f"life_{self.lives}{'_with_key' if has_key else ''}.bin"
+        self._given = self._record.open("wb")
+        self._count, self._settled = 0, 0
+        self._life = Life(self._program, self._place, self._key_file if has_key else None)
+        self._life.begin()
+        self._inputs = Inputs(self._life, self._stream, self._key if has_key else None)
+
+    def _keep(self, finding: "Finding") -> None:
+        which = finding.kind, finding.where
+        self.found[which] = self.found.get(which, 0) + 1
+        if self.found[which] <= MOST_OF_A_KIND:
+            with (self._folder / "found.txt").open("a") as said:
+                said.write(
+                    f"{self._record} after {self._count} inputs: {finding.kind} {finding.where}\n{finding.text}\n\n"
+                )
+
+
+def _resident() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE
+
+
+def inputs_of(record: Path) -> Iterator[bytes]:
+    """Yield the inputs that a life was given."""
+    data = record.read_bytes()
+    at = 0
+    while at + 2 <= len(data):
+        length = int.from_bytes(data[at : at + 2], "big")
+        yield data[at + 2 : at + 2 + length]
+        at += 2 + length
+
+
+def main() -> int:
+    """Fuzz, or try again."""
+    process, stream, seconds, folder, *more = sys.argv[1:]
+    out = Path(folder)
+    out.mkdir(parents=True, exist_ok=True)
+    os.environ["XDG_STATE_HOME"] = os.environ["XDG_CONFIG_HOME"] = str(out / "none")
+    resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+    if stream == "?":
+        print(json.dumps(subscriptions(process)))
+        return 0
+    with _quiet():
+        if "--atheris" in more:
+            return _with_atheris(process, stream, float(seconds), out / stream)
+        found = 0
+        if stream == EVERY:
+            noted = subscriptions(process)
+            (out / NOTED).write_text(json.dumps(noted))
+            stream = ",".join(noted["heard"])
+        for each in stream.split(","):
+            target = Target(process, each, out / each)
+            if more:
+                _again(target, [Path(record) for record in more if not record.startswith("--")])
+            elif seconds != "0":
+                _by_chance(target, float(seconds))
+            target.report()
+            target.clean()
+            found += len(target.found)
+    return int(found > 0)
+
+
+def _again(target: "Target", records: list[Path]) -> None:
+    """Give lives the inputs of records again."""
+    for record in records:
+        target.lives = int(record.stem.split("_")[1]) - 1  # with a key or without one, as then
+        for data in inputs_of(record):
+            target.give(data)
+        target.finish()
+
+
+def subscriptions(process: str) -> dict[str, Any]:
+    """Return the names of the streams that a process hears, and where it subscribes to what."""
+    from cmr.bus.keys import write_new_key
+    from fuzzing.life import Life
+    from fuzzing.programs import PROGRAMS
+
+    with tempfile.TemporaryDirectory(prefix="cmr-fuzz-bus-") as folder, _quiet():
+        key = Path(folder) / "key"
+        write_new_key(key)
+        life = Life(PROGRAMS[process], Path(folder), key)
+        life.begin()
+        made = {(Path(name).resolve(), line) for name, line in life.network.subscribed.values()}
+        places = sorted((str(path.relative_to(ROOT)), line) for path, line in made if path.is_relative_to(ROOT))
+        heard, found = list(life.heard()), [list(finding) for finding in life.found]
+        life.end()
+    return {"heard": heard, "places": places, "found": found}
+
+
+def _by_chance(target: Target, seconds: float) -> None:
+    from fuzzing.inputs import LONGEST
+
+    chance, end = Random(0), time.process_time() + seconds
+    while time.process_time() < end:
+        target.give(chance.randbytes(chance.randrange(LONGEST)))
+    target.finish()
+
+
+def _with_atheris(process: str, stream: str, seconds: float, out: Path) -> int:
+    import atheris
+
+    with atheris.instrument_imports(include=["cmr", "robot_driver"], exclude=_not_instrumented()):
+        for name in ("cmr.bus.process", "cmr.bus.gate", "cmr.parameters.following", "robot_driver.driver"):
+            importlib.import_module(name)
+        from fuzzing.programs import PROGRAMS
+
+        importlib.import_module(PROGRAMS[process].module)
+        target = Target(process, stream, out)
+    from fuzzing.inputs import LONGEST
+
+    end = time.process_time() + seconds
+
+    def give(data: bytes) -> None:
+        target.give(data)
+        if time.process_time() > end:
+            target.finish()
+            target.report()
+            target.clean()
+            os._exit(int(bool(target.found)))
+
+    limits = ["-timeout=600", f"-max_len={LONGEST}", "-len_control=10", "-rss_limit_mb=6000"]
+    with tempfile.TemporaryDirectory() as corpus:
+        (Path(corpus) / "seed").write_bytes(Random(0).randbytes(LONGEST))
+        atheris.Setup([sys.argv[0], corpus, f"-artifact_prefix={out}/", *limits], give)
+        atheris.Fuzz()
+    return 0
+
+
+def _not_instrumented() -> list[str]:
+    """Return the modules of ours of which the fuzzer sees no branches."""
+    names = []
+    for path in (
+        *(ROOT / "cmr").rglob("*.py"),
+        *(ROOT / "tools").rglob("*.py"),
+        *(ROOT / "robot_driver").rglob("*.py"),
+    ):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        name = ".".join(("cmr", *parts) if parts[0] == "tools" else parts).removesuffix(".__init__")
+        is_seen = name.startswith(INSTRUMENTED) and not name.startswith(SIMULATED)
+        if not is_seen or any(word in path.read_text() for word in COMPILED):
+            names.append(name)
+    return names
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Throw away what processes print."""
+    before = sys.stdout, sys.stderr
+    with open(os.devnull, "w") as nothing:  # noqa: PTH123
+        sys.stdout = sys.stderr = nothing
+        try:
+            yield
+        finally:
+            sys.stdout, sys.stderr = before
+
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(ROOT / "scripts"), str(ROOT)]
+    sys.exit(main())

@@ -1,0 +1,196 @@
+"""The processes that subscribe to messages: how each is started so that it runs beside the fuzzer, by its own main."""
+
+import importlib
+import signal
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cmr.bus.streams import MOTOR_COMMAND
+from fuzzing.duties import DutyChecks
+from fuzzing.stepped_time import Clock, PlainClock
+from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
+from robot_driver.emulator.plant import Plant
+from robot_driver.emulator.robot_in_time import RobotInTime
+from robot_driver.emulator.settings import load_settings
+from robot_driver.simulated.host import SimulatedHost
+from robot_driver.simulated.usb import OwnUsb, UsbAdapter
+
+ROOT = Path(__file__).resolve().parents[2]
+PARAMETERS = ROOT / "cmr/experiments/scenario/shipped/parameters/robot_0.yaml"
+URL, OTHER_URL = "memq://fuzz", "memq://strangers"
+ANYTHING = "anything"  # how a process may end, beside exit codes
+SCENARIO = """\
+duration: 60
+parameters: {parameters}
+robots:
+  - {{id: 10, kind: virtual, behaviour: waypoints, waypoints: [[9.0, 0.0]]}}
+  - {{id: 0, kind: emulated, start: [-1, 0], behaviour: "follow,leader=10"}}
+"""
+
+
+class Stage:
+    """What a process runs on: its folder, its clock, and what is checked of the world beyond it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.clock: Clock = PlainClock()
+        self.duties: DutyChecks | None = None
+
+
+@dataclass(frozen=True)
+class Program:
+    """A process: its module with `main`, its arguments in a folder, and what is put in place of what it cannot have.
+
+    `may_end` are words of the last sentence with which it may end by itself; None: it may not. `url` is where messages
+    come from.
+    """
+
+    module: str
+    arguments: Callable[[Path], Sequence[str]]
+    prepare: Callable[[Stage], None] = lambda _stage: None
+    may_end: str | None = None
+    url: str = URL
+    relays: bool = False  # what it publishes is what strangers say
+    needs_key: bool = False
+    more: tuple[str, ...] = ()  # files in which it subscribes, beside that of its module
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files in which it subscribes."""
+        own = self.module.removeprefix("cmr.") if self.module.startswith("cmr.tools") else self.module
+        return (own.replace(".", "/") + ".py", *self.more)
+
+
+def _driver(stage: Stage) -> None:
+    """Plug an emulated robot into a simulated computer, and have the driver run on it."""
+    settings = load_settings(None)
+    plant, host = Plant(settings), SimulatedHost(0)
+    controller: Any = CONTROLLER_DEVICES["roboclaw"](settings, plant)
+    devices = {"motor": controller, "gyro": GYRO_DEVICES["dsp3000"](settings, plant)}
+    adapters: dict[str, UsbAdapter | OwnUsb] = {name: OwnUsb() for name in devices}
+    host.plug_in(RobotInTime(plant, devices, host.arrive, adapters=adapters), adapters)
+    module: Any = importlib.import_module("robot_driver.main")
+    driver: Any = importlib.import_module("robot_driver.driver")
+    module.Driver = lambda plan, stop_file: driver.Driver(plan, host, stop_file)
+    stage.clock = host
+    stage.duties = DutyChecks(MOTOR_COMMAND.channel(0), lambda: [duty / 32767.0 for duty in controller.duty])
+
+
+def _unhurried(_stage: Stage) -> None:
+    """Have the process not run before all others: it is not the only one here."""
+    module: Any = importlib.import_module("robot_driver.emulator.main")
+    module.go_first = lambda: None
+
+
+class NoProcess:
+    """A process that another one believes that it started: it says that it is ready, and runs until it is stopped."""
+
+    count = 1000
+
+    def __init__(self, _command: object, stdout: Any = None, **_options: object) -> None:
+        NoProcess.count = 1000 + (NoProcess.count - 999) % 8
+        self.pid = NoProcess.count
+        self.returncode: int | None = None
+        if stdout is not None:
+            stdout.write(b"ready\n")
+
+    def poll(self) -> int | None:
+        """Return the exit code, None while it runs."""
+        return self.returncode
+
+    def wait(self, _timeout: float | None = None) -> int | None:
+        """Return the exit code."""
+        return self.returncode
+
+    def terminate(self) -> None:
+        """End."""
+        self.returncode = -signal.SIGTERM
+
+    kill = terminate
+
+
+def _childless(_stage: Stage) -> None:
+    """Have nothing started."""
+    module: Any = importlib.import_module("cmr.experiments.live.children")
+    module.subprocess = type(subprocess)("subprocess")
+    module.subprocess.Popen, module.subprocess.DEVNULL, module.subprocess.STDOUT = NoProcess, -3, -2
+    module.subprocess.TimeoutExpired = subprocess.TimeoutExpired
+
+
+def _run(stage: Stage) -> None:
+    _childless(stage)
+    (stage.folder / "team.yaml").write_text(SCENARIO.format(parameters=PARAMETERS))
+
+
+def _camera(stage: Stage) -> None:
+    """Have a camera that sees the same floor again and again."""
+    from fuzzing.still_camera import put_camera
+
+    put_camera(stage.folder)
+
+
+def _own(folder: Path) -> str:
+    return str(folder / "robot_0.yaml")
+
+
+PROGRAMS = {
+    "driver": Program(
+        "robot_driver.main",
+        lambda at: ["--port", "motor", "--gyro-port", "gyro", "--state", str(at / "state"), "--parameters", _own(at)],
+        _driver,
+    ),
+    "emulate velocity": Program(
+        "robot_driver.emulator.main", lambda _at: ["--command", "velocity", "--ideal"], _unhurried
+    ),
+    "emulate wheel_speed": Program(
+        "robot_driver.emulator.main", lambda _at: ["--command", "wheel_speed", "--ideal"], _unhurried
+    ),
+    "sim": Program(
+        "cmr.commands.sim",
+        lambda at: [
+            *("--parameters", str(at), "--virtual", "10=figure_eight,laps=0", "11=follow,leader=0", "12=waypoints,x=2"),
+            *("13=commanded,y=2", "--range-sensor", "10"),
+        ],
+    ),
+    "pilot": Program(
+        "cmr.commands.pilot",
+        lambda at: ["--parameters", _own(at), "--behaviour", "figure_eight,laps=0", "--geofence=-9,-9,9,-9,9,9,-9,9"],
+        may_end="took over robot",
+    ),
+    "calibrate": Program(
+        "cmr.commands.calibrate",
+        lambda at: ["--robot", "0", "--parameters", _own(at), "--out", str(at / "found.yaml")],
+        may_end=ANYTHING,
+    ),
+    "diagnose": Program(
+        "cmr.commands.diagnose",
+        lambda at: ["--live", "--robot", "0", "--parameters", _own(at), "--out", str(at / "diagnosis")],
+    ),
+    "camera": Program(
+        "cmr.commands.camera",
+        lambda at: ["0", "--lens", str(at / "lens.yaml"), "--floor", str(at / "floor.yaml"), "--image-rate", "5"],
+        _camera,
+    ),
+    "view": Program("cmr.commands.view", lambda _at: ["--port", "18400"], more=("cmr/view/data/live.py",)),
+    "run": Program(
+        "cmr.commands.run",
+        lambda at: [str(at / "team.yaml"), "--out", str(at / "run")],
+        _run,
+        ANYTHING,
+        more=("cmr/experiments/live/live_run.py",),
+    ),
+    "recorder": Program("cmr.experiments.live.recorder", lambda at: [str(at / "run.lcm")]),
+    "agent": Program("cmr.commands.agent", lambda at: ["--out", str(at / "agent")], _childless, needs_key=True),
+    "relay": Program(
+        "cmr.commands.relay",
+        lambda _at: ["--channel", "*", "--from", OTHER_URL],
+        url=OTHER_URL,
+        relays=True,
+    ),
+    "spy": Program("cmr.tools.spy.main", lambda _at: ["--json"]),
+    "demo": Program("cmr.commands.demo", lambda at: ["--out", str(at / "demo")], _childless, ANYTHING),
+    "estop": Program("cmr.commands.estop", lambda _at: ["status"], may_end=ANYTHING),
+}
