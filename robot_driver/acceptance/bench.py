@@ -85,6 +85,7 @@ class Bench:
         self.estop: bool | None = None  # whether the stop is to be engaged, all the time; None: nothing is said of it
         self._estop_decided = 0
         self._drivers = 0
+        self.in_service = False
 
     @contextmanager
     def relayed(self) -> Iterator[None]:
@@ -197,7 +198,7 @@ class Bench:
         utime = now_utime() - round(1e6 * age)
         self.bus.publish(ESTOP, make(estop_t, utime=utime, engaged=False, source=name, reason="a test of promise 18"))
 
-    def run(
+    def go_on(
         self, seconds: float, duty: Callable[[float], Duty] | None, until: Callable[[], object] = lambda: False
     ) -> Span:
         """Command what `duty` says for so many seconds, or until something holds; return from when to when."""
@@ -219,9 +220,10 @@ class Bench:
                 one.state == process_status_t.RUNNING and one.pid == process.pid for one in recent
             )
 
-        self.run(READY, lambda _: (0.0, 0.0), ready)
-        self.run(2 * COMMAND_PERIOD, lambda _: (0.0, 0.0))
-        return process.poll() is None and ready()
+        self.go_on(READY, lambda _: (0.0, 0.0), ready)
+        self.go_on(2 * COMMAND_PERIOD, lambda _: (0.0, 0.0))
+        self.in_service = process.poll() is None and bool(ready())
+        return self.in_service
 
     def until_served(self) -> None:
         """Command zero until the motors are served again, and the driver has forgotten what was before."""
@@ -231,7 +233,7 @@ class Bench:
             fresh = [one for one in self.record.feedback[-8:] if now - 1000 * one.utime < 400_000_000]
             return len(fresh) == 8 and not any(one.status for one in fresh)
 
-        self.run(READY, lambda _: (0.0, 0.0), served)
+        self.go_on(READY, lambda _: (0.0, 0.0), served)
 
     def wire(self) -> Wire:
         """Return what has passed the filter so far."""
@@ -245,7 +247,7 @@ class Bench:
         line, end = self.filter, time.monotonic() + seconds
         while time.monotonic() < end:
             self.relay.hand_over(lambda now: line.own_request(line.dialect.ask_counts, now))
-            self.run(0.02, None)
+            self.go_on(0.02, None)
 
     def _hear(self, seconds: float) -> None:
         for received in self.bus.receive(seconds):

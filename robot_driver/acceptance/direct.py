@@ -38,12 +38,12 @@ def session(run: Run) -> None:
     try:
         if not bench.until_ready():
             said = f"the driver did not begin: {bench.errors().strip()}"
-            run.note(*(Finding(promise, "in service", None, said) for promise in (10, 11, 12)))
+            run.note(*(Finding(promise, "on the port", None, said) for promise in (10, 11, 12)))
             return
         if run.wants(11):
             _warned(run, numbered)
         if run.wants(12):
-            _second(run, port)
+            run.attempt(lambda run: _second(run, port))
         if run.wants(5, 10):
             _by_hand(run)
     finally:
@@ -161,7 +161,7 @@ def _pull_cable(run: Run) -> None:
 
 def _bound(run: Run, last: int) -> None:
     """Bound the time to stop by the counts that were gained while the cable was out, where the device counted on."""
-    run.bench.run(1.0, run.zero)
+    run.bench.go_on(1.0, run.zero)
     before = [one for one in run.bench.record.feedback if last - 300_000 <= one.utime <= last]
     after = run.bench.record.feedback[-1]
     speed = abs(before[-1].ticks_left - before[0].ticks_left) / max((before[-1].utime - before[0].utime) / 1e6, 1e-6)

@@ -31,7 +31,7 @@ def session(run: Run) -> None:
         return
     with run.bench.relayed():
         for step in chosen:
-            step(run)
+            run.attempt(step)
             run.bench.estop = None
 
 
@@ -68,7 +68,7 @@ def engaged_before(run: Run) -> None:
     run.bench.set_estop(True)
     run.bench.start(rate=RATE, acceleration=ACCELERATION, state="engaged-before")
     begun = time.monotonic_ns()
-    run.bench.run(LISTENING + 1.5, run.wave, until=lambda: _served_for(run, begun, LISTENING))
+    run.bench.go_on(LISTENING + 1.5, run.wave, until=lambda: _served_for(run, begun, LISTENING))
     run.note(
         stops.nothing_moves(18, "engaged before the start", run.bench.wire(), Span(begun, time.monotonic_ns()), "held")
     )
@@ -131,7 +131,7 @@ def latched(run: Run) -> None:
     bench.start(rate=RATE, acceleration=ACCELERATION, state="latched")
     begun = time.monotonic_ns()
     run.still(0.8, run.zero)
-    bench.run(LISTENING + 1.5, run.wave, until=lambda: _served_for(run, begun, LISTENING))
+    bench.go_on(LISTENING + 1.5, run.wave, until=lambda: _served_for(run, begun, LISTENING))
     span = Span(begun, time.monotonic_ns())
     run.note(stops.nothing_moves(19, "after a restart", bench.wire(), span, "held by the stop on the disk"))
     bench.release(name="")
@@ -173,5 +173,5 @@ def both_killed(run: Run) -> None:
     process.wait()
     run.still(2.0)
     run.bench.ask_counts(0.2)
-    run.note(stops.bounded(6, "driver and gate killed (SIGKILL)", run.bench.wire(), at, stops.WATCHDOG))
+    run.note(stops.bounded(6, "driver and gate killed (SIGKILL)", run.bench.wire(), at, stops.WATCHDOG, at + SECOND))
     run.bench.end()

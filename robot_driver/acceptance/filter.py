@@ -12,7 +12,9 @@ from robot_driver.acceptance.dialects import COUNTER_RANGE, Dialect, Kind, Pair
 
 SECOND = 10**9  # ns; all times are ns of the monotonic clock
 BITS_PER_BYTE = 10  # 8N1
-ADAPTER = 12_000_000  # ns for which a slow adapter holds a reply back
+ADAPTER = 4_000_000  # ns for which a slow adapter holds a reply back
+EIGHTH_BIT = 0x80
+VALID_LINE, INVALID_LINE = b"1\r\n", b"0\r\n"  # how lines of a DSP-3000 end
 NO_COUNTS = 0, 0
 
 
@@ -74,11 +76,12 @@ class Faults:
 class Forgery:
     """What the device is made to say: counts further on by `offset`, that it has lost its watchdog, a voltage (V).
 
-    That it has a watchdog again it says as soon as it has been given one.
+    That it has a watchdog again it says as soon as it has been given one, unless that is `refused`.
     """
 
     offset: Pair = NO_COUNTS
     watchdog_lost: bool = False
+    watchdog_refused: bool = False
     voltage: float | None = None
 
 
@@ -107,7 +110,7 @@ class Filter:
             passed = self._damaged(data)
         due = now + self._wire_time(data)
         if self.dialect.kind(passed) is Kind.SET_WATCHDOG:
-            self.forgery.watchdog_lost = False
+            self.forgery.watchdog_lost = self.forgery.watchdog_refused
         self.exchanges.append(Exchange(due, data, passed))
         self._held, self._deliver_after = b"", due
         return [Piece(due, True, passed)] if passed else []
@@ -181,11 +184,15 @@ class Filter:
 
 @dataclass
 class GyroFaults:
-    """What is wrong with a gyro's line: held back for `hold` (ns) at a time; a share of bytes flipped; off."""
+    """What is wrong with a gyro's line: held back for `hold` (ns) at a time; a share of bytes damaged; off; not valid.
+
+    Damage sets the eighth bit of a byte: a protocol of text without a checksum cannot see a digit become another.
+    """
 
     hold: int = 0
     damage: float = 0.0
     off: bool = False
+    invalid: bool = False
 
 
 @dataclass
@@ -210,7 +217,9 @@ class GyroFilter:
             return []
         self.heard.append((now, data))
         if faults.damage:
-            data = bytes(byte ^ 1 << self._random.randrange(8) if self._happens() else byte for byte in data)
+            data = bytes(byte ^ EIGHTH_BIT if self._happens() else byte for byte in data)
+        if faults.invalid:
+            data = data.replace(VALID_LINE, INVALID_LINE)
         due = (now // faults.hold + 1) * faults.hold if faults.hold else now
         return [Piece(due, False, data)]
 

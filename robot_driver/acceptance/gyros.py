@@ -77,9 +77,9 @@ def only_rates(check: str, record: Record, truth: Sequence[Said], span: Span, si
     return Finding(15, check, passed, said, {"valid": len(valid), "false": false})
 
 
-def silent_gap(record: Record, gap: Span) -> Finding:
-    """Judge that no rate was reported of a time in which the gyro was off."""
-    inner = Span(gap.begin + SECOND // 10, gap.end)
+def none_valid(check: str, record: Record, span: Span, why: str) -> Finding:
+    """Judge that no rate was reported of a time in which the gyro gave none."""
+    inner = Span(span.begin + SECOND // 10, span.end)
     valid = sum(bool(message.valid) for message in record.gyro_in(inner))
-    said = f"while the gyro was off for {gap.seconds:.1f} s, {valid} yaw rates were reported as valid"
-    return Finding(15, "gap", valid == 0, said, {"valid": valid})
+    said = f"while {why}, for {span.seconds:.1f} s, {valid} yaw rates were reported as valid"
+    return Finding(15, check, valid == 0, said, {"valid": valid})

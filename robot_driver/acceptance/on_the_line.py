@@ -4,6 +4,7 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from cmr.msg import motor_feedback_t
 from robot_driver.acceptance import gyros, judges, stops
@@ -19,6 +20,8 @@ BEFORE_WRAP = 100  # counts before the end of the counters, with which they begi
 JUMP = 2**30  # counts
 GAP = 5_000_000  # ns between the bytes of replies in pieces
 ADDED = 0.016  # s, as a USB adapter holds replies back
+ON_THE_LINE = 1, 2, 3, 4, 5, 6, 7, 8, 10, 13, 14, 15, 17  # promises that are looked at here
+STARTS = 3  # of the driver, on a computer that is held up
 BURST = 50_000_000  # ns
 
 
@@ -39,6 +42,7 @@ def session(run: Run) -> None:
         stale: (8,),
         paused: (6, 8),
         unplugged: (10,),
+        watchdog_refused: (7,),
     }
     chosen = [step for step, promises in steps.items() if run.wants(*promises)]
     if not chosen and not run.wants(7, 13, 14, 17):
@@ -48,8 +52,13 @@ def session(run: Run) -> None:
         if not begin(run):
             return
         for step in chosen:
-            run.restore()
-            step(run)
+            run.attempt(partial(restored, step))
+
+
+def restored(step: Callable[[Run], None], run: Run) -> None:
+    """Make a step on a line that is good again."""
+    run.restore()
+    step(run)
 
 
 def begin_before_wrap(run: Run) -> None:
@@ -67,19 +76,24 @@ def _last_counts(run: Run) -> tuple[int, int]:
 
 def begin(run: Run) -> bool:
     """Start the driver and drive a while; everything else is compared with that."""
-    begun = time.monotonic_ns()
-    run.bench.start(rate=RATE, acceleration=ACCELERATION)
-    if not run.bench.until_ready():
+    for _ in range(STARTS):
+        begun = time.monotonic_ns()
+        run.bench.start(rate=RATE, acceleration=ACCELERATION)
+        if run.bench.until_ready() or not run.held_up.longest(Span(begun, time.monotonic_ns())):
+            break
+        run.bench.end()
+    if not run.bench.in_service:
         said = run.bench.record.statuses[-1].message if run.bench.record.statuses else run.bench.errors().strip()
-        promises = [promise for promise in sorted(run.wanted) if promise != 7]
+        promises = [promise for promise in ON_THE_LINE if promise != 7]
         run.note(*(Finding(promise, "in service", None, f"the driver did not begin: {said}") for promise in promises))
         unarmed = "watchdog" in said
         run.note(Finding(7, "in service", False if unarmed else None, f"the driver did not begin: {said}"))
         return False
-    return steady(run, begun)
+    run.attempt(partial(steady, begun))
+    return run.turns
 
 
-def steady(run: Run, begun: int) -> bool:
+def steady(begun: int, run: Run) -> None:
     """Drive on a good line: forward over the end of the counters, and back; longer where stamps are looked at."""
     seconds = run.pace.steady if run.wants(14, 17) else 3.0
     forth = run.moving("steady", f"Driving steadily, for {seconds:.0f} s. Any key ends everything.", seconds)
@@ -88,10 +102,12 @@ def steady(run: Run, begun: int) -> bool:
     run.still(SETTLING, run.zero)
     record, wire = run.bench.record, run.bench.wire()
     whole = Span(forth.begin, again.end)
-    if wire.speed(forth.end) < stops.LEAST_SPEED:
+    if (wire.gained(forth.begin + SECOND // 2, forth.end) or 0) / forth.seconds < stops.LEAST_SPEED:
         said = f"the wheels do not turn at {100 * run.bench.setup.duty:.0f} % duty: give more, with --duty"
-        run.note(*(Finding(promise, "turning", None, said) for promise in sorted(run.wanted)))
-        return False
+        run.note(*(Finding(promise, "turning", None, said) for promise in ON_THE_LINE))
+        return
+    run.turns = True
+    run.good = Span(max(forth.begin, forth.end - 10 * SECOND), forth.end)
     run.settle_constant(Span(forth.begin, forth.begin + SECOND))
     run.note(
         judges.armed_before_driven(wire, Span(begun, forth.end)),
@@ -104,7 +120,6 @@ def steady(run: Run, begun: int) -> bool:
     if record.gyro:
         run.note(gyros.increasing("GYRO", [one.utime for one in record.gyro], whole.seconds))
     run.figures |= judges.round_trips(record, wire, whole)
-    return True
 
 
 def _no_jumps(run: Run, span: Span) -> Finding:
@@ -139,12 +154,12 @@ def losses(run: Run) -> None:
     run.line.faults = Faults()
     settings, wire = run.bench.setup.settings, run.bench.wire()
     baud = settings.baud or CONTROLLERS[settings.controller].default_baud_rate
-    run.note(judges.rhythm(wire, span, RATE), judges.cost_of_loss(wire, span, baud))
+    run.note(judges.rhythm(wire, run.good, span, RATE), judges.cost_of_loss(wire, span, baud))
 
 
 def damage(run: Run) -> None:
     """Damage requests and replies, and have replies be late; the gyro's as well."""
-    run.line.faults = Faults(damage=0.06, damage_requests=0.02, delay=0.04)
+    run.line.faults = Faults(damage=0.2, damage_requests=0.03, delay=0.08)
     if run.bench.gyro is not None:
         run.bench.gyro.faults = GyroFaults(damage=0.01)
     span = run.moving("damage", "Driving while the line damages what passes.", 1.5 * run.pace.faulty)
@@ -197,9 +212,15 @@ def gyro_off(run: Run) -> None:
     gap = run.still(run.pace.brief, run.zero)
     run.bench.gyro.faults = GyroFaults()
     span = run.still(2.0, run.zero)
-    run.note(gyros.silent_gap(run.bench.record, gap))
+    run.note(gyros.none_valid("gap", run.bench.record, gap, "the gyro was off"))
     after = gyros.only_rates("after the gap", run.bench.record, said_by_gyro(run), span, sign_of_gyro(run))
     run.note(after)
+    if run.bench.setup.settings.gyro not in (None, "dsp3000"):
+        return
+    run.bench.gyro.faults = GyroFaults(invalid=True)
+    span = run.still(run.pace.brief, run.zero)
+    run.bench.gyro.faults = GyroFaults()
+    run.note(gyros.none_valid("not valid", run.bench.record, span, "the gyro said that nothing was valid"))
 
 
 def jump(run: Run) -> None:
@@ -224,7 +245,7 @@ def jump(run: Run) -> None:
 
 def silence(run: Run) -> None:
     """Have the device answer nothing for a while, with its motors running until they stop."""
-    if not run.drive_until_moving():
+    if not run.drives(5, "silence"):
         return
     begun = time.monotonic_ns()
     run.line.faults = Faults(silent=True)
@@ -253,7 +274,7 @@ def _from_zero(drives: list[Drive]) -> list[Drive]:
 
 def deaf(run: Run) -> None:
     """Have the device hear bytes that make no sense: it has to be left alone until its watchdog stops the motors."""
-    if not run.drive_until_moving():
+    if not run.drives(6, "a deaf device"):
         return
     begun = time.monotonic_ns()
     run.line.faults = Faults(deaf=True)
@@ -261,12 +282,13 @@ def deaf(run: Run) -> None:
     run.line.faults = Faults()
     heard = time.monotonic_ns()
     run.bench.until_ready()
-    run.note(stops.bounded(6, "a deaf device", run.bench.wire(), begun, 1.5, heard + SECOND // 2))
+    run.still(0.3, run.zero)
+    run.note(stops.bounded(6, "a deaf device", run.bench.wire(), begun, 1.5, heard))
 
 
 def watchdog_lost(run: Run) -> None:
     """Have the device say that it has no watchdog any more."""
-    if not run.drive_until_moving():
+    if not run.drives(7, "armed again"):
         return
     lost = time.monotonic_ns()
     run.line.forgery.watchdog_lost = True
@@ -278,9 +300,24 @@ def watchdog_lost(run: Run) -> None:
     run.settle_constant(span)
 
 
+def watchdog_refused(run: Run) -> None:
+    """Have the device acknowledge its watchdog, and have none all the same: then nothing may move."""
+    relay = run.bench.relay
+    assert relay is not None
+    run.line.forgery.watchdog_lost = run.line.forgery.watchdog_refused = True
+    relay.unplug()
+    run.still(0.3, run.zero)
+    begun = time.monotonic_ns()
+    relay.plug_in()
+    run.moving("no watchdog", "The device takes no watchdog.", 3.0)
+    span = Span(begun, time.monotonic_ns())
+    run.line.forgery.watchdog_lost = run.line.forgery.watchdog_refused = False
+    run.note(stops.nothing_moves(7, "read back", run.bench.wire(), span, "a device that takes no watchdog"))
+
+
 def reset(run: Run) -> None:
     """Have the device be reset: its counts begin at zero, and it has no watchdog."""
-    if not run.drive_until_moving():
+    if not run.drives(13, "reset"):
         return
     before, last = run.bench.record.feedback[-1], _last_counts(run)
     run.line.forgery = replace(run.line.forgery, offset=(-last[0], -last[1]), watchdog_lost=True)
@@ -292,7 +329,7 @@ def reset(run: Run) -> None:
     record, wire = run.bench.record, run.bench.wire()
     run.settle_constant(span)
     after = record.feedback_in(Span(begun + SECOND // 5, span.end))
-    true = wire.gained(begun, span.end) or 0
+    true = wire.gained(begun, span.end - SECOND // 20) or 0
     said = abs(after[-1].ticks_left - before.ticks_left) if after else JUMP
     told = [one.message for one in record.statuses_in(Span(begun, span.end)) if "was reset" in one.message]
     jumps = any(one.status & motor_feedback_t.STATUS_ENCODER_JUMP for one in after)
@@ -303,7 +340,7 @@ def reset(run: Run) -> None:
 
 def stale(run: Run) -> None:
     """Say nothing more; then say old commands; then new ones."""
-    if not run.drive_until_moving():
+    if not run.drives(8, "stale"):
         return
     last = run.bench.commanded
     silent = run.still(1.2)
@@ -322,7 +359,7 @@ def stale(run: Run) -> None:
 
 def paused(run: Run) -> None:
     """Stop the driver's process as by Ctrl-Z while it drives, and have it go on."""
-    if not run.drive_until_moving():
+    if not run.drives(6, "driver stopped (SIGSTOP)"):
         return
     process = run.bench.process
     assert process is not None
@@ -339,7 +376,7 @@ def unplugged(run: Run) -> None:
     """Have the driver's port vanish and come back."""
     relay = run.bench.relay
     assert relay is not None
-    if not run.drive_until_moving():
+    if not run.drives(10, "reported"):
         return
     out = time.monotonic_ns()
     relay.unplug()

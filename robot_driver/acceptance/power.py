@@ -18,9 +18,13 @@ SLOW_RATE = 5.0  # Hz; an exchange of all takes 0.16 s at that rate
 
 
 def session(run: Run) -> None:
+    """Look at batteries."""
+    if run.wants(16):
+        run.attempt(battery)
+
+
+def battery(run: Run) -> None:
     """Start the driver with a battery that is unknown, full, low, empty, and full again."""
-    if not run.wants(16):
-        return
     bench = run.bench
     with bench.relayed():
         run.line.forgery.voltage = FULL
@@ -28,7 +32,7 @@ def session(run: Run) -> None:
         bench.start(rate=RATE, acceleration=ACCELERATION, battery_warn=WARN, battery_stop=STOP, state="battery")
         begun = time.monotonic_ns()
         run.still(2.0, run.zero)
-        bench.run(2.0, run.wave)
+        bench.go_on(2.0, run.wave)
         span = Span(begun, time.monotonic_ns())
         run.note(stops.nothing_moves(16, "unknown", bench.wire(), span, "while the voltage is not known"))
         run.line.faults = Faults()
@@ -56,7 +60,8 @@ def _empty(run: Run) -> None:
     run.line.forgery.voltage = EMPTY
     begun = time.monotonic_ns()
     run.moving("empty battery", "Driving with a battery that is reported as empty.", DELAY + 2.0)
-    zero = run.bench.wire().first_zero(begun)
+    moved = [drive.asked for drive in run.bench.wire().drives_in(Span(begun, time.monotonic_ns())) if drive.moves]
+    zero = run.bench.wire().first_zero(moved[-1] if moved else begun)
     said = "an empty battery did not stop it"
     if zero is not None:
         said = f"stopped {(zero.asked - begun) / SECOND:.1f} s after it was empty"
@@ -70,8 +75,12 @@ def _empty(run: Run) -> None:
 
 def slow_line(run: Run) -> None:
     """Drive on a line that seems to have 2400 baud and a slow adapter, with a driver that knows the rate."""
-    if not run.wants(4):
-        return
+    if run.wants(4):
+        run.attempt(slow)
+
+
+def slow(run: Run) -> None:
+    """Drive at 2400 baud."""
     with run.bench.relayed():
         run.line.faults = Faults(baud=SLOW_BAUD)
         run.bench.start(baud=SLOW_BAUD, rate=SLOW_RATE, acceleration=ACCELERATION, state="slow")

@@ -9,6 +9,7 @@ from cmr.distribution import version
 from robot_driver.acceptance import direct, ends, on_the_line, power
 from robot_driver.acceptance.bench import Bench, Setup
 from robot_driver.acceptance.findings import PROMISES, Finding
+from robot_driver.acceptance.held_up import HeldUp
 from robot_driver.acceptance.report import Report
 from robot_driver.acceptance.running import Pace, Run
 from robot_driver.controllers import CONTROLLERS, BadReply
@@ -46,13 +47,15 @@ def run_protocol(
     device = name_of(setup)
     bench = Bench(setup)
     guide = front(lambda seconds: wait(bench, seconds))
-    run = Run(bench, guide, pace, wanted, hands)
+    held_up = HeldUp()
+    run = Run(bench, guide, pace, wanted, hands, held_up)
     bench.look = run.look
     begun = time.time()
     try:
-        for session in SESSIONS:
-            if setup.dialect is not None or session is direct.session:
-                session(run)
+        with held_up:
+            for session in SESSIONS:
+                if setup.dialect is not None or session is direct.session:
+                    session(run)
     finally:
         bench.end()
     run.findings += not_tried(run)
@@ -69,7 +72,7 @@ def run_protocol(
         seconds=time.time() - begun,
         short=pace.is_short,
         duty=setup.duty,
-        figures=run.figures,
+        figures={**run.figures, "steps_repeated": run.repeated},
         findings=tuple(sorted(run.findings, key=lambda one: one.promise)),
     )
 

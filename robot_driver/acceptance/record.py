@@ -1,5 +1,6 @@
 """What was recorded: the truth from the wire, and what the driver published, on one clock."""
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -86,15 +87,23 @@ class Wire:
             return 0.0
         return _way(chosen[0], chosen[-1]) / ((chosen[-1].asked - chosen[0].asked) / SECOND)
 
-    def gained(self, since: int, until: int | None = None) -> int | None:
-        """Return how far the faster wheel went since the last reading before a moment, to the last one (ticks)."""
+    def gained(self, since: int, until: int) -> int | None:
+        """Return how far the faster wheel went from the last reading before a moment to the first after another.
+
+        In ticks; None where there are no such readings.
+        """
         before = [one for one in self.readings if one.answered <= since]
-        after = [one for one in self.readings if one.asked > since and (until is None or one.asked <= until)]
-        return _way(before[-1], after[-1]) if before and after else None
+        after = next((one for one in self.readings if one.asked > max(since, until)), None)
+        return _way(before[-1], after) if before and after else None
 
     def stood_after(self, since: int, until: int) -> float:
-        """Return when both wheels had come to stand, after a moment (s), by readings up to another one."""
+        """Return when both wheels had come to stand, after a moment (s), by readings up to another one.
+
+        NaN where there are no readings.
+        """
         chosen = [one for one in self.readings if since <= one.asked <= until]
+        if not chosen:
+            return math.nan
         moving = [one.answered for one in chosen if one.ticks != chosen[-1].ticks]
         return max((moving[-1] - since) / SECOND, 0.0) if moving else 0.0
 
@@ -153,8 +162,12 @@ class Moments:
         self._readings = readings
         self._asked = [one.asked for one in readings]
 
-    def about(self, moment: int, slack: int) -> Sequence[Reading]:
-        """Return the readings that may have been made at a moment, give or take `slack` (ns)."""
+    def about(self, moment: int, slack: int, held_up: int) -> Sequence[Reading]:
+        """Return the readings that may have been stamped with a moment.
+
+        None of them was answered more than `slack` (ns) before it: that would be a late reply, taken for another's. A
+        busy computer may hold a request up for as long as `held_up` (ns), after the driver has made it.
+        """
         begin = bisect_left(self._asked, moment - slack - SECOND // 5)
-        end = bisect_right(self._asked, moment + slack)
+        end = bisect_right(self._asked, moment + held_up)
         return [one for one in self._readings[begin:end] if one.answered >= moment - slack]

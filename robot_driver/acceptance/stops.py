@@ -1,5 +1,7 @@
 """Whether the motors stopped, and nothing else moved: judged from what was recorded, without clock or I/O."""
 
+import math
+
 from robot_driver.acceptance.filter import SECOND
 from robot_driver.acceptance.findings import Finding, milliseconds
 from robot_driver.acceptance.judges import HELD_UP, said_degraded
@@ -28,14 +30,14 @@ def zero_within(promise: int, check: str, wire: Wire, span: Span, limit: float) 
     seconds = (zero.asked - span.begin) / SECOND
     stood = wire.stood_after(span.begin, span.end)
     done = any(drive.acknowledged and not drive.moves for drive in wire.drives_in(span))
-    passed = seconds <= limit + HELD_UP and done and stood <= seconds + STANDING
+    passed = seconds <= limit + HELD_UP and done and not stood > seconds + STANDING
     said = f"zero {'acknowledged' if done else 'not acknowledged'} after {milliseconds(seconds)}"
-    said += f", the wheels stood after {milliseconds(stood)} (by the encoders)"
+    said += f", the wheels stood after {milliseconds(stood)} (by the encoders)" if math.isfinite(stood) else ""
     return Finding(promise, check, passed, said, {"zero_s": seconds, "stood_s": stood, "limit_s": limit})
 
 
-def bounded(promise: int, check: str, wire: Wire, since: int, limit: float, until: int | None = None) -> Finding:
-    """Judge an upper bound of the time to stop: the counts gained until the first readings afterwards, over the speed.
+def bounded(promise: int, check: str, wire: Wire, since: int, limit: float, until: int) -> Finding:
+    """Judge an upper bound of the time to stop: the counts gained by the first reading after `until`, over the speed.
 
     For where the line has to be silent, as some controllers take each byte for a sign of life.
     """
@@ -52,7 +54,8 @@ def nothing_moves(promise: int, check: str, wire: Wire, span: Span, why: str) ->
     """Judge that nothing but zero was sent in a span, while something else was commanded."""
     moved = [drive for drive in wire.drives_in(span) if drive.moves]
     said = f"{why}: {len(moved)} of {len(wire.drives_in(span))} duties sent in {span.seconds:.1f} s were not zero"
-    return Finding(promise, check, not moved, said, {"moved": len(moved)})
+    served = bool(wire.drives_in(span))
+    return Finding(promise, check, served and not moved, said, {"moved": len(moved)})
 
 
 def moves(promise: int, check: str, wire: Wire, span: Span, why: str) -> Finding:

@@ -79,6 +79,10 @@ KNOWN: dict[str, set[str]] = {
         *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros"),
     },
     "robot_driver.emulator": {*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver"},
+    "robot_driver.acceptance": {
+        *(*BUS, "cmr.distribution", "cmr.priority", "cmr.report", "robot_driver", "robot_driver.guided"),
+        *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros", "robot_driver.emulator"),
+    },
     "robot_driver.simulated": {*BUS, "cmr.parameters", "cmr.world", "robot_driver", "robot_driver.emulator"},
     # The top: processes.
     "cmr.commands": {

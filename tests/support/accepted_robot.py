@@ -49,7 +49,9 @@ class LastingEngine(Engine):
 class AcceptedRobot:
     """A RoboClaw with a gyro, behind ports in `folder`. `break_device` may change it before it is switched on."""
 
-    def __init__(self, folder: Path, break_device: Callable[[RoboclawDevice, Dsp3000Device], None] | None = None) -> None:
+    def __init__(
+        self, folder: Path, break_device: Callable[[RoboclawDevice, Dsp3000Device], None] | None = None
+    ) -> None:
         self.folder = folder
         settings = replace(load_settings(), seed=3)
         self._plant = Plant(settings)
