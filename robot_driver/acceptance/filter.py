@@ -98,7 +98,7 @@ class Filter:
     def __post_init__(self) -> None:
         self._random = Random(self.seed)
         self._held = b""
-        self._deliver_after = 0
+        self._last_due = 0  # of what was passed on to the driver
 
     def from_driver(self, data: bytes, now: int) -> list[Piece]:
         """Take a request."""
@@ -112,7 +112,7 @@ class Filter:
         if self.dialect.kind(passed) is Kind.SET_WATCHDOG:
             self.forgery.watchdog_lost = self.forgery.watchdog_refused
         self.exchanges.append(Exchange(due, data, passed))
-        self._held, self._deliver_after = b"", due
+        self._held = b""
         return [Piece(due, True, passed)] if passed else []
 
     def from_device(self, data: bytes, now: int) -> list[Piece]:
@@ -152,11 +152,11 @@ class Filter:
         due = now + faults.latency + self._wire_time(data)
         due += ADAPTER if faults.baud else 0
         due += faults.delay_by if self._happens(faults.delay) else 0
-        if not faults.gap:
-            yield Piece(due, False, data)
-            return
-        for number in range(len(data)):
-            yield Piece(due + number * faults.gap, False, data[number : number + 1])
+        due = max(due, self._last_due)  # no line lets one reply overtake another
+        parts = [data[number : number + 1] for number in range(len(data))] if faults.gap else [data]
+        for number, part in enumerate(parts):
+            self._last_due = due + number * faults.gap
+            yield Piece(self._last_due, False, part)
 
     def _forged(self, kind: Kind, reply: bytes, data: bytes) -> bytes:
         forgery = self.forgery

@@ -1,7 +1,8 @@
 """An emulated robot for the acceptance protocol, with the hand of a person at its cable and at its switch."""
 
+import re
+import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -9,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from robot_driver import serial_port
+from robot_driver.acceptance import direct
 from robot_driver.acceptance.bench import Setup
 from robot_driver.acceptance.findings import PROMISES
 from robot_driver.acceptance.protocol import run_protocol
@@ -21,7 +23,7 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
-from robot_driver.guided import Guide, Scripted, Step
+from robot_driver.guided import Guide, Kind, Scripted, Step
 from robot_driver.settings import Settings
 from tests.support.private_bus import private_url
 
@@ -29,6 +31,7 @@ HAND_TAKES = 0.5  # s
 PORTS = ("ttyUSB0", "gyro")
 STABLE = "by-id-robot"  # a name that leads to the numbered one
 NUMBERED = r"(/dev|.*)/tty(USB|ACM)[0-9]+"  # as on a real computer, and in the folder of a test
+Breaking = Callable[[RoboclawDevice, Dsp3000Device], None]
 START = "import sys; from tests.support.sabotage import start; sys.exit(start(sys.argv.pop(1)))"
 
 
@@ -78,7 +81,6 @@ class AcceptedRobot:
     def unplug(self) -> None:
         """Have the ports vanish; the robot goes on."""
         if self._plugged is not None:
-            (self.folder / STABLE).touch  # noqa: B018 - the link stays, and leads nowhere
             self._plugged.close()
             self._plugged = None
 
@@ -97,6 +99,7 @@ class Hand:
     def __init__(self, robot: AcceptedRobot) -> None:
         self._robot = robot
         self._since: dict[str, float] = {}
+        self._done: set[str] = set()
 
     def person(self) -> Scripted:
         """Return who answers, and does what is asked for."""
@@ -112,13 +115,13 @@ class Hand:
         )
 
     def _does(self, step: Step, what: Callable[[], None]) -> None:
-        """Do something once; a motion is not ended by it."""
+        """Do something once, after a moment; the answer to a motion would end it, so there is none."""
+        if step.name in self._done:
+            return
         begun = self._since.setdefault(step.name, time.monotonic())
-        if "hand-p" in step.name or "hand-o" in step.name:
-            if step.name in ("hand-plug", "hand-on") or time.monotonic() - begun > HAND_TAKES:
-                if self._since[step.name] >= 0.0:
-                    self._since[step.name] = -1.0
-                    what()
+        if step.kind is Kind.QUESTION or time.monotonic() - begun > HAND_TAKES:
+            self._done.add(step.name)
+            what()
 
 
 def accept(
@@ -126,7 +129,7 @@ def accept(
     broken: str = "",
     *,
     wanted: Sequence[int] = tuple(PROMISES),
-    break_device: Callable[[RoboclawDevice, Dsp3000Device], None] | None = None,
+    break_device: Breaking | None = None,
     hands: bool = True,
 ) -> Report:
     """Run the short form against an emulated robot, with a driver that is `broken` in that way."""
@@ -144,10 +147,6 @@ def accept(
 @contextmanager
 def numbered_ports() -> Iterator[None]:
     """Have the ports of emulated robots count as numbered ones."""
-    import re
-
-    from robot_driver.acceptance import direct
-
     before = serial_port.NUMBERED
     serial_port.NUMBERED = direct.NUMBERED = re.compile(NUMBERED)
     try:
@@ -160,14 +159,9 @@ class Busy:
     """A core that is busy, as a context manager."""
 
     def __enter__(self) -> "Busy":
-        import subprocess
-
         self._process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
         return self
 
     def __exit__(self, *_: object) -> None:
         self._process.kill()
         self._process.wait()
-
-
-__all__ = ["AcceptedRobot", "Busy", "Hand", "accept", "threading"]

@@ -52,8 +52,7 @@ def waits_once_for_all_pieces() -> None:
         if most == 4096:
             return original(port, most, timeout)
         port.give_up = getattr(port, "give_up", None) or time.monotonic() + timeout
-        data = original(port, most, min(timeout, port.give_up - time.monotonic()))
-        return data
+        return bytes(original(port, most, min(timeout, port.give_up - time.monotonic())))
 
     def write(original: Any, port: Any, data: bytes) -> None:
         port.give_up = None
@@ -231,12 +230,9 @@ def ignores_signals() -> None:
 def asks_once_for_zero() -> None:
     def leave(_original: Any, self: Any) -> None:
         if self._connection is not None:
-            self._gate.hold(motors.CommandGate and _Stop.BUS)
             with suppress(BadReply):
                 self._port.exchange(self._connection.controller.drive(0.0, 0.0))
         self._connection = None
-
-    from robot_driver.command_gate import Stop as _Stop
 
     _wrap(motors.Motors, "leave", leave)
     _gate("stops nothing at its end")
