@@ -23,6 +23,7 @@ from robot_driver.acceptance.relay import Relay
 from robot_driver.clock import utime_at
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.gyros import GYROS
+from robot_driver.serial_port import PortLost
 from robot_driver.settings import Settings
 
 COMMAND_PERIOD = 0.02  # s
@@ -104,6 +105,7 @@ class Bench:
             try:
                 yield
             finally:
+                self.relay = None
                 self.end()
 
     def _link(self, name: str) -> Path:
@@ -175,6 +177,8 @@ class Bench:
             message = make(estop_t, utime=utime, engaged=self.estop, source=SOURCE, reason="a test of promise 18 or 19")
             self.bus.publish(ESTOP, message)
         self._hear(0.01)
+        if self.relay is not None and self.relay.problem:
+            raise PortLost(self.relay.problem)
         if look:
             self.look()
 

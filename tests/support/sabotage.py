@@ -269,7 +269,7 @@ def comes_back_driving() -> None:
     _set(motors.Asking, "has_driven", False)
     _wrap(motors.Asking, "insist", insist)
     _wrap(motors.Motors, "_serve", serve)
-    _set(motors.Ramp, "reset", lambda _ramp: None)
+    _wrap(motors.Ramp, "reset", lambda original, ramp: None if hasattr(ramp, "_reached") else original(ramp))
     _set(motors.CommandGate, "clear", lambda _gate: None)
 
 

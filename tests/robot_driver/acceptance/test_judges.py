@@ -47,7 +47,9 @@ def wire(exchanges: Sequence[Exchange]) -> Wire:
 
 
 def feedback(moment: int, ticks: int, status: int = 0) -> motor_feedback_t:
-    return make(motor_feedback_t, utime=moment // 1000, ticks_left=ticks, ticks_right=ticks, status=status, robot_id=0)
+    result = motor_feedback_t()
+    result.utime, result.ticks_left, result.ticks_right, result.status = moment // 1000, ticks, ticks, status
+    return result
 
 
 def published(exchanges: Sequence[Exchange], start: int = 0) -> list[motor_feedback_t]:
@@ -119,7 +121,7 @@ def test_the_watchdog_is_set_and_read_back_before_any_duty() -> None:
     other = exchange(MS, CLAW.read_watchdog().data, DIALECT.saying_watchdog(0.0))
     span = Span(0, SECOND)
     assert judges.armed_before_driven(wire([arm, read, drive(5 * MS, 0.1)]), span).passed
-    for wrong in ([arm, other, drive(5 * MS, 0.1)], [arm, drive(MS, 0.1), read], [read, drive(5 * MS, 0.1)]):
+    for wrong in ([arm, other, drive(5 * MS, 0.1)], [arm, drive(MS // 2, 0.1), read], [read, drive(5 * MS, 0.1)]):
         assert judges.armed_before_driven(wire(wrong), span).passed is False
 
 
@@ -134,14 +136,8 @@ def test_an_end_counts_only_with_zero_that_the_driver_saw_acknowledged() -> None
 
 def test_unplugging_is_reported_in_time_and_followed_by_zero() -> None:
     def judged(reported: int, *after: Exchange) -> list[bool | None]:
-        status = make(
-            process_status_t,
-            utime=reported // 1000,
-            state=process_status_t.DEGRADED,
-            message="gone",
-            process="",
-            host="",
-        )
+        status = process_status_t()
+        status.utime, status.state, status.message = reported // 1000, process_status_t.DEGRADED, "gone"
         record = Record(statuses=[status])
         return [one.passed for one in stops.unplugged(record, wire(after), SECOND, 2 * SECOND, 5 * SECOND)]
 
