@@ -28,7 +28,7 @@ from robot_driver.settings import Settings
 
 COMMAND_PERIOD = 0.02  # s
 ESTOP_PERIOD = 0.05  # s
-READY = 10.0  # s that a driver may take until it is in service
+READY = 10.0  # s that a driver may take until it is ready
 ENDING = 3.0  # s
 SOURCE = "cmr accept"
 DRIVER = (sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())")
@@ -86,7 +86,7 @@ class Bench:
         self.estop: bool | None = None  # whether the stop is to be engaged, all the time; None: nothing is said of it
         self._estop_decided = 0
         self._drivers = 0
-        self.in_service = False
+        self.is_ready = False
 
     @contextmanager
     def relayed(self) -> Iterator[None]:
@@ -213,7 +213,7 @@ class Bench:
         return Span(begin, time.monotonic_ns())
 
     def until_ready(self) -> bool:
-        """Command zero until the driver is in service; return whether it is."""
+        """Command zero until the driver is ready; return whether it is."""
         assert self.process is not None
         process = self.process
         heard = len(self.record.statuses)
@@ -226,8 +226,8 @@ class Bench:
 
         self.go_on(READY, lambda _: (0.0, 0.0), ready)
         self.go_on(2 * COMMAND_PERIOD, lambda _: (0.0, 0.0))
-        self.in_service = process.poll() is None and bool(ready())
-        return self.in_service
+        self.is_ready = process.poll() is None and bool(ready())
+        return self.is_ready
 
     def until_served(self) -> None:
         """Command zero until the motors are served again, and the driver has forgotten what was before."""

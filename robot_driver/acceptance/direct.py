@@ -155,7 +155,7 @@ def _pull_cable(run: Run) -> None:
     run.note(Finding(10, "by hand", seconds < 0.5 + HELD_UP, said, {"reported_s": seconds}))
     run.guide.ask("hand-plug", "Put the cable back in.", (DONE,))
     back = run.bench.until_ready()
-    run.note(Finding(10, "back", back, "in service again" if back else "not in service again"))
+    run.note(Finding(10, "back", back, "ready again" if back else "not ready again"))
     _bound(run, last)
 
 

@@ -26,7 +26,7 @@ BURST = 50_000_000  # ns
 
 
 def session(run: Run) -> None:
-    """Drive on a line that is made bad in one way after the other. Each step leaves the driver in service."""
+    """Drive on a line that is made bad in one way after the other. Each step leaves the driver ready."""
     steps: dict[Callable[[Run], None], tuple[int, ...]] = {
         latency: (17,),
         pieces: (1,),
@@ -82,12 +82,12 @@ def begin(run: Run) -> bool:
         if run.bench.until_ready() or not run.held_up.longest(Span(begun, time.monotonic_ns())):
             break
         run.bench.end()
-    if not run.bench.in_service:
+    if not run.bench.is_ready:
         said = run.bench.record.statuses[-1].message if run.bench.record.statuses else run.bench.errors().strip()
         promises = [promise for promise in ON_THE_LINE if promise != 7]
-        run.note(*(Finding(promise, "in service", None, f"the driver did not begin: {said}") for promise in promises))
+        run.note(*(Finding(promise, "ready", None, f"the driver did not begin: {said}") for promise in promises))
         unarmed = "watchdog" in said
-        run.note(Finding(7, "in service", False if unarmed else None, f"the driver did not begin: {said}"))
+        run.note(Finding(7, "ready", False if unarmed else None, f"the driver did not begin: {said}"))
         return False
     run.attempt(partial(steady, begun))
     return run.turns
@@ -187,7 +187,7 @@ def said_by_gyro(run: Run) -> list[gyros.Said]:
 
 
 def sign_of_gyro(run: Run) -> float:
-    """Return which way the driver was told to count it."""
+    """Return which way the driver counts it."""
     return -1.0 if run.bench.setup.settings.invert_gyro else 1.0
 
 

@@ -144,7 +144,7 @@ class Run:
         return self.bench.go_on(seconds, duty)
 
     def restore(self) -> None:
-        """Have the line be as it is again, and the driver in service."""
+        """Have the line be as it is again, and the driver ready."""
         self.line.faults = Faults()
         if self.bench.gyro is not None:
             self.bench.gyro.faults = GyroFaults()
@@ -156,7 +156,7 @@ class Run:
             return True
         process = self.bench.process
         ended = process is None or process.poll() is not None
-        said = "the driver has ended" if ended else "the motors were not driven, though the driver was told to"
+        said = "the driver has ended" if ended else "the motors were not driven, though a duty was commanded"
         self.note(Finding(promise, check, False, said))
         return False
 
