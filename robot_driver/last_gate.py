@@ -40,6 +40,7 @@ FED = 0.05  # s between words to the gate where nothing changes; it waits for 0.
 CLOSING = 0.6  # s that the gate may take to give the port up: it may first have to stop the motors
 ENDING = 1.0  # s that it may take to end
 HANGING = 0.8  # s without a report; one is due each 0.2 s, and stopping the motors takes up to 0.5 s
+AWAY = 0.4  # s without a look at reports: the computer may have stood still, the gate with it; so long it may then take
 STARTING = 5.0  # s that it may take to start, on a busy computer
 LOOK = 0.002  # s between looks at what it reports, where that is waited for
 
@@ -184,6 +185,8 @@ class GateProcess(LastGate):
         self._reports = threading.Lock()
         self._report: Report | None = None  # the last one of this process
         self._reported = math.inf  # when that came (s)
+        self._looked = -math.inf  # when was looked for one last (s)
+        self._is_excused = False  # for not having reported while nobody looked
         self._before = self.refused  # by processes before this one
         self._interventions_before = 0
 
@@ -298,19 +301,21 @@ class GateProcess(LastGate):
 
     def _hangs(self) -> bool:
         """Return whether it has not reported for so long that it cannot be well."""
-        if self._host.monotonic() > self._reported + HANGING:
-            self._look()
-        return self._host.monotonic() > self._reported + HANGING
+        now, before = self._host.monotonic(), self._looked
+        self._look()
+        if now - before > AWAY and now > self._reported + HANGING and not self._is_excused:
+            self._reported, self._is_excused = now - HANGING + AWAY, True
+        return now > self._reported + HANGING
 
     def _look(self) -> None:
         with self._reports:
-            link = self._link
+            link, self._looked = self._link, self._host.monotonic()
             while link is not None:
                 try:
                     report = report_in(link.recv(REPORT_LENGTH + 1))
                 except (OSError, Malformed):
                     return
-                self._report, self._reported = report, self._host.monotonic()
+                self._report, self._reported, self._is_excused = report, self._host.monotonic(), False
                 self.latched = report.latched
                 self.interventions = self._interventions_before + report.interventions
                 self.refused = [before + now for before, now in zip(self._before, report.refused, strict=True)]

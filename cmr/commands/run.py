@@ -68,20 +68,28 @@ def main(arguments: list[str]) -> int:
             outcome = run.run()
             run.say(f"Stopping: {outcome.ended_by}.")
             run.stop()
-        try:
-            document = write_report(run, outcome, began, folder)
-        except OSError as error:
-            ended = f"The run ended: {outcome.ended_by}. Its report cannot be written"
-            raise CommandError(f"{ended}: {folder}: {error.strerror or error}.") from error
-        if document["metrics"]:
-            print(f"Measured: {metrics_in_words(document)}.")
-        if document["unreliable"]:
-            progress.warn(document["unreliable"])
-        if by_hand := run.elsewhere.by_hand():
-            print(f"What was started on {_hosts(by_hand)} is to be ended there.")
-        logs = where_logs_are(logs_in(folder))
-        print(f"Look at {folder}/report.html; {logs}what each process said is beside it.")
+        _report(run, outcome, began, folder, progress)
         return _exit_code(outcome, folder)
+
+
+def _report(run: LiveRun, outcome: Outcome, began: float, folder: Path, progress: Progress) -> None:
+    """Write the report, and say what was measured, what is to be ended by hand, and where all of it is.
+
+    Raises CommandError if it cannot be written.
+    """
+    try:
+        document = write_report(run, outcome, began, folder)
+    except OSError as error:
+        ended = f"The run ended: {outcome.ended_by}. Its report cannot be written"
+        raise CommandError(f"{ended}: {folder}: {error.strerror or error}.") from error
+    if document["metrics"]:
+        print(f"Measured: {metrics_in_words(document)}.")
+    if document["unreliable"]:
+        progress.warn(document["unreliable"])
+    if by_hand := run.elsewhere.by_hand():
+        print(f"What was started on {_hosts(by_hand)} is to be ended there.")
+    logs = where_logs_are(logs_in(folder))
+    print(f"Look at {folder}/report.html; {logs}what each process said is beside it.")
 
 
 def command_parser() -> argparse.ArgumentParser:

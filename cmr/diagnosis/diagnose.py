@@ -178,17 +178,14 @@ def _diagnosis(
     named = zip(found.named, shifts(found), strict=True)
     effects = tuple(_named(one, moved_by, estimation, driver) for one, moved_by in named)
     verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
+    baseline, extended = _fitted_models(estimation)
     return Diagnosis(
         robot_id=robot_id,
         verdict=verdict,
         sentence=_sentence(effects, unexplained, found),
         unexplained=unexplained,
-        baseline=_fitted(
-            _in_words(estimation.baseline, estimation.found.base, controller), measured.before, measured.held_out_before
-        ),
-        extended=_fitted(
-            _in_words(estimation.estimates, whole.model, controller), measured.after, measured.held_out_after
-        ),
+        baseline=baseline,
+        extended=extended,
         gain=measured.gain,
         nominal=_nominal(estimation),
         gain_over_nominal=estimation.nominal.gain if estimation.nominal else None,
@@ -206,6 +203,19 @@ def _diagnosis(
         decisions=with_rivals(
             found.decisions, [(one.name, rival) for one in effects for rival in one.indistinguishable_from]
         ),
+    )
+
+
+def _fitted_models(estimation: Estimation) -> tuple[Fitted, Fitted]:
+    """Return the paper's model and the extended one, each with its errors."""
+    whole, measured, controller = estimation.whole, estimation.measured, estimation.controller
+    assert whole is not None
+    assert measured is not None
+    before = _in_words(estimation.baseline, estimation.found.base, controller)
+    after = _in_words(estimation.estimates, whole.model, controller)
+    return (
+        _fitted(before, measured.before, measured.held_out_before),
+        _fitted(after, measured.after, measured.held_out_after),
     )
 
 

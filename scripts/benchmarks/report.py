@@ -62,12 +62,13 @@ def machine(core: int) -> str:
     versions = [f"{name} {_version(name)}" for name in ("numpy", "numba", "scipy", "lcm")]
     software = f"Python {platform.python_version()}, {', '.join(versions)}"
     return (
-        f"{_processor()}, {_frequency(core)}{platform.system()} {platform.machine()}; {software}. One core, float64. "
+        f"{processor()}, {_frequency(core)}{platform.system()} {platform.machine()}; {software}. One core, float64. "
         "CPU time, unless it says wall: the median of repetitions in turns, the fastest in brackets."
     )
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Return what processor this computer has."""
     return _of_cpuinfo("model name") or platform.processor() or "unknown processor"
 
 

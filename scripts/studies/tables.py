@@ -20,18 +20,17 @@ from tests.hidden_effects.scoring import Score, scores
 
 def report(rows: Sequence[Row]) -> str:
     """Return the scores by set, those of each effect, and the errors."""
-    parts = [scores_table(scores(rows)), effects_table(rows), errors_table(rows)]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    texts = [f"```text\n{text}\n```" for text in (effects_table(rows), errors_table(rows)) if text]
+    return "\n\n".join([scores_table(scores(rows)), *texts]) + "\n"
 
 
 def scores_table(found: Sequence[Score]) -> str:
-    """Return one line for each score."""
-    lines = [f"{'set':9s} {'what':48s} {'reached':>10s} {'logs':>6s}  to reach"]
+    """Return a Markdown table with a row for each score."""
+    lines = ["| set | score | value | logs | to reach |", "|---|---|---|---|---|"]
     for score in found:
         value = f"{100.0 * score.value:.1f} %" if score.unit == "%" else f"{score.value:.3g} {score.unit}".strip()
-        verdict = "" if score.reached is None else ("" if score.reached else "  MISSED")
-        line = f"{score.set_name:9s} {score.quantity:48s} {value:>10s} {score.count:6d}  {score.goal}{verdict}"
-        lines.append(line.rstrip())
+        missed = " (**missed**)" if score.reached is False else ""
+        lines.append(f"| {score.set_name} | {score.quantity} | {value} | {score.count} | {score.goal}{missed} |")
     return "\n".join(lines)
 
 

@@ -209,6 +209,21 @@ def test_a_gate_that_dies_or_hangs_stops_the_motors_too_and_is_started_again(tmp
         assert code == EXIT_INTERRUPTED
 
 
+def test_a_computer_that_stood_still_does_not_cost_the_gate_its_life(tmp_path: Path) -> None:
+    with driving(tmp_path) as (robot, driver):
+        gate_process, both = gate_of(driver.process.pid), (driver.process.pid, gate_of(driver.process.pid))
+        for process in both:
+            os.kill(process, signal.SIGSTOP)
+        time.sleep(1.5)  # nearly twice as long as a gate may be silent
+        os.kill(both[0], signal.SIGCONT)
+        time.sleep(0.1)
+        os.kill(both[1], signal.SIGCONT)
+        driver.command_until(lambda: robot.device.duty == [16384, 16384])
+        assert gate_of(driver.process.pid) == gate_process
+        _, terminal = driver.end()
+        assert "the last gate was started again" not in terminal
+
+
 def test_19_after_the_death_of_the_gate_the_emergency_stop_is_still_in_force(tmp_path: Path) -> None:
     with driving(tmp_path) as (robot, driver):
         driver.estop(True)

@@ -1,0 +1,50 @@
+"""What stands in docs/measurements between two marks: the output of the command in the first, with date and machine.
+
+A block begins with the line `<!-- measurement NAME: COMMAND -->` and ends with `<!-- end of NAME -->`.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ROOT / "docs" / "measurements"
+BLOCK = re.compile(
+    r"^<!-- measurement (?P<name>[a-z0-9_]+): (?P<command>.+) -->$(?P<text>.*?)^<!-- end of (?P=name) -->$",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+class Measurement(NamedTuple):
+    """A block of a page: its name, the command that measures it, as typed in the checkout, and what it said last."""
+
+    page: Path
+    name: str
+    command: str
+    text: str
+
+
+def measurements() -> Iterator[Measurement]:
+    """Yield the blocks of all pages."""
+    for page in sorted(PAGES.glob("*.md")):
+        for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
+            yield Measurement(page, *block.group("name", "command", "text"))
+
+
+def in_page(output: str, command: str, stamp: str) -> str:
+    """Return a command's output as it stands in a page: tables as they are, other text as it was printed."""
+    output = output.strip()
+    is_markdown = re.search(r"^\|[-|: ]+\|$", output, re.MULTILINE)
+    shown = output if is_markdown else f"```text\n{output}\n```"
+    return f"\n\n{shown}\n\n*{stamp}* `{command}`\n\n"
+
+
+def replace(page: str, name: str, text: str) -> str:
+    """Return the page with this text in the block of this name, which the page has."""
+    return BLOCK.sub(lambda block: _with(block, text) if block["name"] == name else block[0], page)
+
+
+def _with(block: re.Match[str], text: str) -> str:
+    begin, end = block.span("text")
+    return block[0][: begin - block.start()] + text + block[0][end - block.start() :]
