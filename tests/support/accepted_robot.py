@@ -107,12 +107,17 @@ class Hand:
             {
                 "hand-cable": "ready",
                 "hand-pull": lambda step: self._does(step, self._robot.unplug),
-                "hand-plug": lambda step: self._does(step, self._robot.plug_in) or "done",
+                "hand-plug": lambda step: self._done_by(step, self._robot.plug_in),
                 "hand-switch": "ready",
                 "hand-off": lambda step: self._does(step, lambda: self._robot.switch(False)),
-                "hand-on": lambda step: self._does(step, lambda: self._robot.switch(True)) or "done",
+                "hand-on": lambda step: self._done_by(step, lambda: self._robot.switch(True)),
             }
         )
+
+    def _done_by(self, step: Step, what: Callable[[], None]) -> str:
+        """Do something, and say so."""
+        self._does(step, what)
+        return "done"
 
     def _does(self, step: Step, what: Callable[[], None]) -> None:
         """Do something once, after a moment; the answer to a motion would end it, so there is none."""
@@ -147,12 +152,14 @@ def accept(
 @contextmanager
 def numbered_ports() -> Iterator[None]:
     """Have the ports of emulated robots count as numbered ones."""
-    before = serial_port.NUMBERED
-    serial_port.NUMBERED = direct.NUMBERED = re.compile(NUMBERED)
+    before, numbered = serial_port.NUMBERED, re.compile(NUMBERED)
+    for module in (serial_port, direct):
+        setattr(module, "NUMBERED", numbered)  # noqa: B010 - one of them only imports it
     try:
         yield
     finally:
-        serial_port.NUMBERED = direct.NUMBERED = before
+        for module in (serial_port, direct):
+            setattr(module, "NUMBERED", before)  # noqa: B010
 
 
 class Busy:

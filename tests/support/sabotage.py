@@ -9,7 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from robot_driver import gate, host, motors, port_thread, serial_port
+import serial
+
+from cmr.model import duty_ramp
+from robot_driver import asking, command_gate, gate, host, motors, port_thread, rhythm, serial_port
 from robot_driver.controllers import BadReply
 from tests.support.accepted_robot import NUMBERED
 from tests.support.project import PROJECT
@@ -50,7 +53,7 @@ def impatient() -> None:
 def waits_once_for_all_pieces() -> None:
     def read(original: Any, port: Any, most: int, timeout: float) -> bytes:
         if most == 4096:
-            return original(port, most, timeout)
+            return bytes(original(port, most, timeout))
         port.give_up = getattr(port, "give_up", None) or time.monotonic() + timeout
         return bytes(original(port, most, min(timeout, port.give_up - time.monotonic())))
 
@@ -79,11 +82,11 @@ def takes_the_first_piece_for_all() -> None:
 
 
 def sulks_after_a_loss() -> None:
-    def recover(original: Any, asking: Any) -> None:
-        original(asking)
+    def recover(original: Any, asker: Any) -> None:
+        original(asker)
         time.sleep(0.1)
 
-    _wrap(motors.Asking, "recover", recover)
+    _wrap(asking.Asking, "recover", recover)
 
 
 def listens_long_after_a_loss() -> None:
@@ -115,9 +118,9 @@ def takes_late_replies() -> None:
 
 
 def believes_its_own_duties() -> None:
-    def ask(original: Any, asking: Any, request: Any) -> Any:
+    def ask(original: Any, asker: Any, request: Any) -> Any:
         try:
-            return original(asking, request)
+            return original(asker, request)
         except BadReply:
             if request.data[1:2] != b"\x22":
                 raise
@@ -125,7 +128,7 @@ def believes_its_own_duties() -> None:
             duties = [int.from_bytes(request.data[i : i + 2], "big", signed=True) / 32767 for i in (2, 4)]
             return serial_port.Answer(tuple(duties), now, now)
 
-    _wrap(motors.Asking, "ask", ask)
+    _wrap(asking.Asking, "ask", ask)
 
 
 # 4: deadline
@@ -147,10 +150,10 @@ def waits_as_for_a_slow_line() -> None:
 
 
 def ends_when_a_device_is_silent() -> None:
-    def silence(_original: Any, _asking: Any) -> str:
+    def silence(_original: Any, _asker: Any) -> str:
         os._exit(1)
 
-    _wrap(motors.Asking, "silence", silence)
+    _wrap(asking.Asking, "silence", silence)
 
 
 def forgets_counts_in_a_silence() -> None:
@@ -196,21 +199,20 @@ def never_looks_at_the_watchdog_again() -> None:
 
 
 def obeys_for_long() -> None:
-    from robot_driver import command_gate
 
     _set(command_gate, "COMMAND_LIFETIME", 2.0)
     _gate("lets commands live")
 
 
 def jumps() -> None:
-    _set(motors.Ramp, "towards", lambda _ramp, left, right, _now: (left, right))
+    _set(duty_ramp.Ramp, "towards", lambda _ramp, left, right, _now: (left, right))
 
 
 def obeys_old_commands() -> None:
     def offer(original: Any, self: Any, _decided: int, *duties: float, now: float, utime: int) -> bool:
         return bool(original(self, utime, *duties, now=now, utime=utime))
 
-    _wrap(motors.CommandGate, "offer", offer)
+    _wrap(command_gate.CommandGate, "offer", offer)
 
 
 # 9: signals
@@ -247,7 +249,7 @@ def reports_late() -> None:
         thread.since = getattr(thread, "since", None) or time.monotonic() if said else None
         return said if said and time.monotonic() > thread.since + 1.2 else ""
 
-    original = port_thread.PortThread.problem.fget
+    original = vars(port_thread.PortThread)["problem"].fget
     _set(port_thread.PortThread, "problem", property(lambda thread: problem(original, thread)))
 
 
@@ -257,20 +259,20 @@ def tries_rarely() -> None:
 
 
 def comes_back_driving() -> None:
-    def insist(original: Any, asking: Any, request: Any, stop: Any, *attempts: int) -> Any:
-        if request.data[1:6] == b"\x22\0\0\0\0" and asking.has_driven:
+    def insist(original: Any, asker: Any, request: Any, stop: Any, *attempts: int) -> Any:
+        if request.data[1:6] == b"\x22\0\0\0\0" and asker.has_driven:
             return 0.0, 0.0
-        return original(asking, request, stop, *attempts)
+        return original(asker, request, stop, *attempts)
 
     def serve(original: Any, self: Any, connection: Any) -> None:
         self._asking.has_driven = True
         original(self, connection)
 
-    _set(motors.Asking, "has_driven", False)
-    _wrap(motors.Asking, "insist", insist)
+    _set(asking.Asking, "has_driven", False)
+    _wrap(asking.Asking, "insist", insist)
     _wrap(motors.Motors, "_serve", serve)
-    _wrap(motors.Ramp, "reset", lambda original, ramp: None if hasattr(ramp, "_reached") else original(ramp))
-    _set(motors.CommandGate, "clear", lambda _gate: None)
+    _wrap(duty_ramp.Ramp, "reset", lambda original, ramp: None if hasattr(ramp, "_reached") else original(ramp))
+    _set(command_gate.CommandGate, "clear", lambda _gate: None)
 
 
 # 11: names
@@ -301,10 +303,10 @@ def warns_of_everything() -> None:
 
 
 def locks_nothing() -> None:
-    def serial(original: Any, *arguments: Any, **named: Any) -> Any:
+    def opened(original: Any, *arguments: Any, **named: Any) -> Any:
         return original(*arguments, **{**named, "exclusive": None})
 
-    _wrap(host.serial, "Serial", serial)
+    _wrap(serial, "Serial", opened)
 
 
 def gives_its_lock_up() -> None:
@@ -473,21 +475,21 @@ def trusts_an_unknown_battery() -> None:
 
 
 def states_nothing() -> None:
-    _set(motors.Rhythm, "sentence", lambda _rhythm: "")
+    _set(rhythm.Rhythm, "sentence", lambda _rhythm: "")
 
 
 def states_what_was_asked_for() -> None:
-    def sentence(original: Any, rhythm: Any) -> str:
-        return re.sub(r"at [\d.]+ Hz", "at 100.0 Hz", original(rhythm))
+    def sentence(original: Any, measured: Any) -> str:
+        return re.sub(r"at [\d.]+ Hz", "at 100.0 Hz", original(measured))
 
-    _wrap(motors.Rhythm, "sentence", sentence)
+    _wrap(rhythm.Rhythm, "sentence", sentence)
 
 
 def states_a_fast_device() -> None:
-    def sentence(original: Any, rhythm: Any) -> str:
-        return re.sub(r"answers in .*", "answers in 1.0 ms (99 % within 1.2 ms).", original(rhythm))
+    def sentence(original: Any, measured: Any) -> str:
+        return re.sub(r"answers in .*", "answers in 1.0 ms (99 % within 1.2 ms).", original(measured))
 
-    _wrap(motors.Rhythm, "sentence", sentence)
+    _wrap(rhythm.Rhythm, "sentence", sentence)
 
 
 # 18: emergency stop
@@ -502,12 +504,12 @@ def goes_on_after_a_release() -> None:
         self._zero_first = False
         return bool(original(self, *arguments, **named))
 
-    _wrap(motors.CommandGate, "hold", hold)
-    _wrap(motors.CommandGate, "offer", offer)
+    _wrap(command_gate.CommandGate, "hold", hold)
+    _wrap(command_gate.CommandGate, "offer", offer)
 
 
 def obeys_before_it_listens() -> None:
-    from robot_driver import bus_stop, command_gate
+    from robot_driver import bus_stop
 
     _set(command_gate, "LISTENING_TIME", 0.0)
     begun = time.monotonic()
@@ -523,7 +525,7 @@ def takes_old_releases() -> None:
     def take(original: Any, self: Any, engaged: bool, decided: int, *, utime: int) -> bool:
         return bool(original(self, engaged, decided if engaged else utime, utime=utime))
 
-    _wrap(motors.CommandGate, "take_estop", take)
+    _wrap(command_gate.CommandGate, "take_estop", take)
 
 
 # 19: the stop that lasts
