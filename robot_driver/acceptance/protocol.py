@@ -29,7 +29,7 @@ LEFT_OUT = {
     8: ("a stop of the controller's own", "it can only be provoked at the controller"),
     9: ("an exception", "there is no way to cause one from outside"),
 }
-ATTEMPTS = 3
+ATTEMPTS = 10  # at the name of a device
 
 
 def run_protocol(

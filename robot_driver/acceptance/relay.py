@@ -14,9 +14,9 @@ import serial
 
 from cmr.priority import go_first
 from robot_driver.acceptance.filter import Line, Piece
-from robot_driver.emulator.pseudo_terminal import PseudoTerminal
 from robot_driver.host import PORT_ERRORS, Terminal
 from robot_driver.serial_port import PSEUDO_TERMINALS, PortLost, why_not_open
+from robot_driver.terminals.pseudo_terminal import PseudoTerminal
 
 CLOSED_PERIOD = 0.005  # s between looks at a port that no driver has open; such a port cannot be waited on
 LONGEST_WAIT = 0.1  # s

@@ -21,10 +21,10 @@ from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.options import Emulation
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
+from robot_driver.terminals.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs

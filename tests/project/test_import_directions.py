@@ -71,6 +71,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.tools": {*RECORDED, "cmr.documents", "cmr.files", "cmr.litter", "cmr.report", "cmr.distribution"},
     # Devices: they may import cmr, never the reverse, but for the commands.
     "robot_driver.guided": set(),  # any procedure, of any program
+    "robot_driver.terminals": set(),
     "robot_driver.gyros": set(),
     "robot_driver.gate": set(),  # a process of its own, which has to be small
     "robot_driver.controllers": {"cmr.msg", "robot_driver.gate", "robot_driver.gyros"},
@@ -78,10 +79,18 @@ KNOWN: dict[str, set[str]] = {
         *(*BUS, "cmr.parameters", "cmr.model", "cmr.documents", "cmr.files", "cmr.priority"),
         *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros"),
     },
-    "robot_driver.emulator": {*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver"},
+    "robot_driver.emulator": {
+        "robot_driver.terminals",
+        *BUS,
+        "cmr.documents",
+        "cmr.priority",
+        "cmr.model",
+        "cmr.plant",
+        "robot_driver",
+    },
     "robot_driver.acceptance": {
         *(*BUS, "cmr.distribution", "cmr.priority", "cmr.report", "robot_driver", "robot_driver.guided"),
-        *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros", "robot_driver.emulator"),
+        *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros", "robot_driver.terminals"),
     },
     "robot_driver.simulated": {*BUS, "cmr.parameters", "cmr.world", "robot_driver", "robot_driver.emulator"},
     # The top: processes.
@@ -90,7 +99,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.camera", "cmr.estimation", "cmr.calibration", "cmr.diagnosis", "cmr.world", "cmr.view"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        *("robot_driver.emulator", "cmr.tools"),
+        *("robot_driver.terminals", "robot_driver.emulator", "cmr.tools"),
     },
     "cmr.__main__": {"cmr.commands"},
 }

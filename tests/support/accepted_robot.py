@@ -20,11 +20,11 @@ from robot_driver.emulator.dsp3000_device import Dsp3000Device
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import load_settings
 from robot_driver.guided import Guide, Kind, Scripted, Step
 from robot_driver.settings import Settings
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.private_bus import private_url
 
 HAND_TAKES = 0.5  # s
