@@ -14,7 +14,7 @@ from cmr.files import write_atomically
 from cmr.litter import temporary_beside, temporary_folder
 from cmr.tools.writing import complete_files_or_none, complete_or_none
 from cmr.view.opening import LogFolder
-from robot_driver.emulator.pseudo_terminal import Ports
+from robot_driver.terminals.pseudo_terminal import Ports
 
 # Each makes a temporary file or folder in the folder that is its argument, and is then busy.
 WRITES = """
@@ -36,7 +36,7 @@ SHOWS = """
 import tempfile, sys, time
 tempfile.tempdir = sys.argv[1]
 from cmr.view.opening import LogFolder
-from robot_driver.emulator.pseudo_terminal import Ports
+from robot_driver.terminals.pseudo_terminal import Ports
 folder = LogFolder()
 print("there", flush=True)
 time.sleep(600)

@@ -9,6 +9,10 @@ COMMANDS = {
     "agent": ("cmr.commands.agent", "run processes of experiments that another computer leads"),
     "bringup": ("robot_driver.bringup.command", "bring up a new robot: find devices, wiring, encoders, gyro and poses"),
     "driver": ("robot_driver.main", "connect a real robot to the bus"),
+    "accept": (
+        "robot_driver.acceptance.command",
+        "prove the driver's promises on your own hardware, with a report",
+    ),
     "emulate": ("cmr.commands.emulate", "emulate a robot: devices on pseudo-terminals, physics behind them"),
     "sim": ("cmr.commands.sim", "simulate virtual robots and twins in one world with the real ones"),
     "pilot": ("cmr.commands.pilot", "drive a real robot by a behaviour"),
@@ -30,6 +34,7 @@ COMMANDS = {
     "completion": ("cmr.commands.completion", "print the completion of bash, zsh or fish"),
 }
 UMBRELLA_ONLY = (
+    "accept",
     "init",
     "doctor",
     "bringup",

@@ -22,10 +22,10 @@ from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.hand_device import HandDevice
 from robot_driver.emulator.options import Emulation
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
 from robot_driver.emulator.sensors import MotionCapture, Pose
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
+from robot_driver.terminals.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
 HANDS = "hands"

@@ -11,11 +11,11 @@ from documentation.imports import GENERATED, PROJECT, TOP, TYPING, Import, impor
 
 from cmr.commands.catalogue import COMMANDS
 
-COMMANDS_THERE = ("driver", "bringup", "doctor", "estop", "key", "relay", "agent")
+COMMANDS_THERE = ("driver", "bringup", "accept", "doctor", "estop", "key", "relay", "agent")
 ENTRY = "cmr.commands"  # has a function for every command, of which most are not there
 STARTED = ("cmr", ENTRY, "cmr.commands.umbrella", *(COMMANDS[name][0] for name in COMMANDS_THERE))
 DEVICES = "robot_driver"
-NOT_ON_A_ROBOT = ("robot_driver.emulator", "robot_driver.simulated")
+NOT_ON_A_ROBOT = ("robot_driver.emulator", "robot_driver.simulated", "robot_driver.acceptance.page")
 LIBRARIES = ("lcm", "serial", "yaml")  # by the names of their modules
 # What these modules import and do without, and how.
 WITHOUT = {

@@ -22,9 +22,9 @@ from robot_driver.emulator.dsp3000_device import INCREMENTAL_ANGLE, RATE, Dsp300
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import PseudoTerminal
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import Settings, load_settings
+from robot_driver.terminals.pseudo_terminal import PseudoTerminal
 from soaking.truth import said_by_dsp3000, said_by_kvh, said_by_roboclaw
 
 LOOK = 0.01  # s between looks at what is to be done

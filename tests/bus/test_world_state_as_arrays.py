@@ -34,7 +34,7 @@ def test_what_is_read_as_arrays_is_what_the_generated_class_reads(n: int, seed: 
 
 @pytest.mark.filterwarnings("error")
 def test_bits_that_are_no_number_are_none_without_a_word_on_the_terminal() -> None:
-    state = dict.fromkeys(RobotState._fields, [0.0])
+    state = {name: [0.0] for name in RobotState._fields}
     data = make(world_state_t, utime=EPOCH, robot_id=[1], origin=[0], **state).encode()
     signalling = data[:-4] + bytes.fromhex("7fa00000")
     assert np.isnan(as_array(decode(WORLD_STATE.name, signalling).message)[-1])

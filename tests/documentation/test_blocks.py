@@ -29,6 +29,7 @@ pytestmark = pytest.mark.slow
 LANGUAGES = {"sh", "python", "yaml", "toml", "text"}
 # Command lines of CMR that are parsed and not run here, by how they begin, and why.
 ONLY_PARSED = {
+    "cmr accept": "needs a robot; tests/robot_driver/acceptance runs it",
     "cmr-calibrate --robot": "listens to a robot on the bus",
     "cmr-camera 0": "needs a camera",
     "cmr-camera calibrate": "needs a camera",

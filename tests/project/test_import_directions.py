@@ -73,6 +73,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.tools": {*RECORDED, "cmr.documents", "cmr.files", "cmr.litter", "cmr.report", "cmr.distribution"},
     # Devices: they may import cmr, never the reverse, but for the commands.
     "robot_driver.guided": set(),  # any procedure, of any program
+    "robot_driver.terminals": set(),
     "robot_driver.gyros": set(),
     "robot_driver.gate": set(),  # a process of its own, which has to be small
     "robot_driver.controllers": {"cmr.msg", "robot_driver.gate", "robot_driver.gyros"},
@@ -83,7 +84,13 @@ KNOWN: dict[str, set[str]] = {
     "robot_driver.bringup": {
         *(*BUS, "cmr.parameters", "cmr.files", "robot_driver", "robot_driver.controllers", "robot_driver.guided"),
     },
-    "robot_driver.emulator": {*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver"},
+    "robot_driver.emulator": {
+        *(*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver", "robot_driver.terminals"),
+    },
+    "robot_driver.acceptance": {
+        *(*BUS, "cmr.distribution", "cmr.priority", "cmr.report", "robot_driver", "robot_driver.guided"),
+        *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros", "robot_driver.terminals"),
+    },
     "robot_driver.simulated": {
         *(*BUS, "cmr.parameters", "cmr.model", "cmr.world", "robot_driver", "robot_driver.emulator"),
         *("robot_driver.bringup", "robot_driver.controllers", "robot_driver.guided"),
@@ -95,7 +102,7 @@ KNOWN: dict[str, set[str]] = {
         "cmr.teleop",
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        *("robot_driver.emulator", "robot_driver.bringup", "cmr.tools", "cmr.processes"),
+        *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "cmr.tools", "cmr.processes"),
     },
     "cmr.__main__": {"cmr.commands"},
 }

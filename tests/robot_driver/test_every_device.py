@@ -10,13 +10,13 @@ from robot_driver.controllers import CONTROLLERS
 from robot_driver.driver import Driver
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros import GYROS
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
 from robot_driver.settings import Settings
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.robot_driver.controllers.test_mbot import Client
 from tests.support.driver_bench import PunctualEngine, wait_for
 

@@ -9,12 +9,12 @@ from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.devices import CONTROLLER_DEVICES, GYRO_DEVICES
 from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports, PseudoTerminal
 from robot_driver.emulator.settings import load_settings
 from robot_driver.gyros.kvh_binary import ENTER_CONFIGURATION, KvhBinary
 from robot_driver.listing import Rates, describe
 from robot_driver.main import main
 from robot_driver.serial_port import PortLost, SerialPort
+from robot_driver.terminals.pseudo_terminal import Ports, PseudoTerminal
 from tests.robot_driver.emulator.test_emulator_kvh_binary import kvh_settings
 from tests.support.driver_bench import PunctualEngine, wait_for
 

@@ -31,7 +31,6 @@ from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.encoders import Wiring
@@ -39,6 +38,7 @@ from robot_driver.motors import Motors
 from robot_driver.port_thread import PortThread
 from robot_driver.rhythm import Rhythm
 from robot_driver.serial_port import SerialPort
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.private_bus import private_url
 from tests.support.stalls import Interval
 

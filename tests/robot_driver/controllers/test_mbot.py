@@ -24,11 +24,11 @@ from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.mbot_device import MBotDevice
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
 from robot_driver.gate.wire_mbot import START, packed
 from robot_driver.main import main
 from robot_driver.settings import Settings
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.driver_bench import DriverProcess, PunctualEngine, number, open_gate_of, wait_for
 from tests.support.exchanges import Exchanges
 

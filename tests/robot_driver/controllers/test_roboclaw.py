@@ -19,11 +19,11 @@ from robot_driver.driver import Driver
 from robot_driver.emulator import settings as emulated
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import RoboclawPairDevice
 from robot_driver.gate.wire_roboclaw import crc
 from robot_driver.settings import Settings
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.driver_bench import PunctualEngine, open_gate_of, wait_for
 from tests.support.exchanges import Exchanges
 

@@ -18,10 +18,10 @@ from cmr.msg import motor_command_t, motor_feedback_t
 from robot_driver.driver import Driver
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboteq_device import RoboteqDevice
 from robot_driver.emulator.settings import load_settings
 from robot_driver.settings import Settings
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.driver_bench import DriverProcess, PunctualEngine, open_gate_of
 from tests.support.exchanges import Exchanges
 from tests.support.gates import gate_of

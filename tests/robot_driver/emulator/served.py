@@ -9,8 +9,8 @@ from typing import Any
 from robot_driver.emulator.device import Device
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import Settings, load_settings
+from robot_driver.terminals.pseudo_terminal import Ports
 
 
 @contextmanager

@@ -19,10 +19,10 @@ from robot_driver.emulator.boards.roboclaw_commands import VERSION
 from robot_driver.emulator.device import Device, Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.roboclaw_pair_device import ADDRESSES, RoboclawPairDevice
 from robot_driver.emulator.settings import Settings, load_settings
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.driver_bench import wait_for
 
 pytestmark = pytest.mark.waits

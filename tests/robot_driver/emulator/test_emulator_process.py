@@ -22,7 +22,7 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import Received, make, now_utime
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE, PROCESS_STATUS, VELOCITY_COMMAND
 from cmr.msg import velocity_command_t
-from robot_driver.emulator.pseudo_terminal import Ports, PortsError
+from robot_driver.terminals.pseudo_terminal import Ports, PortsError
 from tests.support.typed_messages import all_of
 
 pytestmark = pytest.mark.waits

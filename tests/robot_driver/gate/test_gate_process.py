@@ -19,7 +19,6 @@ from robot_driver import gate
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.devices import CONTROLLER_DEVICES
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
 from robot_driver.gate.messages import (
     REPORT_LENGTH,
@@ -35,6 +34,7 @@ from robot_driver.gate.messages import (
 )
 from robot_driver.gate.process import now
 from robot_driver.gate.wire_roboclaw import packet
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.robot_driver.golden_vectors import ROBOCLAW_STOP
 from tests.robot_driver.test_every_device import NotedPlant
 from tests.support.driver_bench import DriverProcess, PunctualEngine, Robot, driving, wait_for

@@ -24,13 +24,13 @@ from robot_driver.emulator.dsp3000_device import INCREMENTAL_ANGLE, Dsp3000Devic
 from robot_driver.emulator.faults import Faults, FaultyLine
 from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros.dsp3000 import SETTLING, Dsp3000
 from robot_driver.gyros.kvh_binary import SEQUENCE, KvhBinary
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.robot_driver.emulator.test_emulator_kvh_binary import RATE, kvh_settings
 from tests.robot_driver.gyros.test_dsp3000_protocol import scattered
 from tests.support.driver_bench import PunctualEngine, number, wait_for

@@ -20,12 +20,12 @@ from robot_driver.emulator.device import Transmission
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.kvh_binary_device import KvhBinaryDevice
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.gyro_device import GyroDevice
 from robot_driver.gyros.kvh_binary import KvhBinary
 from robot_driver.gyros.kvh_messages import Sample, Stream
 from robot_driver.port_thread import PortThread
 from robot_driver.serial_port import SerialPort
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.robot_driver.emulator.test_emulator_kvh_binary import RATE, kvh_settings
 from tests.robot_driver.gyros.test_kvh_binary_protocol import RATES, interviewed, message
 from tests.support.private_bus import private_url

@@ -1,0 +1,63 @@
+"""Whether this computer was held up, so that the driver is not blamed for it.
+
+A busy computer or a virtual machine does not always get its processors, and the kernel's workers, which carry the bytes
+of ports, wait for one like anybody else. A byte that is passed through a pseudo-terminal again and again shows both.
+"""
+
+import os
+import select
+import threading
+import time
+import tty
+from types import TracebackType
+
+from cmr.priority import go_first
+from robot_driver.acceptance.filter import SECOND
+from robot_driver.acceptance.record import Span
+
+PERIOD = 0.005  # s between two looks
+LATE = 0.03  # s; what comes later than that can make a difference
+
+
+class HeldUp:
+    """Watches the computer; a context manager."""
+
+    def __init__(self) -> None:
+        self._stalls: list[Span] = []
+        self._looked = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="held up", daemon=True)
+
+    def __enter__(self) -> "HeldUp":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def longest(self, span: Span) -> float:
+        """Return how long the computer was held up at a time, at most, in a span (s); 0 where it was not."""
+        stalls = [*self._stalls, Span(self._looked, time.monotonic_ns())]
+        met = [stall.seconds for stall in stalls if stall.end > span.begin and stall.begin < span.end]
+        return max((seconds for seconds in met if seconds > LATE), default=0.0)
+
+    def _watch(self) -> None:
+        go_first()
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        self._looked = time.monotonic_ns()
+        try:
+            while not self._stop.wait(PERIOD):
+                os.write(master, b"x")
+                select.select([slave], [], [], 1.0)
+                os.read(slave, 1)
+                now = time.monotonic_ns()
+                if now - self._looked > LATE * SECOND:
+                    self._stalls.append(Span(self._looked, now))
+                self._looked = now
+        finally:
+            os.close(master)
+            os.close(slave)
