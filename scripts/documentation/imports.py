@@ -58,7 +58,8 @@ def imported_by(node: ast.AST, kind: str = TOP) -> Iterator[tuple[str, str]]:
                 raise ValueError("an import is absolute: a reader sees where it leads")
             yield from ((f"{child.module}.{alias.name}", kind) for alias in child.names)
         elif isinstance(child, ast.Call) and _name(child.func) in LATE_BY_NAME:
-            yield from ((str(one.value), LATE) for one in child.args if isinstance(one, ast.Constant))
+            named = [one.value for one in child.args if isinstance(one, ast.Constant)]
+            yield from ((name, LATE) for name in named if isinstance(name, str))
         inside = LATE if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)) and kind == TOP else kind
         if isinstance(child, ast.If) and _name(child.test) == "TYPE_CHECKING":
             inside = TYPING

@@ -32,6 +32,7 @@ INSTRUMENTED = (
         "cmr.documents",
         "cmr.commands",
         "cmr.experiments.live",
+        "cmr.processes",
         "cmr.view.data",
         "cmr.tools.spy",
     ),

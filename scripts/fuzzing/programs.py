@@ -114,7 +114,7 @@ class NoProcess:
 
 def _childless(_stage: Stage) -> None:
     """Have nothing started."""
-    module: Any = importlib.import_module("cmr.experiments.live.children")
+    module: Any = importlib.import_module("cmr.processes.children")
     module.subprocess = type(subprocess)("subprocess")
     module.subprocess.Popen, module.subprocess.DEVNULL, module.subprocess.STDOUT = NoProcess, -3, -2
     module.subprocess.TimeoutExpired = subprocess.TimeoutExpired

@@ -12,7 +12,7 @@ from cmr.bus.process import Process
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
-from cmr.experiments.live.children import Children, our_command
+from cmr.processes.children import Children, our_command
 from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.watch import TeamWatch
