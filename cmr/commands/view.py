@@ -13,9 +13,9 @@ from cmr.bus.streams import ESTOP, ESTOP_LATCH
 from cmr.cli.command_line import add_logs, logs_of, parser
 from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
-from cmr.processes.children import our_command
 from cmr.geometry.obstacles import Geofence, ObstacleError, Obstacles
 from cmr.msg import process_status_t
+from cmr.processes.children import our_command
 
 if TYPE_CHECKING:
     from cmr.view.showing import Showing

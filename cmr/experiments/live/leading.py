@@ -12,13 +12,13 @@ from cmr.bus.process import Process
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
-from cmr.processes.children import Children, our_command
 from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.watch import TeamWatch
 from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.scenario.reading import shipped
 from cmr.msg import process_status_t
+from cmr.processes.children import Children, our_command
 
 LEADER = 10
 PAGE = "view"
