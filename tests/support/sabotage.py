@@ -258,21 +258,8 @@ def tries_rarely() -> None:
     _set(port_thread, "LONGEST_PAUSE", 8.0)
 
 
-def comes_back_driving() -> None:
-    def insist(original: Any, asker: Any, request: Any, stop: Any, *attempts: int) -> Any:
-        if request.data[1:6] == b"\x22\0\0\0\0" and asker.has_driven:
-            return 0.0, 0.0
-        return original(asker, request, stop, *attempts)
-
-    def serve(original: Any, self: Any, connection: Any) -> None:
-        self._asking.has_driven = True
-        original(self, connection)
-
-    _set(asking.Asking, "has_driven", False)
-    _wrap(asking.Asking, "insist", insist)
-    _wrap(motors.Motors, "_serve", serve)
-    _wrap(duty_ramp.Ramp, "reset", lambda original, ramp: None if hasattr(ramp, "_reached") else original(ramp))
-    _set(command_gate.CommandGate, "clear", lambda _gate: None)
+def reports_nothing() -> None:
+    _set(port_thread.PortThread, "problem", property(lambda _thread: ""))
 
 
 # 11: names
@@ -581,7 +568,7 @@ DRIVERS: dict[str, Callable[[], None]] = {
         7: (arms_blindly, never_looks_at_the_watchdog_again),
         8: (obeys_for_long, jumps, obeys_old_commands),
         9: (leaves_the_motors_on, ignores_signals, asks_once_for_zero),
-        10: (reports_late, tries_rarely, comes_back_driving),
+        10: (reports_late, tries_rarely, reports_nothing),
         11: (warns_of_nothing, warns_on_the_terminal_alone, warns_of_everything),
         12: (locks_nothing, gives_its_lock_up, waits_for_the_port),
         13: (knows_no_wrap, counts_jumps, takes_a_reset_for_a_jump),
