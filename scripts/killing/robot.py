@@ -6,8 +6,8 @@ from types import TracebackType
 
 from robot_driver.emulator.devices import CONTROLLER_DEVICES
 from robot_driver.emulator.plant import Plant
-from robot_driver.emulator.pseudo_terminal import Ports
 from robot_driver.emulator.settings import load_settings
+from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.driver_bench import PunctualEngine
 
 PORT = "motor"
