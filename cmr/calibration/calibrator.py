@@ -32,6 +32,7 @@ REST = 1_000_000  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
 FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
+LONGEST = 1_200_000_000  # us of a drive that does not become covered; then it is forgotten, as memory has an end
 HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # all that a recording has
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
@@ -41,6 +42,7 @@ WAITING = (
     "Waiting for the robot to move: drive figure-eights, both lobes, best for 30 s at about 0.2 m/s and then for 30 s "
     "at about 0.5 m/s."
 )
+FORGOTTEN = f"The drive of {LONGEST * SECONDS / 60.0:.0f} minutes before lacked too much and is forgotten."
 
 
 class Calibrator:
@@ -73,6 +75,7 @@ class Calibrator:
         self._end: int | None = None
         self._latest = 0
         self._forgotten = 0
+        self._is_second = False  # whether a drive before this one was forgotten
         self.left_out = 0.0  # s of a log that follow the manoeuvre
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
@@ -84,13 +87,21 @@ class Calibrator:
         self._latest = max(self._latest, utime)
         if self._onset is None and self._latest > self._forgotten + FORGET:
             # A robot may be parked for hours before it drives.
-            self._recorder.forget(self._latest - FORGET // 2)
-            self._forgotten = self._latest
+            self._forget()
+        elif self._onset is not None and self._end is None and self._latest > self._onset + LONGEST:
+            self._forget()
+            self._coverage, self._onset, self._last_motion = Coverage(), None, None
+            self._running, self.preview = self._running_fit(self._nominal), None
+            self.state, self._is_second = calibration_status_t.WAITING, True
         if isinstance(message, motor_feedback_t):
             self._has_wheels = True
             self._watch(utime, message.psi_left, message.psi_right)
         elif isinstance(message, COMMANDS) and not self._has_wheels:
             self._watch(utime, *self._asked(stream, *asked_by(message)))
+
+    def _forget(self) -> None:
+        self._recorder.forget(self._latest - FORGET // 2)
+        self._forgotten = self._latest
 
     @classmethod
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
@@ -294,7 +305,7 @@ class Calibrator:
 
     def _sentence(self) -> str:
         if self.state == calibration_status_t.WAITING:
-            return LOADING if self.loading else WAITING
+            return LOADING if self.loading else f"{FORGOTTEN} {WAITING}" if self._is_second else WAITING
         if self.state == calibration_status_t.COLLECTING:
             return f"Still needed: {self.missing}." if self.missing else self._covered()
         if self.state == calibration_status_t.FITTING:

@@ -2,14 +2,15 @@
 
 import random
 from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 import pytest
 
 from cmr.bus.messages import make
-from cmr.calibration.calibrator import HEARD, Calibrator
+from cmr.calibration.calibrator import HEARD, LONGEST, Calibrator
 from cmr.calibration.coverage import Coverage
-from cmr.msg import calibration_status_t, motor_duty_t
+from cmr.msg import calibration_status_t, motor_duty_t, motor_feedback_t
 from cmr.recordings.arrivals import KEPT
 from tests.support.emulated_drive import DEFAULT, EPOCH, IDEAL, TRUTH, Message, messages, straight
 
@@ -201,6 +202,24 @@ def test_what_comes_after_the_manoeuvre_changes_nothing(drive: list[Message]) ->
     after = calibrator.recording()
     assert len(before.poses) == len(after.poses)
     assert before.wheels.utime[-1] == after.wheels.utime[-1]
+
+
+def test_a_drive_that_is_never_covered_fills_no_memory_and_one_after_it_is_calibrated(drive: list[Message]) -> None:
+    feedback = copy(next(message for _, message in drive if isinstance(message, motor_feedback_t)))
+    feedback.psi_left = feedback.psi_right = 5.0  # straight on
+    times = range(EPOCH, EPOCH + LONGEST + 60_000_000, 100_000)
+    calibrator = Calibrator(0)
+    for feedback.utime in times:
+        calibrator.handle(feedback.utime, "MOTOR_FEEDBACK_0", feedback)
+    assert calibrator.state == calibration_status_t.COLLECTING
+    assert calibrator.status().message.startswith("Still needed")
+    assert calibrator.measured < 0.1 * len(times)
+    later = times[-1] + 1_000_000 - drive[0][1].utime
+    for channel, message in drive:
+        moved = copy(message)
+        moved.utime += later
+        calibrator.handle(moved.utime, channel, moved)
+    assert calibrator.complete
 
 
 def test_a_robot_parked_for_long_fills_no_memory_and_changes_no_number(drive: list[Message]) -> None:
