@@ -47,7 +47,7 @@ def test_a_simulator_takes_in_a_thousand_robots_and_reports_in_short(tmp_path: P
         world.handle(EPOCH, f"POSE_{message.robot_id}", message)
     assert len(world.parameters) == len(world.real_robots) == MOST_STRANGERS
     with Process("cmr-sim", "memq://") as process:
-        SIM._announce(world, SIM.Loader([]), process, SIM.Lateness())
+        SIM._announce(world, SIM.Loader([]), process, SIM.Lateness(), SIM.Owners(()))
         assert process.message.startswith(SIM.CROWDED)
         assert len(process.message) < 3_000
         assert f"{MOST_STRANGERS - SIM.MOST_TOLD} more robots" in process.message

@@ -192,5 +192,17 @@ PROGRAMS = {
     ),
     "spy": Program("cmr.tools.spy.main", lambda _at: ["--json"]),
     "demo": Program("cmr.commands.demo", lambda at: ["--out", str(at / "demo")], _childless, ANYTHING),
+    "demo lead": Program(
+        "cmr.commands.demo",
+        lambda at: ["--lead", "--script", "ahead 9000", "--out", str(at / "lead")],
+        _childless,
+        ANYTHING,
+        more=("cmr/experiments/live/leading.py",),
+    ),
+    "teleop": Program(
+        "cmr.commands.by_hand.teleop",
+        lambda at: ["--parameters", _own(at), "--script", "ahead 9000"],
+        may_end="took over robot",
+    ),
     "estop": Program("cmr.commands.estop", lambda _at: ["status"], may_end=ANYTHING),
 }

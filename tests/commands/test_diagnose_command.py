@@ -275,7 +275,7 @@ class Listener:
         while words not in self.heard:
             assert time.monotonic() < deadline, f"heard: {self.heard}"
             drive = [message for channel, message in messages(seconds=0.1) if channel == "MOTOR_FEEDBACK_0"]
-            drive[0].utime = now_utime()
+            drive[0].utime = drive[0].received_utime = drive[0].applied_utime = now_utime()
             self.bus.publish(MOTOR_FEEDBACK, drive[0], 0)
             for announced in parameters:
                 self.bus.publish(PARAMETERS, announced.announcement(sequence=now_utime()), 0)

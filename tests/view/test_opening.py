@@ -209,7 +209,7 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> server.PageServer:
     live: Any = SimpleNamespace(
         state=ViewState(), orders=Orders(), name="live", curves=curves, panel=lambda: None, head=lambda: ""
     )
-    monkeypatch.setattr(server, "guarding", lambda _door: nullcontext())
+    monkeypatch.setattr(server, "guarding", lambda _door, _beside: nullcontext())
     result = server.PageServer(Address("127.0.0.1", 8080), "secret of ours", NO_ROOM, live)
     for visitor in range(1, 7):
         result.wishes.put(Wish(COME, visitor, SimpleNamespace(client_id=visitor, gui=FakeClient().gui)))

@@ -198,7 +198,7 @@ def everybody(world: World) -> Iterator[tuple[tuple[int, int], tuple[float, ...]
 def reported(world: World) -> tuple[str, int]:
     """Return what cmr-sim says on PROCESS_STATUS, and its state."""
     with Process("cmr-sim", "memq://") as process:
-        SIM._announce(world, SIM.Loader([]), process, SIM.Lateness())
+        SIM._announce(world, SIM.Loader([]), process, SIM.Lateness(), SIM.Owners(()))
         return process._full_message(), process.state
 
 

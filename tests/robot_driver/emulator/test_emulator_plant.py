@@ -330,7 +330,7 @@ def test_sensor_noise_has_the_set_size() -> None:
 
 
 def test_the_emulated_robot_shares_no_code_with_the_model_and_the_driver() -> None:
-    modules = ("plant", "sensors", "roboclaw_device", "dsp3000_device", "engine", "pseudo_terminal")
+    modules = ("plant", "sensors", "roboclaw_device", "dsp3000_device", "engine")
     imports = "; ".join(f"import robot_driver.emulator.{module}" for module in modules)
     listing = "import sys; print('\\n'.join(sys.modules))"
     ended = subprocess.run([sys.executable, "-c", f"{imports}; {listing}"], capture_output=True, text=True, check=True)
