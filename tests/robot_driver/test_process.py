@@ -183,6 +183,7 @@ def test_the_driver_needs_no_more_than_a_small_computer_has() -> None:
 def test_every_option_of_the_driver_may_be_in_a_scenario_and_goes_to_its_command_line() -> None:
     wanted = Connection("/dev/a", "/dev/b", "roboteq", "kvh-binary", 9600, 57600, 50.0, 5.0, 6.0, 11.0, 10.0, 480)
     wanted = replace(wanted, swap=True, invert_left=True, invert_right=True, invert_gyro=True)
+    wanted = replace(wanted, swap_encoders=True, invert_left_encoder=True, invert_right_encoder=True)
     given = {field.name: getattr(wanted, field.name) for field in fields(Connection)}
     assert all(given[field.name] != field.default for field in fields(Connection))
     assert structured(read(yaml.safe_dump(given), "robot.yaml", DocumentError), Connection) == wanted

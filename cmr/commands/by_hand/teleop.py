@@ -9,6 +9,7 @@ from pathlib import Path
 from cmr.bus.claiming import Claim
 from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
+from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
 from cmr.bus.streams import (
     COMMAND_OWNER,
@@ -49,6 +50,7 @@ HEARD: tuple[Stream[Message], ...] = (ESTOP_LATCH, MOTOR_FEEDBACK, POSE, COMMAND
 def main(arguments: list[str]) -> int:
     """Run cmr-teleop."""
     options = command_parser().parse_args(arguments)
+    check_bus(options.lcm_url)
     if not (options.page or options.script or options.gamepad or has_terminal()):
         Terminal()  # which says what is missing
     drive = _drive(options)

@@ -14,10 +14,10 @@ from tests.support.sabotage import ALL, DEVICES, promise_of
 pytestmark = pytest.mark.real_time
 
 
+@pytest.mark.longest
 def test_an_honest_robot_keeps_every_promise(tmp_path: Path) -> None:
     report = accept(tmp_path)
     assert report.verdicts == dict.fromkeys(PROMISES, PASSED), "\n".join(report.lines())
-    assert report.seconds < 120.0
 
 
 @pytest.mark.further
