@@ -302,15 +302,13 @@ class GateProcess(LastGate):
 
     def _hangs(self) -> bool:
         """Return whether it has not reported for so long that it cannot be well."""
-        now, before = self._host.monotonic(), self._looked
         self._look()
-        if now - before > AWAY and now > self._reported + HANGING and not self._is_excused:
-            self._reported, self._is_excused = now - HANGING + AWAY, True
-        return now > self._reported + HANGING
+        return self._host.monotonic() > self._reported + HANGING
 
     def _look(self) -> None:
         with self._reports:
-            link, self._looked = self._link, self._host.monotonic()
+            self._excuse()
+            link = self._link
             while link is not None:
                 try:
                     report = report_in(link.recv(REPORT_LENGTH + 1))
@@ -320,6 +318,13 @@ class GateProcess(LastGate):
                 self.latched = report.latched
                 self.interventions = self._interventions_before + report.interventions
                 self.refused = [before + now for before, now in zip(self._before, report.refused, strict=True)]
+
+    def _excuse(self) -> None:
+        """Give it some time to report where nobody has looked for long; once, until it does."""
+        now, before = self._host.monotonic(), self._looked
+        if now - before > AWAY and not self._is_excused:
+            self._reported, self._is_excused = max(self._reported, now - HANGING + AWAY), True
+        self._looked = now
 
 
 class _GatedLine:
