@@ -64,7 +64,7 @@ class StopButton:
     """The emergency stop as a process engages and releases it for a person: `due` returns what is to be sent.
 
     `handle` hears ESTOP. A stop is repeated until anybody releases it. `stopped` says whether it is engaged, and
-    `text` by whom and why. `reason` and `released` are what is said where `source` engages and releases it.
+    `text` by whom and why. `source` gives `reason` where it engages the stop, and `released` where it releases it.
     """
 
     def __init__(self, source: str, reason: str, released: str = "") -> None:

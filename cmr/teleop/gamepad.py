@@ -38,7 +38,7 @@ class _InputEvent(NamedTuple):
 
 
 class Gamepad:
-    """The left stick and the buttons of a pad. Unplugged it asks for nothing, until its button is pressed anew."""
+    """The left stick and the buttons of a pad. Unplugged, it asks for nothing until its button is pressed again."""
 
     name = "gamepad"
 

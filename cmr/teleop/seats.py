@@ -20,8 +20,8 @@ STDIN, STDOUT = 0, 1
 MOST_READ = 65_536  # bytes at once
 RELEASES = "This terminal reports releases: keys may be held together."
 REPEATS = (
-    "This terminal reports no releases: hold a key. The robot moves once the key repeats, and stops when that ends. A "
-    "new key begins anew."
+    "This terminal reports no releases: hold a key. The robot moves once the key repeats, and stops when that ends. "
+    "After a change of keys, the new one has to repeat first."
 )
 HOLD = "Hold the dead-man button (an upper button at the back) and move the left stick; its right button (B) stops all."
 

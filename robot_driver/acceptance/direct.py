@@ -135,11 +135,18 @@ def _by_hand(run: Run) -> None:
         _switch_off(run)
 
 
+def _is_ready(run: Run, name: str, text: str, ready: str, otherwise: Finding) -> bool:
+    """Return whether a hand is where it is asked for; if it cannot be, note the finding."""
+    if run.guide.ask(name, text, (Choice("ready", ready), SKIPPED)) != SKIPPED.key:
+        return True
+    run.note(otherwise)
+    return False
+
+
 def _pull_cable(run: Run) -> None:
-    choices = (Choice("ready", "my hand is at the cable"), SKIPPED)
     text = "Take hold of the USB cable of the motor controller. The wheels will turn: pull it out then."
-    if run.guide.ask("hand-cable", text, choices) == SKIPPED.key:
-        run.note(Finding(10, "by hand", None, "unplugging by hand: not possible with this robot"))
+    otherwise = Finding(10, "by hand", None, "unplugging by hand: not possible with this robot")
+    if not _is_ready(run, "hand-cable", text, "my hand is at the cable", otherwise):
         return
     record, before = run.bench.record, len(run.bench.record.statuses)
     run.drive_until_moving()
@@ -180,10 +187,9 @@ def _lost(record: Record, since: int) -> process_status_t | None:
 
 
 def _switch_off(run: Run) -> None:
-    choices = (Choice("ready", "my hand is at the switch"), SKIPPED)
     text = "Have a hand at the switch of the robot's battery. The wheels will turn: switch it off then."
-    if run.guide.ask("hand-switch", text, choices) == SKIPPED.key:
-        run.note(Finding(5, "battery off", None, "switching the battery off: not possible with this robot"))
+    otherwise = Finding(5, "battery off", None, "switching the battery off: not possible with this robot")
+    if not _is_ready(run, "hand-switch", text, "my hand is at the switch", otherwise):
         return
     record, before = run.bench.record, len(run.bench.record.statuses)
     run.drive_until_moving()

@@ -4,7 +4,8 @@ Each command passes the driver's gate, its ramp and the last gate; an emergency 
 command stop the motors as ever. On top of that no command of bring-up is beyond `limit`.
 """
 
-from collections.abc import Callable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -59,6 +60,7 @@ class Drivable(Protocol):
         """Return what keeps it from full service."""
 
 
+SeenPose = tuple[int, float, float, float]  # stamp [us], x [m], y [m], theta [rad]
 Opener = Callable[[Settings], AbstractContextManager[Drivable]]
 
 
@@ -70,19 +72,37 @@ class Heard:
     gyro: list[gyro_t] = field(default_factory=list)
 
 
-class World:
-    """What is around the driver: time that passes in turns, and whom its messages go to. This one is empty.
+class World(ABC):
+    """What is around the driver: time that passes in turns, whom its messages go to, and the poses of all robots.
 
     `turn` waits for the next turn, some 5 ms after the last one, hands the driver, if one runs, what has come for it
     (an emergency stop), and raises what ends the procedure.
     """
 
+    def __init__(self) -> None:
+        self._seen: dict[int, list[SeenPose]] | None = None
+
+    @abstractmethod
     def turn(self, driver: Drivable | None) -> None:
         """Let one turn pass."""
-        raise NotImplementedError
 
+    @abstractmethod
     def publish(self, message: Outgoing) -> None:
         """Pass on a message of the driver."""
+
+    def see(self, robot: int, pose: SeenPose) -> None:
+        """Take a pose of a robot; it is dropped where nobody collects."""
+        if self._seen is not None:
+            self._seen.setdefault(robot, []).append(pose)
+
+    @contextmanager
+    def collect(self) -> Iterator[Mapping[int, list[SeenPose]]]:
+        """Collect the poses that are seen inside, by robot."""
+        self._seen = {}
+        try:
+            yield self._seen
+        finally:
+            self._seen = None
 
 
 class Bench:

@@ -1,8 +1,6 @@
 """cmr bringup: the process around the procedure, with the terminal before it and the bus beside it."""
 
 import argparse
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 
 from cmr.bus.process import EXIT_INTERRUPTED, Outgoing, Process
@@ -50,9 +48,9 @@ class BusWorld(World):
     """The bus around the driver: emergency stops reach it, its measurements go out, poses of all robots are heard."""
 
     def __init__(self, process: Process) -> None:
+        super().__init__()
         self._process = process
         self._turns = process.loop(RATE)
-        self._collected: dict[int, list[tuple[int, float, float, float]]] | None = None
         process.subscribe(ESTOP, every=True)
         process.subscribe(POSE, every=True)
 
@@ -64,24 +62,14 @@ class BusWorld(World):
             message = received.message
             if isinstance(message, estop_t) and driver is not None:
                 driver.handle(message.utime, received.channel, message, received.sender)
-            elif isinstance(message, pose_xyt_t) and self._collected is not None:
+            elif isinstance(message, pose_xyt_t):
                 known = identify(received.channel)
-                of_robot = self._collected.setdefault(known[1] or 0 if known else 0, [])
-                of_robot.append((message.utime, message.x, message.y, message.theta))
+                self.see(known[1] or 0 if known else 0, (message.utime, message.x, message.y, message.theta))
 
     def publish(self, message: Outgoing) -> None:
         """Send what the driver has measured."""
         stream, robot_id, content = message
         self._process.publish(stream, content, robot_id)
-
-    @contextmanager
-    def collect(self) -> Iterator[Mapping[int, list[tuple[int, float, float, float]]]]:
-        """Collect poses inside."""
-        self._collected = {}
-        try:
-            yield self._collected
-        finally:
-            self._collected = None
 
 
 def main(arguments: list[str]) -> int:
@@ -104,7 +92,7 @@ def main(arguments: list[str]) -> int:
             def driver(settings: Settings) -> Driver:
                 return Driver(settings, stop_file=stop_file)
 
-            place = Place(THIS_COMPUTER, world, world, lambda: ports, driver)
+            place = Place(THIS_COMPUTER, world, lambda: ports, driver)
             procedure = Procedure(front, place, options.robot, known, settings, parameters)
             results = procedure.run(options.steps or STEPS)
     except Interrupted:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from robot_driver.bringup.bench import Bench, CannotTell, Heard
+from robot_driver.bringup.bench import Bench, CannotTell, Heard, SeenPose
 from robot_driver.bringup.floor import Body, drive
 from robot_driver.bringup.motor_constants import motor_constants
 from robot_driver.bringup.odometry import Path, path_of
@@ -12,7 +12,7 @@ from robot_driver.bringup.poses import LENGTH_SHARE, Pose, PosesFound, judged
 from robot_driver.bringup.turning import GyroFound, angle_of
 from robot_driver.guided import Guide
 
-Seen = Mapping[int, Sequence[tuple[int, float, float, float]]]  # by robot: utime (us), x, y, theta as they came
+Seen = Mapping[int, Sequence[SeenPose]]  # by robot, as they came
 WIDTH_SHARE = 0.3  # by which a base width by the ruler may differ from the one by which the robot turns
 TURNED = math.radians(60.0)  # what a quarter turn has at least
 

@@ -2,15 +2,14 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
 
 from robot_driver.bringup.bench import Bench, CannotTell, Opener, World, opened
 from robot_driver.bringup.devices import find_devices
 from robot_driver.bringup.floor import Body
-from robot_driver.bringup.ground import Ground, Seen, find_on_the_ground
+from robot_driver.bringup.ground import Ground, find_on_the_ground
 from robot_driver.bringup.known import Known, Plain
 from robot_driver.bringup.motors import Side, find_motors
 from robot_driver.bringup.parameters import ParametersFound, write_parameters
@@ -29,13 +28,6 @@ LIFT = "Put the robot on a box so that its wheels are off the floor and turn fre
 LIFTED = (Choice("yes", "its wheels are off the floor, and nothing can get caught in them"),)
 
 
-class Poses(Protocol):
-    """Collects the poses of all robots."""
-
-    def collect(self) -> AbstractContextManager[Seen]:
-        """Collect them inside."""
-
-
 @dataclass(frozen=True)
 class Result:
     """How a step ended: `decided`, or why not."""
@@ -51,7 +43,6 @@ class Place:
 
     host: Host
     world: World
-    poses: Poses
     ports: Callable[[], Sequence[str]]
     driver: Opener
 
@@ -166,7 +157,7 @@ class Procedure:
         present = bool(self.known.found.get("gyro"))
         inverted = bool(self.known.driver.get("invert_gyro"))
         gyro = GyroFound(present, inverted, self.known.number("gyro_scale"), self.known.number("gyro_bias"))
-        with self._bench("floor") as bench, self._place.poses.collect() as seen:
+        with self._bench("floor") as bench, self._place.world.collect() as seen:
             found = find_on_the_ground(bench, self._guide, body, gyro, seen, self._robot)
         return self._keep(body, found)
 

@@ -1,6 +1,6 @@
 """The hands of a person at the emulated robot: they lift it, turn its wheels and turn it round.
 
-They are told what to do by lines on a port of their own: `lift`, `lower`, `left 10`, `right -1` and `robot 1` (turns; a
+Lines on a port of their own command them: `lift`, `lower`, `left 10`, `right -1` and `robot 1` (turns; a
 wheel forward, the robot counter-clockwise), and `look`, which is answered with how far all of them have turned:
 `left 10.00 right 0.00 robot 0.25`.
 """

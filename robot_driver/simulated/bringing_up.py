@@ -1,8 +1,7 @@
 """A whole bring-up in simulated time: an emulated robot, a person with eyes, hands and failings, and the procedure."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -90,7 +89,7 @@ class SimulatedBringup:
         line = host.open_line(HAND, 0, lock_out=False)
         hands = _Hands(host, plant, self.person, Random(f"{self.seed} person"), world, line.write)
         ports = [GYRO_PORT, MOTOR] if self.gyro else [MOTOR]
-        place = Place(host, world, world, lambda: ports, lambda settings: Driver(settings, host))
+        place = Place(host, world, lambda: ports, lambda settings: Driver(settings, host))
         outcome = self._outcome(hands, place, plant, folder, steps, known or Known())
         host.check()
         return outcome
@@ -101,7 +100,7 @@ class SimulatedBringup:
         world: _World
 
         def see(utime: int, pose: Pose) -> None:
-            world.see(self.own_number, utime, pose)
+            world.see(self.own_number, (utime, pose.x, pose.y, pose.theta))
 
         host = DirectHost(self.settings, plant, self.pose_rate, see)
         world = _World(host)
@@ -115,7 +114,7 @@ class SimulatedBringup:
         def driver(settings: DriverSettings) -> DirectDriver:
             return DirectDriver(settings, self.settings, host, has_gyro=self.gyro is not None or board)
 
-        place = Place(host, world, world, lambda: [], driver)
+        place = Place(host, world, lambda: [], driver)
         return self._outcome(hands, place, plant, folder, steps, known)
 
     def _outcome(
@@ -141,7 +140,7 @@ class SimulatedBringup:
 
         def see(pose: Pose) -> None:
             host.follow_robot()
-            world.see(self.own_number, host.utime_of_robot(pose.time), pose)
+            world.see(self.own_number, (host.utime_of_robot(pose.time), pose.x, pose.y, pose.theta))
 
         capture = MotionCapture(self.settings, plant, self.pose_rate)
         robot = RobotInTime(plant, devices, host.arrive, adapters=adapters, motion_capture=capture, on_pose=see)
@@ -166,8 +165,8 @@ class _World(World):
     """Time that passes, what happens in it, and the poses of all robots."""
 
     def __init__(self, host: Host) -> None:
+        super().__init__()
         self.host = host
-        self._collected: dict[int, list[tuple[int, float, float, float]]] | None = None
         self._actions: list[tuple[float, Action]] = []
 
     def turn(self, driver: Drivable | None) -> None:
@@ -189,20 +188,6 @@ class _World(World):
     def later(self, seconds: float, action: Action) -> None:
         """Have something happen after a while."""
         self._actions.append((self.host.monotonic() + seconds, action))
-
-    def see(self, number: int, utime: int, pose: Pose) -> None:
-        """Take a pose."""
-        if self._collected is not None:
-            self._collected.setdefault(number, []).append((utime, pose.x, pose.y, pose.theta))
-
-    @contextmanager
-    def collect(self) -> Iterator[Mapping[int, list[tuple[int, float, float, float]]]]:
-        """Collect poses inside."""
-        self._collected = {}
-        try:
-            yield self._collected
-        finally:
-            self._collected = None
 
 
 class _Hands(Scripted):

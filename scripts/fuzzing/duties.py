@@ -1,4 +1,4 @@
-"""What a driver may have its motors do, told apart from how it decides it: by the messages that were sent to it."""
+"""Which duties a driver may send, computed from the messages that it got and independently of its own code."""
 
 import math
 from collections.abc import Callable, Sequence

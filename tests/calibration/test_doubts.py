@@ -16,7 +16,7 @@ AT_TWO = {"k2_over_k3": 0.0037, "k1": 0.0023, "base_width": 0.0031}  # docs/meas
 
 
 def notes(known_to: Mapping[str, float], *speeds: float) -> str:
-    """Return what is said of a robot whose parameters are known to these shares, after as long at each speed [m/s]."""
+    """Return the message about a robot whose parameters are known to these shares, as long at each speed [m/s]."""
     way = np.cumsum(np.repeat(speeds, 500) / RADIUS) * 0.02
     observations = SimpleNamespace(wheel=np.column_stack([way, way]), wheel_time=0.02 * np.arange(len(way)))
     predictor = SimpleNamespace(segment=SimpleNamespace(observations=observations))

@@ -137,7 +137,7 @@ def _drive(options: argparse.Namespace) -> Drive:
 
 
 def _of_virtual() -> ParameterFollower:
-    """Return the parameters by which cmr-sim moves virtual robots, unless it is told otherwise."""
+    """Return the parameters by which cmr-sim moves virtual robots by default."""
     from cmr.commands.sim import DEFAULT_PARAMETERS  # and a simulator, which few need
 
     return ParameterFollower(0, parameter_file(0), load(DEFAULT_PARAMETERS))
