@@ -59,14 +59,7 @@ def main(arguments: list[str]) -> int:
     confirmed = Event()
     signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
     with Process("cmr-pilot", options.lcm_url) as process:
-        process.subscribe(WORLD_STATE, every=True)
-        process.subscribe(ESTOP, every=True)
-        process.subscribe(ESTOP_LATCH, options.robot)
-        process.subscribe(MOTOR_FEEDBACK, options.robot, every=True)
-        process.subscribe(POSE, options.robot, every=True)
-        process.subscribe(PARAMETERS, options.robot)
-        process.subscribe(WAYPOINTS, options.robot)
-        process.subscribe(COMMAND_OWNER, options.robot)
+        _listen(process, options.robot)
         claim = Claim("cmr-pilot", options.robot, lambda: process.bus.sender, options.take_over)
         for utime in process.loop(rate_hz=RATE):
             pilot.turn(utime)
@@ -84,12 +77,29 @@ def main(arguments: list[str]) -> int:
             _report(process, pilot, waiting_for)
             if behaviour.finished:
                 break
-        if not claim.others(now_utime()):
-            process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), options.robot)
-            process.publish(COMMAND_CLAIM, claim.end(now_utime()), options.robot)
+        _end(process, pilot, claim)
         if behaviour.problem:
             raise CommandError(behaviour.problem)
         return process.exit_code
+
+
+def _listen(process: Process, robot: int) -> None:
+    """Subscribe to what the pilot and its claim take."""
+    process.subscribe(WORLD_STATE, every=True)
+    process.subscribe(ESTOP, every=True)
+    process.subscribe(ESTOP_LATCH, robot)
+    process.subscribe(MOTOR_FEEDBACK, robot, every=True)
+    process.subscribe(POSE, robot, every=True)
+    process.subscribe(PARAMETERS, robot)
+    process.subscribe(WAYPOINTS, robot)
+    process.subscribe(COMMAND_OWNER, robot)
+
+
+def _end(process: Process, pilot: Pilot, claim: Claim) -> None:
+    """Stop the robot and give it up, unless somebody else commands it."""
+    if not claim.others(now_utime()):
+        process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), pilot.robot_id)
+        process.publish(COMMAND_CLAIM, claim.end(now_utime()), pilot.robot_id)
 
 
 def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:

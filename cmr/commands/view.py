@@ -18,6 +18,7 @@ from cmr.msg import process_status_t
 from cmr.processes.children import our_command
 
 if TYPE_CHECKING:
+    from cmr.view.server import PageServer
     from cmr.view.showing import Showing
 
 RATE = 20.0  # Hz
@@ -52,20 +53,25 @@ def main(arguments: list[str]) -> int:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
         try:
-            for utime in process.loop(rate_hz=RATE):
-                process.dispatch(showing.orders.handle)
-                showing.advance(1.0 / RATE)
-                for wish in server.wished(utime):
-                    showing.fulfil(wish, utime)
-                process.publish_all(showing.orders.due(now_utime()))
-                server.show(1.0 / RATE)
-                if news := server.refusals.news():
-                    process.news(news)
-                process.state = process_status_t.RUNNING
-                process.message = f"{showing.message()} {server.refusals.latest}".strip()
+            _serve(process, server, showing)
         finally:
             server.stop()
         return process.exit_code
+
+
+def _serve(process: Process, server: "PageServer", showing: "Showing") -> None:
+    """Show what comes, and do what visitors wish, until the process is ended."""
+    for utime in process.loop(rate_hz=RATE):
+        process.dispatch(showing.orders.handle)
+        showing.advance(1.0 / RATE)
+        for wish in server.wished(utime):
+            showing.fulfil(wish, utime)
+        process.publish_all(showing.orders.due(now_utime()))
+        server.show(1.0 / RATE)
+        if news := server.refusals.news():
+            process.news(news)
+        process.state = process_status_t.RUNNING
+        process.message = f"{showing.message()} {server.refusals.latest}".strip()
 
 
 def command_parser() -> argparse.ArgumentParser:
