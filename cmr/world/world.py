@@ -125,7 +125,7 @@ class World:
         self._models_changed = False
         for robot in virtual:
             self._parameters_of(robot.parameters_of)
-        self._most_followed = len(self.parameters) + MOST_STRANGERS
+        self._needed = frozenset(self.parameters)
 
     @property
     def utime(self) -> int:
@@ -194,6 +194,8 @@ class World:
         self.gate.turn(utime)
         for robot_id in sorted(self._not_ready):
             self._take_over(robot_id)
+        if self.crowded:
+            self._forget_the_silent()
         if self._absent:
             self._place_virtual()
         for _ in range(MOST_STEPS_AT_ONCE):
@@ -280,8 +282,18 @@ class World:
             return True
         if not self._estimates(robot_id):
             return False
-        self.crowded = len(self.parameters) >= self._most_followed
+        self.crowded = len(self.parameters) >= len(self._needed) + MOST_STRANGERS
         return not self.crowded
+
+    def _forget_the_silent(self) -> None:
+        """Make room for robots that are there: forget those without parameters that are not heard of any more."""
+        without = {robot_id for robot_id, follower in self.parameters.items() if follower.parameters is None}
+        heard = {robot.robot_id for robot in self.real()}
+        for robot_id in without - heard - self._needed:
+            del self.parameters[robot_id]
+            self._real.pop(robot_id, None)
+            self.others.leave(robot_id)
+            self.crowded = False
 
     def _real_robot(self, robot_id: int) -> RealRobot:
         if robot_id not in self._real:
