@@ -25,7 +25,7 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.priority import give_way
-from cmr.recordings.recording import RecordingError, read_messages
+from cmr.recordings.recording import Recording, RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
 LOOK_PERIOD = 0.4  # s; the estimates so far are renewed as often, if the computer can
@@ -72,6 +72,11 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
     )
+    options.add_argument(
+        "--whole-log",
+        action="store_true",
+        help="use all of each log, as cmr-diagnose does; otherwise the first drive, as a live calibration does",
+    )
     _add_results(options)
     return options
 
@@ -110,6 +115,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         options.error(
             "--paper-only chooses among what --method average finds; --method paper knows the three parameters only"
         )
+    if given.whole_log and not given.log:
+        options.error("--whole-log needs a log")
     return given
 
 
@@ -122,7 +129,7 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 
 def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     try:
-        recordings = [_gather(path, options, nominal).recording() for path in options.log]
+        recordings = [_recording(path, options, nominal) for path in options.log]
         compile_first([ESTIMATOR])  # live, it listens meanwhile
         with Progress() as progress:
             progress.show(f"Calibrating robot {recordings[0].robot_id}.")
@@ -144,9 +151,12 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
     return 0
 
 
-def _gather(path: Path, options: argparse.Namespace, nominal: ParameterFile | None) -> Calibrator:
-    """Return the calibrator of a log's robot after it has seen the log."""
-    calibrator = Calibrator.of(read_messages(path, options.robot), nominal)
+def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile | None) -> Recording:
+    """Return the first drive of a log, or all of it where that is wanted."""
+    messages = read_messages(path, options.robot)
+    if options.whole_log:
+        return Recording.of(messages)
+    calibrator = Calibrator.of(messages, nominal)
     if calibrator.missing:
         print(
             f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.",
@@ -155,10 +165,10 @@ def _gather(path: Path, options: argparse.Namespace, nominal: ParameterFile | No
     if calibrator.left_out > FURTHER:
         print(
             f"{path}: the first drive is used, as in a live calibration. {calibrator.left_out:.0f} s follow after it; "
-            "cmr-diagnose uses the whole log.",
+            "--whole-log uses them, too, as cmr-diagnose does.",
             file=_notes(options),
         )
-    return calibrator
+    return calibrator.recording()
 
 
 def _notes(options: argparse.Namespace) -> TextIO:

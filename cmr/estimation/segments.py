@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cmr.estimation.drive import drive_of
 from cmr.model.commands import Commands
 from cmr.model.observer.observer import FOLLOWED, RESTART, Observations
 from cmr.recordings.encoders import moved_on, tick_of, within_tick
 from cmr.recordings.faults.time_checks import held_up
-from cmr.recordings.faults.wheel_checks import motion_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 from cmr.recordings.wheel_angles import wheel_angles
@@ -21,8 +21,6 @@ LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing
 LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
-# s before anything happens and after it that are used: they tell the gyro's bias as well as its drift lets.
-LONGEST_STAND = 10.0
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
 # The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
@@ -72,19 +70,15 @@ def continued(segments: Sequence[Segment]) -> list[bool]:
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
     """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins again.
 
-    Of a rest without commands at the beginning or at the end only LONGEST_STAND is used.
+    Of long rests at the beginning and at the end only a part is used; see `drive`.
     """
-    recording = replace(recording, wheels=_with_angles(recording.wheels))
+    recording = drive_of(replace(recording, wheels=_with_angles(recording.wheels)))
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]
     if not sources:
         return []
     first = max(int(signal.utime[0]) for signal in sources)
     last = min(int(signal.utime[-1]) for signal in sources)
     borders = np.array([first, *(time for gap in _breaks(recording, sources) for time in gap), last])
-    times = _eventful(recording)
-    if len(times):
-        stand = round(LONGEST_STAND / SECONDS)
-        borders = np.clip(borders, times.min() - stand, times.max() + stand)
     spans = [
         (begin, end) for begin, end in borders.reshape(-1, 2).tolist() if (end - begin) * SECONDS >= SHORTEST_PIECE
     ]
@@ -110,16 +104,6 @@ def _turned(wheels: Signal, times: Sequence[int]) -> list[tuple[float, float]]:
         return [(0.0, 0.0)] * len(times)
     left, right = (np.interp(times, wheels.utime, wheels[name]) for name in ANGLES)
     return list(zip(left.tolist(), right.tolist(), strict=True))
-
-
-def _eventful(recording: Recording) -> Times:
-    """Return times [us] between which all motion lies, and all of the motors' work.
-
-    Motors that are driven, and do not turn, tell of friction.
-    """
-    duty = recording.duty
-    driven = duty.utime[(duty["left"] != 0.0) | (duty["right"] != 0.0)]
-    return np.concatenate([np.array(motion_of(recording) or (), np.int64), driven])
 
 
 def _breaks(recording: Recording, sources: Sequence[Signal]) -> list[tuple[int, int]]:
