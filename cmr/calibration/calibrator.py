@@ -18,8 +18,8 @@ from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
-from cmr.estimation.drive import HELD_AT_REST, REST_AFTER
 from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.segments import HELD_AT_REST, REST_AFTER
 from cmr.model.velocity_controller import Q, VelocityController
 from cmr.msg import calibration_status_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile
@@ -31,8 +31,8 @@ from cmr.recordings.signal import SECONDS
 REST = round(REST_AFTER / SECONDS)  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
-# us before the first motion that are kept, of which `cmr.estimation.drive` uses what it needs; and after how long what
-# is older is forgotten of a robot that has not moved yet.
+# us before the first motion that are kept, more than is used; and after how long what is older is forgotten of a robot
+# that has not moved yet.
 BEFORE, FORGET = 14_000_000, 15_000_000
 LONGEST = 1_200_000_000  # us of a drive that does not become covered; then it is forgotten, as memory has an end
 HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # all that a recording has
@@ -202,14 +202,18 @@ class Calibrator:
             self.preview = None
 
     def fit(self) -> CalibrationResult | None:
-        """Find the parameters from what has been gathered; None on failure, which `failure` explains."""
+        """Find the parameters from what has been gathered; None where there are none.
+
+        `failure` explains why there are none, or why those found are not to be written.
+        """
         try:
             self.result = calibrate(self.recording(), self._nominal, method=self._method, paper_only=self._paper_only)
+            self.failure = self.result.why_no_file
         except EstimationError as error:
             self.failure = str(error)
         except Exception as error:  # a fit that breaks down must be reported, not leave the process waiting for ever
             self.failure = f"The fit broke down on this recording ({type(error).__name__}: {error}). Keep the log."
-        self.state = calibration_status_t.FAILED if self.result is None else calibration_status_t.DONE
+        self.state = calibration_status_t.FAILED if self.failure else calibration_status_t.DONE
         return self.result
 
     @property
@@ -328,7 +332,7 @@ class Calibrator:
             return f"Still needed: {self.missing}." if self.missing else self._covered()
         if self.state == calibration_status_t.FITTING:
             return "The manoeuvre is complete; computing the parameters."
-        if self.result is None:
+        if self.result is None or self.failure:
             return self.failure
         skipped = "; ".join(f"{name} not identifiable: {why}" for name, why in self.result.unidentified.items())
         return " ".join(["Parameters found.", *([skipped + "."] if skipped else []), *self.result.notes])

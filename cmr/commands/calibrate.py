@@ -142,6 +142,8 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
         print(result.summary())
     _draw(result, options.picture, _notes(options))
     if options.out:
+        if result.why_no_file:
+            raise CommandError(result.why_no_file)
         digest = hashlib.sha256()
         for path in options.log:
             digest.update(path.read_bytes())
@@ -206,10 +208,10 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
                 said = _say(robot_id, status, calibrator.so_far, calibrator.averages, said)
             if finished_at is not None and time.monotonic() > finished_at + ANNOUNCING:
                 break
-    if calibrator.state == calibration_status_t.FAILED:
-        raise CommandError(calibrator.failure)
     if calibrator.result is not None:
         _draw(calibrator.result, options.picture)
+    if calibrator.state == calibration_status_t.FAILED:
+        raise CommandError(calibrator.failure)
     return process.exit_code
 
 
@@ -237,10 +239,11 @@ class Work:
 
 def _publish_result(calibrator: Calibrator, path: Path, process: Process) -> None:
     """Write and announce the parameters; without any, report why."""
-    if calibrator.result is None:
+    if calibrator.result is not None:
+        print(calibrator.result.summary())
+    if calibrator.result is None or calibrator.failure:
         process.state, process.message = process_status_t.DEGRADED, calibrator.failure
         return
-    print(calibrator.result.summary())
     parameters = calibrator.result.parameter_file({"log": "live"})
     _save(parameters, path)
     print(f"written to {path}", flush=True)

@@ -5,10 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.drive import REST_BEFORE, drive_of
 from cmr.estimation.estimates import EstimationError
 from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
-from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
+from cmr.estimation.segments import (
+    LONGEST_SILENCE,
+    REST_BEFORE,
+    SHORTEST_PIECE,
+    Segment,
+    drive_of,
+    segments_of,
+)
 from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.faults.checks import CLOCK, check, lag_sentence, late_wheels_in_all

@@ -1,15 +1,20 @@
-"""Recordings on the observer's raster: what was sent, what was observations, and how well each reading is known."""
+"""Recordings on the observer's raster: what was sent, what was observations, and how well each reading is known.
+
+Of a recording, the drive is used: all of the motion, with some of the rest before and after it. A log may begin minutes
+before the robot moves and go on for minutes after it. How many would otherwise change the numbers, and `cmr-calibrate`,
+which ends when the robot has stopped, would find others than `cmr-diagnose` does.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.drive import drive_of
 from cmr.model.commands import Commands
 from cmr.model.observer.observer import FOLLOWED, RESTART, Observations
 from cmr.recordings.encoders import moved_on, tick_of, within_tick
 from cmr.recordings.faults.time_checks import held_up
+from cmr.recordings.faults.wheel_checks import motion_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 from cmr.recordings.wheel_angles import wheel_angles
@@ -21,6 +26,13 @@ LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing
 LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
+# s of rest that are used. Those before tell the gyro's bias as well as its drift lets. A calibration ends after one
+# second of rest.
+REST_BEFORE, REST_AFTER = 10.0, 1.0
+# Duties that are driving whatever the wheels say, of which an encoder may be broken. With smaller ones a controller may
+# hold a robot that rests, for any time; they count within so many s of the motion: motors that do not turn tell of
+# friction.
+DRIVING, HELD_AT_REST = 0.05, 3.0
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
 # The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
@@ -61,6 +73,32 @@ class Segment:
         return replace(self, observations=replace(self.observations, commands=commands))
 
 
+def drive_of(recording: Recording) -> Recording:
+    """Return the drive within a recording: without longer rests before its first motion and after its last.
+
+    A recording in which nothing moves and no motor is driven is returned as it is; `drive_of` a drive is the drive.
+    """
+    times = moments_of(recording)
+    if not len(times):
+        return recording
+    before, after = round(REST_BEFORE / SECONDS), round(REST_AFTER / SECONDS)
+    return recording.between(int(times[0]) - before, int(times[-1]) + after)
+
+
+def moments_of(recording: Recording) -> Times:
+    """Return the first and the last moment [us] of what the motors do, shape (2,); empty where they do nothing."""
+    duty = recording.duty
+    size = np.maximum(np.abs(duty["left"]), np.abs(duty["right"]))
+    motion = np.array(motion_of(recording) or (), np.int64)
+    driven = size > 0.0
+    if len(motion):
+        longest = round(HELD_AT_REST / SECONDS)
+        near = (duty.utime >= motion[0] - longest) & (duty.utime <= motion[1] + longest)
+        driven = (driven & near) | (size > DRIVING)
+    times = np.concatenate([motion, duty.utime[driven]])
+    return np.array([times.min(), times.max()], np.int64) if len(times) else times
+
+
 def continued(segments: Sequence[Segment]) -> list[bool]:
     """Tell of each segment whether it goes on with the recording of the one before, after a gap."""
     before = [None, *(one.recording for one in segments[:-1])]
@@ -70,7 +108,7 @@ def continued(segments: Sequence[Segment]) -> list[bool]:
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
     """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins again.
 
-    Of long rests at the beginning and at the end only a part is used; see `drive`.
+    Of long rests at the beginning and at the end only a part is used; see `drive_of`.
     """
     recording = drive_of(replace(recording, wheels=_with_angles(recording.wheels)))
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]

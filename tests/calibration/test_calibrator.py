@@ -10,7 +10,7 @@ import pytest
 from cmr.bus.messages import make
 from cmr.calibration.calibrator import HEARD, LONGEST, Calibrator
 from cmr.calibration.coverage import Coverage
-from cmr.estimation.drive import drive_of
+from cmr.estimation.segments import drive_of
 from cmr.msg import calibration_status_t, motor_duty_t, motor_feedback_t
 from cmr.recordings.arrivals import KEPT
 from cmr.recordings.recording import Recorder

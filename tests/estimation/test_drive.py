@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmr.estimation.checks import looked_at
-from cmr.estimation.drive import HELD_AT_REST, REST_AFTER, REST_BEFORE, drive_of
+from cmr.estimation.segments import HELD_AT_REST, REST_AFTER, REST_BEFORE, drive_of
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal
 
