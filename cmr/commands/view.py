@@ -34,7 +34,9 @@ def main(arguments: list[str]) -> int:
     obstacles, geofence = _room(options)
     tls = _encryption(options)
     try:
+        from cmr.view.driving import DriveSessions
         from cmr.view.entrance.door import Address
+        from cmr.view.guiding import GuideSessions
         from cmr.view.server import PageServer
         from cmr.view.showing import LiveShowing, LogShowing
         from cmr.view.visit import Room
@@ -47,8 +49,12 @@ def main(arguments: list[str]) -> int:
         try:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
             address = Address(options.host, options.port, tuple(options.allow_host or ()), tls)
-            drive = None if options.log else _driving(process.bus.url, geofence)
-            server = PageServer(address, token, Room(obstacles, geofence), showing, drive)
+            drive, guide = _driving(process.bus.url, geofence), _bringing_up(process.bus.url, options.ports or ())
+            beside = [
+                lambda token, guesses: DriveSessions(token, drive, guesses),
+                lambda token, guesses: GuideSessions(token, guide, guesses),
+            ]
+            server = PageServer(address, token, Room(obstacles, geofence), showing, () if options.log else beside)
         except OSError as error:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
@@ -98,6 +104,7 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument("--certificate", metavar="FILE", help="PEM: encrypts the page (https), with its --key")
     options.add_argument("--key", metavar="FILE", help="PEM: the private key, if it is not in the certificate's file")
     options.add_argument("--token", metavar="TEXT", help="for the buttons; without it a new one at each start")
+    options.add_argument("--ports", nargs="+", metavar="DEVICE", help="serial ports of robots to bring up; else all")
     options.add_argument("--scenario", metavar="FILE", help="or name, as of cmr-run: its obstacles and geofence")
     for name, form, what in (
         ("--obstacle", "X,Y,RADIUS", "a disc"),
@@ -127,6 +134,16 @@ def _driving(url: str, geofence: Geofence | None) -> Callable[[int, bool], list[
     def command(robot_id: int, takes_over: bool) -> list[str]:
         teleop = [our_command("cmr"), "teleop", "--page", "--robot", str(robot_id), "--lcm-url", url]
         return [*teleop, *limits, *["--take-over"] * takes_over]
+
+    return command
+
+
+def _bringing_up(url: str, ports: Sequence[str]) -> Callable[[int, Sequence[str]], list[str]]:
+    """Return what returns how cmr bringup is started for a robot and some of its steps, or all of them."""
+
+    def command(robot_id: int, steps: Sequence[str]) -> list[str]:
+        bringup = [our_command("cmr"), "bringup", *steps, "--page", "--robot", str(robot_id), "--lcm-url", url]
+        return [*bringup, *(["--ports", *ports] if ports else [])]
 
     return command
 

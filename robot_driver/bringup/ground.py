@@ -8,12 +8,15 @@ from robot_driver.bringup.bench import Bench, CannotTell, Heard, SeenPose
 from robot_driver.bringup.floor import Body, drive
 from robot_driver.bringup.motor_constants import motor_constants
 from robot_driver.bringup.odometry import Path, path_of
-from robot_driver.bringup.poses import LENGTH_SHARE, Pose, PosesFound, judged
+from robot_driver.bringup.poses import LENGTH_SHARE, Pose, judged
+from robot_driver.bringup.poses_found import PosesFound
 from robot_driver.bringup.turning import GyroFound, angle_of
 from robot_driver.guided import Guide
 
 Seen = Mapping[int, Sequence[SeenPose]]  # by robot, as they came
 WIDTH_SHARE = 0.3  # by which a base width by the ruler may differ from the one by which the robot turns
+UNSEEN_SHARE = 0.08  # the same, where no poses say how far it went: a miscounted turn makes 0.1
+AGREE = 0.06  # share by which ways and turns, each by wheels and by something else, differ if the wheels are wrong
 TURNED = math.radians(60.0)  # what a quarter turn has at least
 
 
@@ -45,13 +48,17 @@ def find_on_the_ground(bench: Bench, guide: Guide, body: Body, gyro: GyroFound, 
         for number, some in seen.items()
     }
     own = poses.pop(robot, [])
-    if not own and not poses:
-        return Ground(width, constants, None, f"no poses came on POSE_{robot}: start what sends them, and run it again")
     try:
+        if not own and not poses:
+            raise CannotTell(f"no poses came on POSE_{robot}: start what sends them, and run it again")
         found = judged(path, own, poses)
-        _check(found)
     except CannotTell as unknown:
+        _check_turns(share)
         return Ground(width, constants, None, str(unknown))
+    if found.vertical != "z":
+        _check_turns(share)
+    else:
+        _check_lengths(found.length, share if gyro.present else None)
     return Ground(width if gyro.present else width / found.turn, constants, found)
 
 
@@ -78,11 +85,29 @@ def _share_of_turns(heard: Heard, gyro: GyroFound, path: Path, start: int) -> fl
     return share
 
 
-def _check(found: PosesFound) -> None:
-    """Raise CannotTell where poses and wheels do not go equally far."""
-    if found.vertical == "z" and abs(found.length - 1.0) > LENGTH_SHARE:
+def _check_turns(share: float) -> None:
+    """Raise CannotTell where the wheels turned too far or not far enough, and no poses say why."""
+    if abs(share - 1.0) > UNSEEN_SHARE:
         raise CannotTell(
-            f"the robot went {found.length:.3f} times as far by its poses as by its wheels. If the wheel radius is "
-            "right, a turn was miscounted: run the step ticks again (cmr bringup ticks floor). Otherwise measure the "
-            "radius, or calibrate the system that the poses come from"
+            f"the robot turned {share:.2f} times as far by its gyro as by its wheels, and no poses show how far it "
+            "went: either the base width is not what you measured, or a turn was miscounted. Run the step ticks again "
+            "(cmr bringup ticks floor)",
+            doubts=("ticks",),
         )
+
+
+def _check_lengths(length: float, share: float | None) -> None:
+    """Raise CannotTell where poses and wheels do not go equally far; `share` is that of turns, if there is a gyro."""
+    if abs(length - 1.0) <= LENGTH_SHARE:
+        return
+    went = f"the robot went {length:.3f} times as far by its poses as by its wheels"
+    if share is not None and abs(length / share - 1.0) > AGREE:
+        raise CannotTell(
+            f"{went}, although it turned {share:.3f} times as far by its gyro as by its wheels: calibrate the system "
+            "that the poses come from, or measure the radius and the distance of the wheels again"
+        )
+    raise CannotTell(
+        f"{went}. If the wheel radius is right, a turn was miscounted: run the step ticks again (cmr bringup ticks "
+        "floor). Otherwise measure the radius, or calibrate the system that the poses come from",
+        doubts=("ticks",),
+    )
