@@ -116,8 +116,8 @@ def _not_built(kind: str) -> str:
     if kind in OWN_BUILD:
         return (
             f"The published package motioncapture lacks {kind}, because its maker's library may not be passed on. "
-            "Build libmotioncapture with it (github.com/IMRCLab/libmotioncapture), or switch the tracker's VRPN server on "
-            "and use the type vrpn."
+            "Build libmotioncapture with it (github.com/IMRCLab/libmotioncapture), or switch the tracker's VRPN server "
+            "on and use the type vrpn."
         )
     return f"This build of the package motioncapture does not know the type {kind}."
 

@@ -39,8 +39,8 @@ Bodies = list[Body]
 class Fault:
     """What a tracker does wrong from `begin` to `end` [s].
 
-    `change(bodies, t, random)` makes wrong bodies of right ones. Frames are left out with `silent`, come in another order with `shuffled`, and a second tracker sends what `second`
-    makes of them.
+    `change(bodies, t, random)` makes wrong bodies of right ones. Frames are left out with `silent`, come in another
+    order with `shuffled`, and a second tracker sends what `second` makes of them.
     """
 
     name: str
