@@ -98,18 +98,19 @@ class Process:
         """0 after a normal end, 130 after SIGINT or SIGTERM."""
         return EXIT_INTERRUPTED if self.stopped_by_signal else 0
 
-    def loop(self, rate_hz: float) -> Iterator[int]:
+    def loop(self, rate_hz: float, wait: Callable[[float], object] | None = None) -> Iterator[int]:
         """Yield the time (us) at each turn of a steady loop until a signal comes.
 
         Between turns it listens to the bus; `received` hands over what came. A turn that begins more than one
-        period late counts as an overrun, and the lost turns are not made up.
+        period late counts as an overrun, and the lost turns are not made up. Who has something else to listen to, at
+        once, does so in `wait(seconds)`, which returns after that time at the latest.
         """
         if self.state == process_status_t.STARTING:
             self.state = process_status_t.RUNNING
         period = 1.0 / rate_hz
         due = time.monotonic()
         while not self.stopped_by_signal:
-            self._listen_until(due)
+            self._listen_until(due, wait)
             late = time.monotonic() - due
             if late > period:
                 self.overruns += 1
@@ -201,11 +202,15 @@ class Process:
             self._was_ready = True
         self._published = problem
 
-    def _listen_until(self, due: float) -> None:
+    def _listen_until(self, due: float, wait: Callable[[float], object] | None) -> None:
         while not self.stopped_by_signal:
-            time.sleep(min(max(due - time.monotonic(), 0.0), NAP))
+            remaining = max(due - time.monotonic(), 0.0)
+            if wait is None:
+                time.sleep(min(remaining, NAP))
+            else:
+                wait(min(remaining, LONGEST_WAIT))
             remaining = due - time.monotonic()
-            self._received += self.bus.receive(min(max(remaining, 0.0), LONGEST_WAIT))
+            self._received += self.bus.receive(min(max(remaining, 0.0), LONGEST_WAIT) if wait is None else 0.0)
             if remaining <= 0.0:
                 return
 

@@ -100,6 +100,11 @@ def teleop() -> int:
     return run("cmr.commands.by_hand.teleop")
 
 
+def tracker() -> int:
+    """Start cmr-tracker."""
+    return run("cmr.tracker.command")
+
+
 def umbrella() -> int:
     """Start cmr, which starts any of the others."""
     return run("cmr.commands.umbrella")

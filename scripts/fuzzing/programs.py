@@ -136,6 +136,13 @@ def _own(folder: Path) -> str:
     return str(folder / "robot_0.yaml")
 
 
+def _tracker(folder: Path) -> str:
+    """Write a profile of a tracker that does not answer."""
+    path = folder / "tracker.yaml"
+    path.write_text("schema: 1\ntracker: {type: vrpn, server: 127.0.0.1, port: 9}\nrobots: {0: {body: a}}\n")
+    return str(path)
+
+
 PROGRAMS = {
     "driver": Program(
         "robot_driver.main",
@@ -204,5 +211,6 @@ PROGRAMS = {
         lambda at: ["--parameters", _own(at), "--script", "ahead 9000"],
         may_end="took over robot",
     ),
+    "tracker": Program("cmr.tracker.command", lambda at: ["--profile", _tracker(at)]),
     "estop": Program("cmr.commands.estop", lambda _at: ["status"], may_end=ANYTHING),
 }

@@ -63,6 +63,7 @@ def command_line(name: str, folder: Path, url: str) -> list[str]:
         "cmr-diagnose": ["--live"],
         "cmr-replay": [str(short_log(folder / "run.lcm")), "--loop"],
         "cmr-run": ["line", "--out", str(folder / "run")],
+        "cmr-tracker": ["--profile", str(no_tracker(folder / "tracker.yaml"))],
     }
     return [str(Path(sys.executable).parent / name), "--lcm-url", url, *options.get(name, [])]
 
@@ -73,6 +74,12 @@ def short_log(path: Path) -> Path:
     for utime in (1, 1_000_001):
         log.write_event(utime, "ANYTHING", b"")
     log.close()
+    return path
+
+
+def no_tracker(path: Path) -> Path:
+    """Write a profile of a tracker that does not answer."""
+    path.write_text("schema: 1\ntracker: {type: vrpn, server: 127.0.0.1, port: 9}\nrobots: {0: {body: a}}\n")
     return path
 
 

@@ -56,6 +56,7 @@ ONLY_PARSED = {
     "cmr relay": "runs until it is stopped; tests/commands/test_key_and_relay.py runs its parts",
     "cmr bringup": "needs a robot, and somebody who answers; tests/robot_driver/bringup runs it",
     "cmr estop": "stops robots on the bus; tests/robot_driver/test_latched_stop.py runs it",
+    "cmr-tracker --profile": "needs a motion capture system; tests/tracker runs it",
     "cmr-teleop": "commands a robot on the bus; tests/teleop runs it",
     "cmr demo --lead": "needs a person; tests/whole/test_lead.py runs it with a script",
     "cmr-view": "serves a page until it is stopped",

@@ -40,6 +40,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
     # What is found out about robots, and the world in which they are.
     "cmr.camera": {"cmr.msg", "cmr.documents", "cmr.files"},
+    "cmr.tracker": {*BUS, "cmr.distribution", "cmr.documents", "cmr.files"},
     "cmr.estimation": {*RECORDED, "cmr.geometry"},
     "cmr.calibration": {*RECORDED, "cmr.report", "cmr.geometry", "cmr.estimation"},
     "cmr.diagnosis": {

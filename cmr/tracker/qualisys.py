@@ -1,0 +1,151 @@
+"""Qualisys Track Manager, over its real-time protocol (QTM RT 1.19): all frames of the bodies, with time stamps.
+
+The package `qtm_rt` takes the stream apart. Its own connection runs in asyncio, and it makes its bodies one by one,
+which takes 0.5 ms for 50 of them; NumPy reads them here. The bodies' names come in QTM's settings.
+"""
+
+import struct
+import time
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from qtm_rt.packet import QRTComponentType, QRTPacket, QRTPacketType
+from qtm_rt.receiver import Receiver
+
+from cmr.tracker.frames import Floats, Sample
+from cmr.tracker.profile import Tracker
+from cmr.tracker.source import RETRY, SILENT, Clock, Stream
+
+PORT = 22223  # little-endian
+VERSION = "1.19"
+COMMAND = 1
+HEADER = struct.Struct("<II")
+BODIES = struct.Struct("<iHH")  # count, drop rate, out-of-sync rate
+BODY = np.dtype([("position", "<f4", 3), ("rotation", "<f4", 9)])  # mm; the matrix's columns one after another
+LARGEST_XML = 4_000_000  # bytes
+MOST = 10_000  # bodies
+
+
+class Qualisys:
+    """A QTM server. Its time stamps count from the start of the measurement."""
+
+    uncertainty = "the time that QTM needs for a frame and the network for its way, beyond the profile's lag"
+
+    def __init__(self, tracker: Tracker, clock: Clock = time.monotonic_ns) -> None:
+        self.problem = ""
+        self._clock = clock
+        self._stream = Stream(tracker.server, tracker.port or PORT, clock)
+        self._origin = f"{tracker.server}:{tracker.port or PORT}"
+        self._names: tuple[str, ...] = ()
+        self._said = ""  # what QTM says is wrong
+        self._asked = -1e9
+        self._arrival = 0
+        self._samples: list[Sample] = []
+        self._begin()
+
+    def filenos(self) -> list[int]:
+        """Return the socket to wait at."""
+        return self._stream.filenos()
+
+    def read(self) -> list[Sample]:
+        """Return the frames that have come."""
+        data = self._stream.receive()
+        self._arrival = self._clock()
+        try:
+            self._receiver.data_received(data)
+        except (ValueError, struct.error, ET.ParseError) as error:
+            self._stream.drop(f"it sent what is not QTM's protocol ({error})")
+            self._begin()
+        samples, self._samples = self._samples, []
+        return samples
+
+    def tend(self, now: float) -> None:
+        """Connect, ask for the names of bodies, and for frames while none come."""
+        if self._stream.is_open and now - self._stream.heard > SILENT and now - self._asked > SILENT:
+            self._ask(now)
+        if self._stream.connect(now):
+            self._begin()
+            self._command(f"version {VERSION}")
+            self._ask(now)
+        self.problem = self._stream.problem or self._said
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._stream.close()
+
+    def _begin(self) -> None:
+        """Read from the beginning of a packet on."""
+        kinds = QRTPacketType
+        self._receiver = Receiver(
+            {
+                kinds.PacketError: self._on_error,
+                kinds.PacketCommand: lambda _: None,
+                kinds.PacketXML: self._on_settings,
+                kinds.PacketData: self._on_data,
+                kinds.PacketNoMoreData: self._on_no_more,
+                kinds.PacketEvent: lambda _: None,
+            }
+        )
+
+    def _ask(self, now: float) -> None:
+        self._asked = now
+        self._command("getparameters 6d")
+        self._command("streamframes allframes 6d")
+
+    def _command(self, text: str) -> None:
+        data = text.encode() + b"\0"
+        self._stream.send(HEADER.pack(HEADER.size + len(data), COMMAND) + data)
+
+    def _on_error(self, text: bytes) -> None:
+        self._said = f"QTM says: {text.decode(errors='replace')}."
+
+    def _on_no_more(self, _: object) -> None:
+        self._said = "QTM does not measure: start a measurement (New, or RT output from file) there."
+
+    def _on_settings(self, xml: bytes) -> None:
+        """Take the names of bodies from the settings of 6DOF bodies."""
+        if len(xml) > LARGEST_XML or b"<!" in xml:  # no entities: QTM sends none
+            raise ValueError("settings with entities, or too large")
+        root = ET.fromstring(xml.decode())
+        self._names = tuple(body.findtext("Name") or body.get("Name") or "" for body in root.iterfind(".//The_6D/Body"))
+
+    def _on_data(self, packet: QRTPacket) -> None:
+        at = packet.components.get(QRTComponentType.Component6d)
+        if at is None:
+            return
+        self._said = ""
+        count, _, _ = BODIES.unpack_from(packet.data, at)
+        if not 0 <= count <= MOST:
+            raise ValueError(f"a frame of {count} bodies")
+        bodies = np.frombuffer(packet.data, BODY, count, at + BODIES.size)
+        if count != len(self._names):
+            if self._clock() / 1e9 - self._asked > RETRY:
+                self._asked = self._clock() / 1e9
+                self._command("getparameters 6d")
+            return
+        seen = np.isfinite(bodies["position"]).all(axis=1)
+        names = self._names if seen.all() else tuple(np.array(self._names, object)[seen])
+        positions = bodies["position"][seen].astype(float)
+        quaternions = quaternions_of(bodies["rotation"][seen].astype(float))
+        measured = packet.timestamp / 1e6
+        self._samples.append(Sample(self._arrival, measured, measured, names, positions, quaternions, self._origin))
+
+
+def quaternions_of(columns: Floats) -> Floats:
+    """Return the quaternions (n, 4; x, y, z, w) of rotation matrices (n, 9) whose columns follow one another.
+
+    The largest of the four components comes from the diagonal, the others from it (Shepperd, 1978).
+    """
+    m = columns.reshape(-1, 3, 3).transpose(0, 2, 1)
+    diagonal = np.einsum("nii->ni", m)
+    trace = diagonal.sum(axis=1)
+    squares = np.column_stack([1.0 + 2.0 * diagonal - trace[:, None], 1.0 + trace])  # 4 x^2, 4 y^2, 4 z^2, 4 w^2
+    products = np.empty((len(m), 4, 4))
+    for k in range(4):
+        products[:, k, k] = squares[:, k]
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[:, i, j] = products[:, j, i] = m[:, i, j] + m[:, j, i]
+        products[:, k, 3] = products[:, 3, k] = m[:, j, i] - m[:, i, j]
+    rows = products[np.arange(len(m)), np.nan_to_num(squares, nan=-1.0).argmax(axis=1)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

@@ -1,0 +1,196 @@
+"""All robots of a tracker: which poses are believed, who may have been confused with whom, and what to report."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from cmr.bus.message import Message
+from cmr.tracker.frames import Planar
+from cmr.tracker.profile import Profile
+from cmr.tracker.track import NEVER, NOISE, PAUSE, Pose, Segment, Track
+from cmr.tracker.wheels import Course, Identity
+
+LOST = 0.2  # s without a pose after which a robot is reported as lost
+MAY_BE = 16.0  # by how much two assignments of bodies must differ in -2 log likelihood, else either may be right
+DRIFT, DRIFT_TURN = 0.3, 2.0  # m/s^2, rad/s^2: standard deviations of what robots do when nobody sees them
+SIGMA, SIGMA_TURN = 0.02, 0.06  # m, rad; standard deviations of where an unseen robot is, at first
+ANY_HEADING = math.pi / math.sqrt(3.0)  # rad; standard deviation of a heading that can be any
+ASK_AGAIN = 0.05  # s between two looks whether robots can be told apart
+LONGEST_REPORT = 8  # robots that a report names
+
+
+class Trouble(NamedTuple):
+    """What is wrong with a robot's poses, and for how long [s] it has had none."""
+
+    robot_id: int
+    why: str
+    seconds: float | None
+
+
+class Supervisor:
+    """Passes on the poses that are surely right. Times are in s, of the host's clock at the exposure."""
+
+    def __init__(self, profile: Profile) -> None:
+        self.withheld: Counter[str] = Counter()  # poses, by why they were not passed on
+        is_mock = profile.tracker.type == "mock"  # whose bodies have the same pose for ever
+        self._tracks = {robot_id: Track(robot_id, profile.limits, may_repeat=is_mock) for robot_id in profile.robots}
+        self._identity = Identity(dict(profile.robots))
+        self._doubts: dict[int, _Doubt] = {}
+        self._wrong: Mapping[int, str] = {}
+
+    def handle(self, utime: int, _channel: str, message: Message) -> None:
+        """Take what a robot says of its wheels or its gyro."""
+        self._identity.handle(utime / 1e6, message)
+
+    def begin_anew(self) -> None:
+        """Forget the last moments, as the tracker's clock was set anew."""
+        self._doubts.clear()
+        for track in self._tracks.values():
+            track.forget()
+
+    def take(self, t: float, poses: Iterable[Planar], wrong: Mapping[int, str]) -> list[Planar]:
+        """Return those of a sample's poses that are right; `wrong` says of which robots it has none, and why."""
+        self._wrong = wrong
+        passed = []
+        for planar in poses:
+            track = self._tracks[planar.robot_id]
+            pose = Pose(t, planar.x, planar.y, planar.theta)
+            if track.take(pose, lambda pose, track=track: self._in_place_of(track, pose), self._freed_for(track)):
+                passed.append(planar)
+            elif track.has_lasted and not track.frozen and track.seen == t and self._is_clear(track):
+                track.believe()
+                passed.append(planar)
+            else:
+                self.withheld[self._why(track) or "late"] += 1
+        return passed
+
+    def in_doubt(self) -> set[int]:
+        """Return the robots that may have been confused with others, and those others."""
+        doubts = self._doubts.items()
+        return {one for robot_id, doubt in doubts if doubt.others for one in (robot_id, *doubt.others)}
+
+    def troubles(self, now: float) -> list[Trouble]:
+        """Return which robots have no poses, and why."""
+        found = []
+        for robot_id, track in self._tracks.items():
+            since = None if track.believed is None else now - track.believed.t
+            why = self._why(track)
+            if now - track.seen > LOST and not track.frozen:
+                why = self._wrong.get(robot_id) or ("lost" if math.isfinite(track.seen) else "not seen yet")
+            if why and (since is None or since > LOST):
+                found.append(Trouble(robot_id, why, since))
+        return found
+
+    def _why(self, track: Track) -> str:
+        doubt = self._doubts.get(track.robot_id)
+        return doubt.words if doubt is not None and not track.is_believed else track.why
+
+    def _in_place_of(self, track: Track, pose: Pose) -> int | None:
+        """Return the robot that a pose of another one belongs to by its place."""
+        for other in self._tracks.values():
+            expected = other.expected(pose.t)
+            if other is track or expected is None or other.believed is None or pose.t - other.believed.t > 2.0 * PAUSE:
+                continue
+            if math.hypot(pose.x - expected.x, pose.y - expected.y) <= 5.0 * NOISE:
+                return other.robot_id
+        return None
+
+    def _freed_for(self, track: Track) -> "_Freed":
+        return _Freed(track, self._tracks)
+
+    def _is_clear(self, track: Track) -> bool:
+        """Return whether a robot that has come back can be no other one, by its place or by wheels and gyro."""
+        segment = track.segment
+        assert segment is not None
+        doubt = self._doubts.get(track.robot_id)
+        if doubt is None or doubt.segment is not segment:
+            doubt = self._doubts[track.robot_id] = _Doubt(segment)
+        doubt.course.extend(segment.last)
+        if segment.last.t >= doubt.ask_at:
+            doubt.ask_at = segment.last.t + ASK_AGAIN
+            doubt.others = [other.robot_id for other in self._tracks.values() if self._may_be(track, other)]
+        if doubt.others:
+            decided = self._identity.decide(track.robot_id, doubt.others, doubt.course)
+            if decided is not True:
+                doubt.is_another = decided is False
+                return False
+        self._doubts.pop(track.robot_id)
+        return True
+
+    def _may_be(self, track: Track, other: Track) -> bool:
+        """Return whether two robots may have been confused while neither was seen, or one while the other was wrong."""
+        segment, believed = track.segment, track.believed
+        if other is track or segment is None or believed is None or other.believed is None:
+            return False
+        if segment.is_course_known:
+            return False
+        if segment.first.t - other.believed.t <= 2.0 * PAUSE:
+            return False  # the other one was seen in its place
+        theirs = other.segment
+        if theirs is None or theirs.last.t < segment.first.t - PAUSE:  # the other one has not come back
+            is_likely = _misfit(other, segment.first) - _misfit(track, segment.first) < MAY_BE
+            return is_likely and other.is_possible(segment.first, other.believed)
+        if theirs.needed == NEVER and theirs.of is None and not track.is_possible(theirs.first, believed):
+            return False
+        return self._swapped_is_likely(track, segment, other, theirs)
+
+    def _swapped_is_likely(self, track: Track, segment: Segment, other: Track, theirs: Segment) -> bool:
+        own = _misfit(track, segment.first) + _misfit(other, theirs.first)
+        swapped = _misfit(track, theirs.first) + _misfit(other, segment.first)
+        can_be = track.is_possible(theirs.first, _of(track)) and other.is_possible(segment.first, _of(other))
+        return can_be and swapped - own < MAY_BE
+
+
+class _Doubt:
+    """A robot that has come back: what it did since, and which others it may be."""
+
+    def __init__(self, segment: Segment) -> None:
+        self.segment = segment
+        self.course = Course(segment.last)
+        self.others: list[int] = []
+        self.is_another = False
+        self.ask_at = -math.inf
+
+    @property
+    def words(self) -> str:
+        names = " or ".join(map(str, self.others[:3])) or "another one"
+        if self.is_another:
+            return f"not this robot by its wheels, but {names}"
+        return f"may have been confused with robot {names} while unseen; turning one of them shows which it is"
+
+
+class _Freed:
+    """Says whether a pose continues the course of a body that had a robot's identity."""
+
+    def __init__(self, track: Track, tracks: Mapping[int, Track]) -> None:
+        self._track, self._tracks = track, tracks
+
+    def __call__(self, pose: Pose) -> bool:
+        for other in self._tracks.values():
+            for segment in (other.segment, other.before):
+                if segment is None or segment.of != self._track.robot_id or other is self._track:
+                    continue
+                if pose.t - segment.last.t <= PAUSE and self._track.is_possible(pose, segment.last, 3.0):
+                    return True
+        return False
+
+
+def _of(track: Track) -> Pose:
+    assert track.believed is not None
+    return track.believed
+
+
+def _misfit(track: Track, pose: Pose) -> float:
+    """Return -2 log density of the poses of a robot that was last seen a while ago, but for a constant."""
+    believed = _of(track)
+    dt = max(pose.t - believed.t, 0.0)
+    sigma = SIGMA + DRIFT * dt * dt / 2.0
+    sigma_turn = min(SIGMA_TURN + DRIFT_TURN * dt * dt / 2.0, ANY_HEADING)
+    coasting = min(dt, 0.5)
+    expected = track.expected(believed.t + coasting)
+    assert expected is not None
+    distance = math.hypot(pose.x - expected.x, pose.y - expected.y)
+    turn = math.remainder(pose.theta - expected.theta, 2.0 * math.pi)
+    spread = 4.0 * math.log(sigma) + 2.0 * math.log(sigma_turn)
+    return (distance / sigma) ** 2 + (turn / sigma_turn) ** 2 + spread

@@ -1,0 +1,262 @@
+"""One robot's poses, one after another: which of them can be believed.
+
+Poses are cut into segments wherever a body does what no robot can: a step further than its speed allows, a turn faster
+than its turn rate, or a pause. A segment is believed or not as a whole, because trackers go wrong that way: a body that
+has taken another's identity, or whose markers are confused, moves on smoothly in the wrong place.
+
+- A segment that begins with an impossible step is never believed, however long it lasts.
+- After a pause (lost, frozen) a segment is believed when it begins where the robot can have come, and has lasted.
+- After a wrong segment the next one is believed soon if it continues the right course: the last believed pose plus the
+  movement seen meanwhile, which is right if the body was only displaced, or the course of the body that had taken its
+  identity. If it begins only where the robot can have come, it has to last for longer.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from cmr.tracker.profile import Limits
+
+NOISE, TURN_NOISE = 0.004, math.radians(2.0)  # m, rad between two poses of a body at rest
+AT_ONCE = 0.02  # m that a pose can be wrong by and still be believed at once
+PAUSE = 0.05  # s without a pose after which nothing is known about what happened meanwhile
+ACCELERATION, TURN_ACCELERATION = 6.0, 25.0  # m/s^2, rad/s^2; of a robot that nobody pushes
+SMOOTHING = 0.03  # s over which the speed is averaged
+PREDICTED, PREDICTED_TURN = 0.006, math.radians(2.5)  # m, rad by which a predicted pose is wrong at least
+SHORT_RUN, LONG_RUN, FIRST_RUN = 0.1, 0.8, 0.5  # s that a segment has to last: with good evidence, without, at first
+NEVER = math.inf
+CARRIED_ERROR = 0.02  # m per m by which movement added up is wrong
+FLIPPED = math.radians(150.0)  # rad; a turn in no time that is more is a flip
+RECENT = 0.5  # s; a wrong segment that ended so lately is likely to be continued by what follows
+
+
+class Pose(NamedTuple):
+    """A pose [m, rad] at a time [s]."""
+
+    t: float
+    x: float
+    y: float
+    theta: float
+
+
+class Segment:
+    """Poses without a break: the first and the last of them, and how long it has to last to be believed."""
+
+    __slots__ = ("carried", "first", "is_course_known", "last", "needed", "of", "path", "why")
+
+    def __init__(
+        self, first: Pose, needed: float, why: str, carried: Pose | None = None, of: int | None = None
+    ) -> None:
+        self.first = self.last = first
+        self.needed, self.why = needed, why
+        self.carried = carried  # the last believed pose plus all movement since
+        self.is_course_known = False  # the robot was followed from the last believed pose on
+        self.of = of  # the robot whose place it began in: that one has taken this identity
+        self.path = 0.0  # m
+
+    def extend(self, pose: Pose) -> None:
+        """Add a pose."""
+        dx, dy, dtheta = pose.x - self.last.x, pose.y - self.last.y, pose.theta - self.last.theta
+        if self.carried is not None:
+            self.carried = Pose(pose.t, self.carried.x + dx, self.carried.y + dy, self.carried.theta + dtheta)
+        self.path += math.hypot(dx, dy)
+        self.last = pose
+
+
+class Track:
+    """The poses of one robot. `believed` is the last pose that was; `why` says what is wrong since `wrong_since`."""
+
+    def __init__(self, robot_id: int, limits: Limits, *, may_repeat: bool = False) -> None:
+        self.robot_id = robot_id
+        self._may_repeat = may_repeat
+        self.believed: Pose | None = None
+        self.velocity = (0.0, 0.0, 0.0)  # m/s, m/s, rad/s when it was believed last
+        self.segment: Segment | None = None
+        self.before: Segment | None = None  # the segment before, where that one was wrong
+        self.is_believed = False
+        self.frozen = False
+        self.late = 0  # poses out of order
+        self.seen = -math.inf  # s; the last fresh pose
+        self._limits = limits
+
+    @property
+    def why(self) -> str:
+        """What is wrong with the poses that come; empty if nothing is."""
+        if self.frozen:
+            return "frozen"
+        return "" if self.is_believed or self.segment is None else self.segment.why
+
+    @property
+    def has_lasted(self) -> bool:
+        """Whether its segment was not believed so far, and has lasted for long enough."""
+        segment = self.segment
+        return segment is not None and not self.is_believed and segment.last.t - segment.first.t >= segment.needed
+
+    def is_possible(self, pose: Pose, since: Pose, noises: float = 1.0) -> bool:
+        """Return whether a robot can have come from one pose to another, later one."""
+        dt = pose.t - since.t
+        reach = noises * NOISE + self._limits.speed * dt
+        turn = noises * TURN_NOISE + self._limits.turn_rate * dt
+        return (
+            math.hypot(pose.x - since.x, pose.y - since.y) <= reach
+            and abs(math.remainder(pose.theta - since.theta, 2.0 * math.pi)) <= turn
+        )
+
+    def expected(self, t: float) -> Pose | None:
+        """Return where the robot is at a time if it goes on as it did when it was believed."""
+        if self.believed is None:
+            return None
+        dt = t - self.believed.t
+        vx, vy, omega = self.velocity
+        return Pose(t, self.believed.x + vx * dt, self.believed.y + vy * dt, self.believed.theta + omega * dt)
+
+    def take(self, pose: Pose, taken_over: Callable[[Pose], int | None], freed: Callable[[Pose], bool]) -> bool:
+        """Take the next pose; return whether it is believed without further evidence.
+
+        `taken_over(pose)` names the robot in whose place it is, and `freed(pose)` says whether it continues the course
+        that another body showed while it had this robot's identity.
+        """
+        segment = self.segment
+        if segment is not None:
+            last = segment.last
+            if pose.t <= last.t:
+                self.late += 1
+                return False
+            if pose[1:] == last[1:] and not self._may_repeat:
+                self.frozen = True
+                return False
+        self.frozen = False
+        self.seen = pose.t
+        if self._continues(pose):
+            self._believe(pose)
+            return True
+        self._follow(pose, taken_over, freed)
+        return False
+
+    def believe(self) -> None:
+        """Believe the segment from now on."""
+        assert self.segment is not None
+        self.velocity = (0.0, 0.0, 0.0)
+        self.believed, self.is_believed, self.before = self.segment.last, True, None
+        self.segment = Segment(self.segment.last, 0.0, "")
+
+    def forget(self) -> None:
+        """Forget what came, as the tracker begins anew; the last believed pose stays known."""
+        self.segment = self.before = None
+        self.is_believed = self.frozen = False
+
+    def _continues(self, pose: Pose) -> bool:
+        """Return whether a pose surely continues the believed ones, also after a few wrong or missing ones."""
+        if self.believed is None:
+            return False
+        dt = pose.t - self.believed.t
+        if not 0.0 < dt <= PAUSE or not self.is_possible(pose, self.believed):
+            return False
+        if NOISE + self._limits.speed * dt <= AT_ONCE:
+            return True
+        expected = self.expected(pose.t)
+        assert expected is not None
+        error = PREDICTED + ACCELERATION * dt * dt / 2.0
+        turn_error = PREDICTED_TURN + TURN_ACCELERATION * dt * dt / 2.0
+        return (
+            math.hypot(pose.x - expected.x, pose.y - expected.y) <= error
+            and abs(math.remainder(pose.theta - expected.theta, 2.0 * math.pi)) <= turn_error
+        )
+
+    def _believe(self, pose: Pose) -> None:
+        believed, segment = self.believed, self.segment
+        assert believed is not None
+        dt = pose.t - believed.t
+        share = dt / (dt + SMOOTHING)
+        vx, vy, omega = self.velocity
+        turned = math.remainder(pose.theta - believed.theta, 2.0 * math.pi)
+        self.velocity = (
+            vx + share * ((pose.x - believed.x) / dt - vx),
+            vy + share * ((pose.y - believed.y) / dt - vy),
+            omega + share * (turned / dt - omega),
+        )
+        self.believed = pose
+        if self.is_believed and segment is not None:
+            segment.last = pose
+        else:
+            self.segment, self.before, self.is_believed = Segment(pose, 0.0, ""), None, True
+
+    def _follow(self, pose: Pose, taken_over: Callable[[Pose], int | None], freed: Callable[[Pose], bool]) -> None:
+        """Go on with the segment, or begin another one with this pose."""
+        segment = self.segment
+        was_believed, self.is_believed = self.is_believed, False
+        if segment is None or self.believed is None:
+            if segment is not None and self._is_step(pose, segment.last):
+                segment.extend(pose)
+            else:
+                self.segment = Segment(pose, FIRST_RUN, "new")
+        elif was_believed and not self._is_step(pose, segment.last):
+            self._leave_believed(pose, segment, taken_over)
+        elif self._is_step(pose, segment.last) and not was_believed:
+            segment.extend(pose)
+        else:  # the first pose that is not quite as expected
+            self._begin(pose, segment, taken_over, freed)
+
+    def _is_step(self, pose: Pose, last: Pose) -> bool:
+        return pose.t - last.t <= PAUSE and self.is_possible(pose, last)
+
+    def _leave_believed(self, pose: Pose, segment: Segment, taken_over: Callable[[Pose], int | None]) -> None:
+        """Begin a segment after believed poses: after a pause, or with a step that no robot can do."""
+        assert self.believed is not None
+        if pose.t - segment.last.t > PAUSE and self.is_possible(pose, self.believed):
+            self.segment = Segment(pose, SHORT_RUN, "back")
+        else:
+            self.segment = self._wrong(pose, self.believed, self.believed, taken_over)
+        self.before = None
+
+    def _wrong(
+        self, pose: Pose, since: Pose, carried: Pose | None, taken_over: Callable[[Pose], int | None]
+    ) -> Segment:
+        """Return a segment that is not believed, and why."""
+        turn = abs(math.remainder(pose.theta - since.theta, 2.0 * math.pi))
+        distance = math.hypot(pose.x - since.x, pose.y - since.y)
+        other = taken_over(pose)
+        if other is not None:
+            why = f"in the place of robot {other}"
+        elif turn >= FLIPPED and distance <= NOISE + self._limits.speed * (pose.t - since.t):
+            why = "flipped by 180 degrees"
+        else:
+            why = f"jumped by {distance:.2f} m, {math.degrees(turn):.0f} degrees"
+        here = None if carried is None else Pose(pose.t, carried.x, carried.y, carried.theta)
+        return Segment(pose, NEVER, why, here, other)
+
+    def _begin(
+        self,
+        pose: Pose,
+        ended: Segment,
+        taken_over: Callable[[Pose], int | None],
+        freed: Callable[[Pose], bool],
+    ) -> None:
+        """Begin a segment after one that was not believed."""
+        believed = self.believed
+        assert believed is not None
+        paused = pose.t - ended.last.t > PAUSE
+        if ended.needed == NEVER:
+            self.before = ended
+        if not self.is_possible(pose, believed):
+            self.segment = self._wrong(pose, believed, ended.carried, taken_over)
+        elif self.before is None:
+            self.segment = Segment(pose, SHORT_RUN, "back")
+        elif self._is_as_carried(pose, self.before) or freed(pose):
+            self.segment = Segment(pose, SHORT_RUN, "back")
+            self.segment.is_course_known = True
+        elif paused and pose.t - ended.last.t <= RECENT and self.is_possible(pose, ended.last):
+            self.segment = self._wrong(pose, believed, ended.carried, taken_over)
+        else:
+            self.segment = Segment(pose, LONG_RUN, "back")
+
+    def _is_as_carried(self, pose: Pose, wrong: Segment) -> bool:
+        """Return whether a pose is where the movement that was seen in a wrong segment leads to."""
+        carried = wrong.carried
+        if carried is None or pose.t - carried.t > PAUSE:
+            return False
+        dt = pose.t - carried.t
+        distance = math.hypot(pose.x - carried.x, pose.y - carried.y)
+        turn = abs(math.remainder(pose.theta - carried.theta, 2.0 * math.pi))
+        reach = 3.0 * NOISE + CARRIED_ERROR * wrong.path + self._limits.speed * dt
+        return distance <= reach and turn <= 3.0 * TURN_NOISE + self._limits.turn_rate * dt

@@ -1,0 +1,122 @@
+"""What wheels and gyros say about the movement of robots, to tell two apart that a tracker may have confused."""
+
+import math
+from collections import deque
+
+from cmr.bus.message import Message
+from cmr.msg import gyro_t, motor_feedback_t
+from cmr.tracker.profile import Carried
+from cmr.tracker.track import Pose
+
+KEPT = 3.0  # s of readings
+GAP = 0.2  # s between two readings, beyond which nothing is known about the time between them
+TURN_AGREES, TURN_DIFFERS = 0.06, 0.15  # rad between a tracked turn and that of the gyro
+WAY_AGREES, WAY_DIFFERS = 0.05, 0.15  # m between a tracked way and that of the wheels
+LEAST = 0.3  # s of movement to compare
+
+
+class Wheels:
+    """The turn [rad] and the way [m] that one robot says it has made, added up."""
+
+    def __init__(self, wheel_radius: float | None) -> None:
+        self._radius = wheel_radius
+        self._turns: deque[tuple[float, float]] = deque()
+        self._ways: deque[tuple[float, float]] = deque()
+
+    def handle(self, t: float, message: Message) -> None:
+        """Take a reading of its gyro or its wheels at a time [s]."""
+        if isinstance(message, gyro_t) and message.valid:
+            _add(self._turns, t, message.yaw_rate)
+        elif isinstance(message, motor_feedback_t) and self._radius is not None:
+            _add(self._ways, t, self._radius * (message.psi_left + message.psi_right) / 2.0)
+
+    def agrees(self, begin: Pose, end: Pose, way: float) -> bool | None:
+        """Return whether a robot that did this can have turned and driven so; None if that cannot be said.
+
+        `way` [m] is the way along its heading from the begin to the end.
+        """
+        turned, driven = _between(self._turns, begin.t, end.t), _between(self._ways, begin.t, end.t)
+        answers = []
+        if turned is not None:
+            answers.append(
+                _answer(abs(turned - math.remainder(end.theta - begin.theta, 2 * math.pi)), TURN_AGREES, TURN_DIFFERS)
+            )
+        if driven is not None:
+            answers.append(_answer(abs(driven - way), WAY_AGREES, WAY_DIFFERS))
+        if False in answers:
+            return False
+        return True if True in answers else None
+
+
+class Identity:
+    """Decides by wheels and gyro which of some robots a body is."""
+
+    def __init__(self, robots: dict[int, Carried]) -> None:
+        self._wheels = {robot_id: Wheels(carried.wheel_radius) for robot_id, carried in robots.items()}
+
+    def handle(self, t: float, message: Message) -> None:
+        """Take a message of a robot."""
+        if isinstance(message, gyro_t | motor_feedback_t):
+            wheels = self._wheels.get(message.robot_id)
+            if wheels is not None:
+                wheels.handle(t, message)
+
+    def decide(self, robot_id: int, others: list[int], course: "Course") -> bool | None:
+        """Return whether a body with this course is this robot, and none of the others; None while it cannot be said.
+
+        The robot's own wheels have to agree, and those of each other one have to disagree.
+        """
+        begin, end = course.begin, course.end
+        if end.t - begin.t < LEAST:
+            return None
+        answers = [self._wheels[one].agrees(begin, end, course.way) for one in [robot_id, *others]]
+        if answers[0] is False:
+            return False
+        return True if answers[0] and all(answer is False for answer in answers[1:]) else None
+
+
+class Course:
+    """What a body did lately: where it was at first and at last, and the way [m] along its heading between these."""
+
+    def __init__(self, begin: Pose) -> None:
+        self.begin = self.end = begin
+        self.way = 0.0
+        self._turned = 0.0
+
+    def extend(self, pose: Pose) -> None:
+        """Add a pose; the course begins anew where it has become long."""
+        if pose.t - self.begin.t > KEPT - 0.5:
+            self.begin, self.way = self.end, 0.0
+        dx, dy = pose.x - self.end.x, pose.y - self.end.y
+        heading = (pose.theta + self.end.theta) / 2.0 if abs(pose.theta - self.end.theta) < math.pi else pose.theta
+        self.way += dx * math.cos(heading) + dy * math.sin(heading)
+        self.end = pose
+
+
+def _answer(difference: float, agrees: float, differs: float) -> bool | None:
+    """Return whether numbers agree; None between the two bounds."""
+    return True if difference <= agrees else False if difference >= differs else None
+
+
+def _add(total: deque[tuple[float, float]], t: float, rate: float) -> None:
+    """Add up a rate; what came before a gap is forgotten."""
+    if total and not 0.0 < t - total[-1][0] <= GAP:
+        total.clear()
+    before, value = total[-1] if total else (t, 0.0)
+    total.append((t, value + rate * (t - before)))
+    while total[0][0] < t - KEPT:
+        total.popleft()
+
+
+def _between(total: deque[tuple[float, float]], begin: float, end: float) -> float | None:
+    """Return by how much a total has grown between two times; None where it does not cover them."""
+    if not total or total[0][0] > begin or total[-1][0] < end - GAP:
+        return None
+    return _at(total, end) - _at(total, begin)
+
+
+def _at(total: deque[tuple[float, float]], t: float) -> float:
+    """Return a total at a time, between its readings."""
+    after = next((k for k, (time, _) in enumerate(total) if time >= t), len(total) - 1)
+    (t0, v0), (t1, v1) = total[max(after - 1, 0)], total[after]
+    return v0 + (v1 - v0) * min(max((t - t0) / (t1 - t0), 0.0), 1.0) if t1 > t0 else v1
