@@ -67,9 +67,7 @@ def main(arguments: list[str]) -> int:
                 for handle in (pilot.handle, claim.handle):
                     handle(received.message.utime, received.channel, received.message)
             pilot.parameters.poll()
-            if confirmed.is_set():
-                confirmed.clear()
-                pilot.confirm_parameters()
+            _confirm(pilot, confirmed)
             if claim.lost_to:
                 raise CommandError(f"{claim.lost_to} took over robot {options.robot}.")
             waiting_for = _command(process, pilot, claim, utime)
@@ -93,6 +91,13 @@ def _listen(process: Process, robot: int) -> None:
     process.subscribe(PARAMETERS, robot)
     process.subscribe(WAYPOINTS, robot)
     process.subscribe(COMMAND_OWNER, robot)
+
+
+def _confirm(pilot: Pilot, confirmed: Event) -> None:
+    """Use the parameters that wait, once a person has confirmed them."""
+    if confirmed.is_set():
+        confirmed.clear()
+        pilot.confirm_parameters()
 
 
 def _end(process: Process, pilot: Pilot, claim: Claim) -> None:
