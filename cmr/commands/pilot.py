@@ -44,11 +44,10 @@ def main(arguments: list[str]) -> int:
     behaviour, pose = behaviour_of(options.behaviour)
     if pose:
         raise CommandError("A real robot starts where it stands: x, y and theta are for virtual robots.")
-    path = options.parameters or parameter_file(options.robot)
     pilot = Pilot(
         options.robot,
         behaviour,
-        ParameterFollower(options.robot, path),
+        ParameterFollower(options.robot, options.parameters or parameter_file(options.robot)),
         geofence=options.geofence,
         margin=options.margin,
         keep_clear=options.keep_clear,
