@@ -9,7 +9,7 @@ from cmr.bus.message import Message
 from cmr.tracker.frames import Planar
 from cmr.tracker.profile import Profile
 from cmr.tracker.track import NEVER, NOISE, PAUSE, Pose, Segment, Track
-from cmr.tracker.wheels import Course, Identity
+from cmr.tracker.wheels import Identity
 
 LOST = 0.2  # s without a pose after which a robot is reported as lost
 MAY_BE = 16.0  # by how much two assignments of bodies must differ in -2 log likelihood, else either may be right
@@ -106,12 +106,11 @@ class Supervisor:
         doubt = self._doubts.get(track.robot_id)
         if doubt is None or doubt.segment is not segment:
             doubt = self._doubts[track.robot_id] = _Doubt(segment)
-        doubt.course.extend(segment.last)
         if segment.last.t >= doubt.ask_at:
             doubt.ask_at = segment.last.t + ASK_AGAIN
             doubt.others = [other.robot_id for other in self._tracks.values() if self._may_be(track, other)]
         if doubt.others:
-            decided = self._identity.decide(track.robot_id, doubt.others, doubt.course)
+            decided = self._identity.decide(track.robot_id, doubt.others, segment.course)
             if decided is not True:
                 doubt.is_another = decided is False
                 return False
@@ -147,7 +146,6 @@ class _Doubt:
 
     def __init__(self, segment: Segment) -> None:
         self.segment = segment
-        self.course = Course(segment.last)
         self.others: list[int] = []
         self.is_another = False
         self.ask_at = -math.inf

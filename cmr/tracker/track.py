@@ -27,6 +27,7 @@ SHORT_RUN, LONG_RUN, FIRST_RUN = 0.1, 0.8, 0.5  # s that a segment has to last: 
 NEVER = math.inf
 CARRIED_ERROR = 0.02  # m per m by which movement added up is wrong
 FLIPPED = math.radians(150.0)  # rad; a turn in no time that is more is a flip
+LONGEST_COURSE = 2.5  # s of movement that is compared with wheels and gyro
 RECENT = 0.5  # s; a wrong segment that ended so lately is likely to be continued by what follows
 
 
@@ -39,10 +40,28 @@ class Pose(NamedTuple):
     theta: float
 
 
+class Course:
+    """What a body did lately: where it was at first and at last, and the way [m] along its heading between these."""
+
+    __slots__ = ("begin", "end", "way")
+
+    def __init__(self, begin: Pose) -> None:
+        self.begin = self.end = begin
+        self.way = 0.0
+
+    def extend(self, pose: Pose) -> None:
+        """Add a pose; the course begins anew where it has become long."""
+        if pose.t - self.begin.t > LONGEST_COURSE:
+            self.begin, self.way = self.end, 0.0
+        heading = self.end.theta + math.remainder(pose.theta - self.end.theta, 2.0 * math.pi) / 2.0
+        self.way += (pose.x - self.end.x) * math.cos(heading) + (pose.y - self.end.y) * math.sin(heading)
+        self.end = pose
+
+
 class Segment:
     """Poses without a break: the first and the last of them, and how long it has to last to be believed."""
 
-    __slots__ = ("carried", "first", "is_course_known", "last", "needed", "of", "path", "why")
+    __slots__ = ("carried", "course", "first", "is_course_known", "last", "needed", "of", "path", "why")
 
     def __init__(
         self, first: Pose, needed: float, why: str, carried: Pose | None = None, of: int | None = None
@@ -53,6 +72,7 @@ class Segment:
         self.is_course_known = False  # the robot was followed from the last believed pose on
         self.of = of  # the robot whose place it began in: that one has taken this identity
         self.path = 0.0  # m
+        self.course = Course(first)
 
     def extend(self, pose: Pose) -> None:
         """Add a pose."""
@@ -60,6 +80,7 @@ class Segment:
         if self.carried is not None:
             self.carried = Pose(pose.t, self.carried.x + dx, self.carried.y + dy, self.carried.theta + dtheta)
         self.path += math.hypot(dx, dy)
+        self.course.extend(pose)
         self.last = pose
 
 
