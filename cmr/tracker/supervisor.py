@@ -56,7 +56,7 @@ class Supervisor:
         for planar in poses:
             track = self._tracks[planar.robot_id]
             pose = Pose(t, planar.x, planar.y, planar.theta)
-            if track.take(pose, lambda pose, track=track: self._in_place_of(track, pose), self._freed_for(track)):
+            if track.take(pose, self):
                 passed.append(planar)
             elif track.has_lasted and not track.frozen and track.seen == t and self._is_clear(track):
                 track.believe()
@@ -86,8 +86,8 @@ class Supervisor:
         doubt = self._doubts.get(track.robot_id)
         return doubt.words if doubt is not None and not track.is_believed else track.why
 
-    def _in_place_of(self, track: Track, pose: Pose) -> int | None:
-        """Return the robot that a pose of another one belongs to by its place."""
+    def in_place_of(self, track: Track, pose: Pose) -> int | None:
+        """Return the robot in whose place a body is that is called by another one's name."""
         for other in self._tracks.values():
             expected = other.expected(pose.t)
             if other is track or expected is None or other.believed is None or pose.t - other.believed.t > 2.0 * PAUSE:
@@ -96,8 +96,15 @@ class Supervisor:
                 return other.robot_id
         return None
 
-    def _freed_for(self, track: Track) -> "_Freed":
-        return _Freed(track, self._tracks)
+    def is_freed(self, track: Track, pose: Pose) -> bool:
+        """Return whether a pose continues the course that another body showed while it had this robot's identity."""
+        for other in self._tracks.values():
+            for segment in (other.segment, other.before):
+                if segment is None or segment.of != track.robot_id or other is track:
+                    continue
+                if pose.t - segment.last.t <= PAUSE and track.is_possible(pose, segment.last, 3.0):
+                    return True
+        return False
 
     def _is_clear(self, track: Track) -> bool:
         """Return whether a robot that has come back can be no other one, by its place or by wheels and gyro."""
@@ -156,22 +163,6 @@ class _Doubt:
         if self.is_another:
             return f"not this robot by its wheels, but {names}"
         return f"may have been confused with robot {names} while unseen; turning one of them shows which it is"
-
-
-class _Freed:
-    """Says whether a pose continues the course of a body that had a robot's identity."""
-
-    def __init__(self, track: Track, tracks: Mapping[int, Track]) -> None:
-        self._track, self._tracks = track, tracks
-
-    def __call__(self, pose: Pose) -> bool:
-        for other in self._tracks.values():
-            for segment in (other.segment, other.before):
-                if segment is None or segment.of != self._track.robot_id or other is self._track:
-                    continue
-                if pose.t - segment.last.t <= PAUSE and self._track.is_possible(pose, segment.last, 3.0):
-                    return True
-        return False
 
 
 def _of(track: Track) -> Pose:

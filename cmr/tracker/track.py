@@ -12,8 +12,7 @@ has taken another's identity, or whose markers are confused, moves on smoothly i
 """
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from cmr.tracker.profile import Limits
 
@@ -84,6 +83,16 @@ class Segment:
         self.last = pose
 
 
+class Company(Protocol):
+    """What a track has to know of the other robots' ones."""
+
+    def in_place_of(self, track: "Track", pose: Pose) -> int | None:
+        """Return the robot in whose place a body is that is called by another one's name."""
+
+    def is_freed(self, track: "Track", pose: Pose) -> bool:
+        """Return whether a pose continues the course that another body showed while it had this robot's identity."""
+
+
 class Track:
     """The poses of one robot. `believed` is the last pose that was; `why` says what is wrong since `wrong_since`."""
 
@@ -131,12 +140,8 @@ class Track:
         vx, vy, omega = self.velocity
         return Pose(t, self.believed.x + vx * dt, self.believed.y + vy * dt, self.believed.theta + omega * dt)
 
-    def take(self, pose: Pose, taken_over: Callable[[Pose], int | None], freed: Callable[[Pose], bool]) -> bool:
-        """Take the next pose; return whether it is believed without further evidence.
-
-        `taken_over(pose)` names the robot in whose place it is, and `freed(pose)` says whether it continues the course
-        that another body showed while it had this robot's identity.
-        """
+    def take(self, pose: Pose, company: Company) -> bool:
+        """Take the next pose; return whether it is believed without further evidence."""
         segment = self.segment
         if segment is not None:
             last = segment.last
@@ -151,7 +156,7 @@ class Track:
         if self._continues(pose):
             self._believe(pose)
             return True
-        self._follow(pose, taken_over, freed)
+        self._follow(pose, company)
         return False
 
     def believe(self) -> None:
@@ -202,7 +207,7 @@ class Track:
         else:
             self.segment, self.before, self.is_believed = Segment(pose, 0.0, ""), None, True
 
-    def _follow(self, pose: Pose, taken_over: Callable[[Pose], int | None], freed: Callable[[Pose], bool]) -> None:
+    def _follow(self, pose: Pose, company: Company) -> None:
         """Go on with the segment, or begin another one with this pose."""
         segment = self.segment
         was_believed, self.is_believed = self.is_believed, False
@@ -212,31 +217,29 @@ class Track:
             else:
                 self.segment = Segment(pose, FIRST_RUN, "new")
         elif was_believed and not self._is_step(pose, segment.last):
-            self._leave_believed(pose, segment, taken_over)
+            self._leave_believed(pose, segment, company)
         elif self._is_step(pose, segment.last) and not was_believed:
             segment.extend(pose)
         else:  # the first pose that is not quite as expected
-            self._begin(pose, segment, taken_over, freed)
+            self._begin(pose, segment, company)
 
     def _is_step(self, pose: Pose, last: Pose) -> bool:
         return pose.t - last.t <= PAUSE and self.is_possible(pose, last)
 
-    def _leave_believed(self, pose: Pose, segment: Segment, taken_over: Callable[[Pose], int | None]) -> None:
+    def _leave_believed(self, pose: Pose, segment: Segment, company: Company) -> None:
         """Begin a segment after believed poses: after a pause, or with a step that no robot can do."""
         assert self.believed is not None
         if pose.t - segment.last.t > PAUSE and self.is_possible(pose, self.believed):
             self.segment = Segment(pose, SHORT_RUN, "back")
         else:
-            self.segment = self._wrong(pose, self.believed, self.believed, taken_over)
+            self.segment = self._wrong(pose, self.believed, self.believed, company)
         self.before = None
 
-    def _wrong(
-        self, pose: Pose, since: Pose, carried: Pose | None, taken_over: Callable[[Pose], int | None]
-    ) -> Segment:
+    def _wrong(self, pose: Pose, since: Pose, carried: Pose | None, company: Company) -> Segment:
         """Return a segment that is not believed, and why."""
         turn = abs(math.remainder(pose.theta - since.theta, 2.0 * math.pi))
         distance = math.hypot(pose.x - since.x, pose.y - since.y)
-        other = taken_over(pose)
+        other = company.in_place_of(self, pose)
         if other is not None:
             why = f"in the place of robot {other}"
         elif turn >= FLIPPED and distance <= NOISE + self._limits.speed * (pose.t - since.t):
@@ -246,13 +249,7 @@ class Track:
         here = None if carried is None else Pose(pose.t, carried.x, carried.y, carried.theta)
         return Segment(pose, NEVER, why, here, other)
 
-    def _begin(
-        self,
-        pose: Pose,
-        ended: Segment,
-        taken_over: Callable[[Pose], int | None],
-        freed: Callable[[Pose], bool],
-    ) -> None:
+    def _begin(self, pose: Pose, ended: Segment, company: Company) -> None:
         """Begin a segment after one that was not believed."""
         believed = self.believed
         assert believed is not None
@@ -260,14 +257,14 @@ class Track:
         if ended.needed == NEVER:
             self.before = ended
         if not self.is_possible(pose, believed):
-            self.segment = self._wrong(pose, believed, ended.carried, taken_over)
+            self.segment = self._wrong(pose, believed, ended.carried, company)
         elif self.before is None:
             self.segment = Segment(pose, SHORT_RUN, "back")
-        elif self._is_as_carried(pose, self.before) or freed(pose):
+        elif self._is_as_carried(pose, self.before) or company.is_freed(self, pose):
             self.segment = Segment(pose, SHORT_RUN, "back")
             self.segment.is_course_known = True
         elif paused and pose.t - ended.last.t <= RECENT and self.is_possible(pose, ended.last):
-            self.segment = self._wrong(pose, believed, ended.carried, taken_over)
+            self.segment = self._wrong(pose, believed, ended.carried, company)
         else:
             self.segment = Segment(pose, LONG_RUN, "back")
 

@@ -71,8 +71,8 @@ def _written(folder: Path, kind: str, robots: int, port: int) -> Path:
     lag = 0.0 if kind == "optitrack" else PROCESSING
     path = folder / "tracker.yaml"
     path.write_text(
-        f"schema: 1\ntracker: {{type: {kind}, server: 127.0.0.1, local: 127.0.0.1, port: {port}, lag: {lag}}}\nrobots:\n"
-        + "".join(f"  {k}: {{body: robot_{k}}}\n" for k in range(robots))
+        f"schema: 1\ntracker: {{type: {kind}, server: 127.0.0.1, local: 127.0.0.1, port: {port}, lag: {lag}}}\n"
+        "robots:\n" + "".join(f"  {k}: {{body: robot_{k}}}\n" for k in range(robots))
     )
     return path
 
