@@ -1,6 +1,7 @@
 """All robots of a tracker: which poses are believed, who may have been confused with whom, and what to report."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -17,7 +18,7 @@ DRIFT, DRIFT_TURN = 0.3, 2.0  # m/s^2, rad/s^2: standard deviations of what robo
 SIGMA, SIGMA_TURN = 0.02, 0.06  # m, rad; standard deviations of where an unseen robot is, at first
 ANY_HEADING = math.pi / math.sqrt(3.0)  # rad; standard deviation of a heading that can be any
 ASK_AGAIN = 0.05  # s between two looks whether robots can be told apart
-LONGEST_REPORT = 8  # robots that a report names
+DETAIL = re.compile(" by | with ")  # what follows in a reason is not counted apart
 
 
 class Trouble(NamedTuple):
@@ -62,13 +63,13 @@ class Supervisor:
                 track.believe()
                 passed.append(planar)
             else:
-                self.withheld[self._why(track) or "late"] += 1
+                self.withheld[DETAIL.split(self._why(track) or "late")[0]] += 1
         return passed
 
     def in_doubt(self) -> set[int]:
         """Return the robots that may have been confused with others, and those others."""
-        doubts = self._doubts.items()
-        return {one for robot_id, doubt in doubts if doubt.others for one in (robot_id, *doubt.others)}
+        doubted = [track for track in self._tracks.values() if self._doubt_of(track) is not None]
+        return {one for track in doubted for one in (track.robot_id, *self._doubts[track.robot_id].others)}
 
     def troubles(self, now: float) -> list[Trouble]:
         """Return which robots have no poses, and why."""
@@ -83,8 +84,13 @@ class Supervisor:
         return found
 
     def _why(self, track: Track) -> str:
+        doubt = self._doubt_of(track)
+        return doubt.words if doubt is not None else track.why
+
+    def _doubt_of(self, track: Track) -> "_Doubt | None":
+        """Return which others a robot may be that has come back; None if it has not, or can be no other one."""
         doubt = self._doubts.get(track.robot_id)
-        return doubt.words if doubt is not None and not track.is_believed else track.why
+        return doubt if doubt is not None and doubt.others and doubt.segment is track.segment else None
 
     def in_place_of(self, track: Track, pose: Pose) -> int | None:
         """Return the robot in whose place a body is that is called by another one's name."""
