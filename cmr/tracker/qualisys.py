@@ -22,7 +22,9 @@ COMMAND = 1
 HEADER = struct.Struct("<II")
 BODIES = struct.Struct("<iHH")  # count, drop rate, out-of-sync rate
 BODY = np.dtype([("position", "<f4", 3), ("rotation", "<f4", 9)])  # mm; the matrix's columns one after another
-LARGEST_XML = 4_000_000  # bytes
+DATA, DATA_HEADER = 3, struct.Struct("<qII")  # time stamp [us], number, components
+LARGEST_PACKET, LARGEST_XML = 16_000_000, 4_000_000  # bytes
+MOST_COMPONENTS = 64
 MOST = 10_000  # bodies
 
 
@@ -52,7 +54,8 @@ class Qualisys:
         data = self._stream.receive()
         self._arrival = self._clock()
         try:
-            self._receiver.data_received(data)
+            for packet in self._packets(data):
+                self._receiver.data_received(packet)
         except (ValueError, struct.error, ET.ParseError) as error:
             self._stream.drop(f"it sent what is not QTM's protocol ({error})")
             self._begin()
@@ -73,8 +76,26 @@ class Qualisys:
         """Close the connection."""
         self._stream.close()
 
+    def _packets(self, data: bytes) -> list[bytes]:
+        """Return the packets that are whole; `qtm_rt` would read one of no size, or of countless parts, for ever."""
+        self._waiting += data
+        at, packets = 0, []
+        while len(self._waiting) - at >= HEADER.size:
+            size, kind = HEADER.unpack_from(self._waiting, at)
+            if not HEADER.size <= size <= LARGEST_PACKET:
+                raise ValueError(f"a packet of {size} bytes")
+            if len(self._waiting) - at < size:
+                break
+            if kind == DATA and DATA_HEADER.unpack_from(self._waiting, at + HEADER.size)[2] > MOST_COMPONENTS:
+                raise ValueError("a frame of countless parts")
+            packets.append(self._waiting[at : at + size])
+            at += size
+        self._waiting = self._waiting[at:]
+        return packets
+
     def _begin(self) -> None:
         """Read from the beginning of a packet on."""
+        self._waiting = b""
         kinds = QRTPacketType
         self._receiver = Receiver(
             {

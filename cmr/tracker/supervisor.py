@@ -1,6 +1,7 @@
 """All robots of a tracker: which poses are believed, who may have been confused with whom, and what to report."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -9,7 +10,7 @@ from cmr.bus.message import Message
 from cmr.tracker.frames import Planar
 from cmr.tracker.profile import Profile
 from cmr.tracker.track import NEVER, NOISE, PAUSE, Pose, Segment, Track
-from cmr.tracker.wheels import Course, Identity
+from cmr.tracker.wheels import Identity
 
 LOST = 0.2  # s without a pose after which a robot is reported as lost
 MAY_BE = 16.0  # by how much two assignments of bodies must differ in -2 log likelihood, else either may be right
@@ -17,7 +18,7 @@ DRIFT, DRIFT_TURN = 0.3, 2.0  # m/s^2, rad/s^2: standard deviations of what robo
 SIGMA, SIGMA_TURN = 0.02, 0.06  # m, rad; standard deviations of where an unseen robot is, at first
 ANY_HEADING = math.pi / math.sqrt(3.0)  # rad; standard deviation of a heading that can be any
 ASK_AGAIN = 0.05  # s between two looks whether robots can be told apart
-LONGEST_REPORT = 8  # robots that a report names
+DETAIL = re.compile(" by | with ")  # what follows in a reason is not counted apart
 
 
 class Trouble(NamedTuple):
@@ -56,19 +57,19 @@ class Supervisor:
         for planar in poses:
             track = self._tracks[planar.robot_id]
             pose = Pose(t, planar.x, planar.y, planar.theta)
-            if track.take(pose, lambda pose, track=track: self._in_place_of(track, pose), self._freed_for(track)):
+            if track.take(pose, self):
                 passed.append(planar)
             elif track.has_lasted and not track.frozen and track.seen == t and self._is_clear(track):
                 track.believe()
                 passed.append(planar)
             else:
-                self.withheld[self._why(track) or "late"] += 1
+                self.withheld[DETAIL.split(self._why(track) or "late")[0]] += 1
         return passed
 
     def in_doubt(self) -> set[int]:
         """Return the robots that may have been confused with others, and those others."""
-        doubts = self._doubts.items()
-        return {one for robot_id, doubt in doubts if doubt.others for one in (robot_id, *doubt.others)}
+        doubted = [track for track in self._tracks.values() if self._doubt_of(track) is not None]
+        return {one for track in doubted for one in (track.robot_id, *self._doubts[track.robot_id].others)}
 
     def troubles(self, now: float) -> list[Trouble]:
         """Return which robots have no poses, and why."""
@@ -83,11 +84,16 @@ class Supervisor:
         return found
 
     def _why(self, track: Track) -> str:
-        doubt = self._doubts.get(track.robot_id)
-        return doubt.words if doubt is not None and not track.is_believed else track.why
+        doubt = self._doubt_of(track)
+        return doubt.words if doubt is not None else track.why
 
-    def _in_place_of(self, track: Track, pose: Pose) -> int | None:
-        """Return the robot that a pose of another one belongs to by its place."""
+    def _doubt_of(self, track: Track) -> "_Doubt | None":
+        """Return which others a robot may be that has come back; None if it has not, or can be no other one."""
+        doubt = self._doubts.get(track.robot_id)
+        return doubt if doubt is not None and doubt.others and doubt.segment is track.segment else None
+
+    def in_place_of(self, track: Track, pose: Pose) -> int | None:
+        """Return the robot in whose place a body is that is called by another one's name."""
         for other in self._tracks.values():
             expected = other.expected(pose.t)
             if other is track or expected is None or other.believed is None or pose.t - other.believed.t > 2.0 * PAUSE:
@@ -96,8 +102,15 @@ class Supervisor:
                 return other.robot_id
         return None
 
-    def _freed_for(self, track: Track) -> "_Freed":
-        return _Freed(track, self._tracks)
+    def is_freed(self, track: Track, pose: Pose) -> bool:
+        """Return whether a pose continues the course that another body showed while it had this robot's identity."""
+        for other in self._tracks.values():
+            for segment in (other.segment, other.before):
+                if segment is None or segment.of != track.robot_id or other is track:
+                    continue
+                if pose.t - segment.last.t <= PAUSE and track.is_possible(pose, segment.last, 3.0):
+                    return True
+        return False
 
     def _is_clear(self, track: Track) -> bool:
         """Return whether a robot that has come back can be no other one, by its place or by wheels and gyro."""
@@ -106,12 +119,11 @@ class Supervisor:
         doubt = self._doubts.get(track.robot_id)
         if doubt is None or doubt.segment is not segment:
             doubt = self._doubts[track.robot_id] = _Doubt(segment)
-        doubt.course.extend(segment.last)
         if segment.last.t >= doubt.ask_at:
             doubt.ask_at = segment.last.t + ASK_AGAIN
             doubt.others = [other.robot_id for other in self._tracks.values() if self._may_be(track, other)]
         if doubt.others:
-            decided = self._identity.decide(track.robot_id, doubt.others, doubt.course)
+            decided = self._identity.decide(track.robot_id, doubt.others, segment.course)
             if decided is not True:
                 doubt.is_another = decided is False
                 return False
@@ -147,7 +159,6 @@ class _Doubt:
 
     def __init__(self, segment: Segment) -> None:
         self.segment = segment
-        self.course = Course(segment.last)
         self.others: list[int] = []
         self.is_another = False
         self.ask_at = -math.inf
@@ -158,22 +169,6 @@ class _Doubt:
         if self.is_another:
             return f"not this robot by its wheels, but {names}"
         return f"may have been confused with robot {names} while unseen; turning one of them shows which it is"
-
-
-class _Freed:
-    """Says whether a pose continues the course of a body that had a robot's identity."""
-
-    def __init__(self, track: Track, tracks: Mapping[int, Track]) -> None:
-        self._track, self._tracks = track, tracks
-
-    def __call__(self, pose: Pose) -> bool:
-        for other in self._tracks.values():
-            for segment in (other.segment, other.before):
-                if segment is None or segment.of != self._track.robot_id or other is self._track:
-                    continue
-                if pose.t - segment.last.t <= PAUSE and self._track.is_possible(pose, segment.last, 3.0):
-                    return True
-        return False
 
 
 def _of(track: Track) -> Pose:

@@ -12,8 +12,7 @@ has taken another's identity, or whose markers are confused, moves on smoothly i
 """
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from cmr.tracker.profile import Limits
 
@@ -27,6 +26,7 @@ SHORT_RUN, LONG_RUN, FIRST_RUN = 0.1, 0.8, 0.5  # s that a segment has to last: 
 NEVER = math.inf
 CARRIED_ERROR = 0.02  # m per m by which movement added up is wrong
 FLIPPED = math.radians(150.0)  # rad; a turn in no time that is more is a flip
+LONGEST_COURSE = 2.5  # s of movement that is compared with wheels and gyro
 RECENT = 0.5  # s; a wrong segment that ended so lately is likely to be continued by what follows
 
 
@@ -39,10 +39,28 @@ class Pose(NamedTuple):
     theta: float
 
 
+class Course:
+    """What a body did lately: where it was at first and at last, and the way [m] along its heading between these."""
+
+    __slots__ = ("begin", "end", "way")
+
+    def __init__(self, begin: Pose) -> None:
+        self.begin = self.end = begin
+        self.way = 0.0
+
+    def extend(self, pose: Pose) -> None:
+        """Add a pose; the course begins anew where it has become long."""
+        if pose.t - self.begin.t > LONGEST_COURSE:
+            self.begin, self.way = self.end, 0.0
+        heading = self.end.theta + math.remainder(pose.theta - self.end.theta, 2.0 * math.pi) / 2.0
+        self.way += (pose.x - self.end.x) * math.cos(heading) + (pose.y - self.end.y) * math.sin(heading)
+        self.end = pose
+
+
 class Segment:
     """Poses without a break: the first and the last of them, and how long it has to last to be believed."""
 
-    __slots__ = ("carried", "first", "is_course_known", "last", "needed", "of", "path", "why")
+    __slots__ = ("carried", "course", "first", "is_course_known", "last", "needed", "of", "path", "why")
 
     def __init__(
         self, first: Pose, needed: float, why: str, carried: Pose | None = None, of: int | None = None
@@ -53,6 +71,7 @@ class Segment:
         self.is_course_known = False  # the robot was followed from the last believed pose on
         self.of = of  # the robot whose place it began in: that one has taken this identity
         self.path = 0.0  # m
+        self.course = Course(first)
 
     def extend(self, pose: Pose) -> None:
         """Add a pose."""
@@ -60,7 +79,18 @@ class Segment:
         if self.carried is not None:
             self.carried = Pose(pose.t, self.carried.x + dx, self.carried.y + dy, self.carried.theta + dtheta)
         self.path += math.hypot(dx, dy)
+        self.course.extend(pose)
         self.last = pose
+
+
+class Company(Protocol):
+    """What a track has to know of the other robots' ones."""
+
+    def in_place_of(self, track: "Track", pose: Pose) -> int | None:
+        """Return the robot in whose place a body is that is called by another one's name."""
+
+    def is_freed(self, track: "Track", pose: Pose) -> bool:
+        """Return whether a pose continues the course that another body showed while it had this robot's identity."""
 
 
 class Track:
@@ -110,12 +140,8 @@ class Track:
         vx, vy, omega = self.velocity
         return Pose(t, self.believed.x + vx * dt, self.believed.y + vy * dt, self.believed.theta + omega * dt)
 
-    def take(self, pose: Pose, taken_over: Callable[[Pose], int | None], freed: Callable[[Pose], bool]) -> bool:
-        """Take the next pose; return whether it is believed without further evidence.
-
-        `taken_over(pose)` names the robot in whose place it is, and `freed(pose)` says whether it continues the course
-        that another body showed while it had this robot's identity.
-        """
+    def take(self, pose: Pose, company: Company) -> bool:
+        """Take the next pose; return whether it is believed without further evidence."""
         segment = self.segment
         if segment is not None:
             last = segment.last
@@ -130,7 +156,7 @@ class Track:
         if self._continues(pose):
             self._believe(pose)
             return True
-        self._follow(pose, taken_over, freed)
+        self._follow(pose, company)
         return False
 
     def believe(self) -> None:
@@ -181,7 +207,7 @@ class Track:
         else:
             self.segment, self.before, self.is_believed = Segment(pose, 0.0, ""), None, True
 
-    def _follow(self, pose: Pose, taken_over: Callable[[Pose], int | None], freed: Callable[[Pose], bool]) -> None:
+    def _follow(self, pose: Pose, company: Company) -> None:
         """Go on with the segment, or begin another one with this pose."""
         segment = self.segment
         was_believed, self.is_believed = self.is_believed, False
@@ -191,31 +217,29 @@ class Track:
             else:
                 self.segment = Segment(pose, FIRST_RUN, "new")
         elif was_believed and not self._is_step(pose, segment.last):
-            self._leave_believed(pose, segment, taken_over)
+            self._leave_believed(pose, segment, company)
         elif self._is_step(pose, segment.last) and not was_believed:
             segment.extend(pose)
         else:  # the first pose that is not quite as expected
-            self._begin(pose, segment, taken_over, freed)
+            self._begin(pose, segment, company)
 
     def _is_step(self, pose: Pose, last: Pose) -> bool:
         return pose.t - last.t <= PAUSE and self.is_possible(pose, last)
 
-    def _leave_believed(self, pose: Pose, segment: Segment, taken_over: Callable[[Pose], int | None]) -> None:
+    def _leave_believed(self, pose: Pose, segment: Segment, company: Company) -> None:
         """Begin a segment after believed poses: after a pause, or with a step that no robot can do."""
         assert self.believed is not None
         if pose.t - segment.last.t > PAUSE and self.is_possible(pose, self.believed):
             self.segment = Segment(pose, SHORT_RUN, "back")
         else:
-            self.segment = self._wrong(pose, self.believed, self.believed, taken_over)
+            self.segment = self._wrong(pose, self.believed, self.believed, company)
         self.before = None
 
-    def _wrong(
-        self, pose: Pose, since: Pose, carried: Pose | None, taken_over: Callable[[Pose], int | None]
-    ) -> Segment:
+    def _wrong(self, pose: Pose, since: Pose, carried: Pose | None, company: Company) -> Segment:
         """Return a segment that is not believed, and why."""
         turn = abs(math.remainder(pose.theta - since.theta, 2.0 * math.pi))
         distance = math.hypot(pose.x - since.x, pose.y - since.y)
-        other = taken_over(pose)
+        other = company.in_place_of(self, pose)
         if other is not None:
             why = f"in the place of robot {other}"
         elif turn >= FLIPPED and distance <= NOISE + self._limits.speed * (pose.t - since.t):
@@ -225,13 +249,7 @@ class Track:
         here = None if carried is None else Pose(pose.t, carried.x, carried.y, carried.theta)
         return Segment(pose, NEVER, why, here, other)
 
-    def _begin(
-        self,
-        pose: Pose,
-        ended: Segment,
-        taken_over: Callable[[Pose], int | None],
-        freed: Callable[[Pose], bool],
-    ) -> None:
+    def _begin(self, pose: Pose, ended: Segment, company: Company) -> None:
         """Begin a segment after one that was not believed."""
         believed = self.believed
         assert believed is not None
@@ -239,14 +257,14 @@ class Track:
         if ended.needed == NEVER:
             self.before = ended
         if not self.is_possible(pose, believed):
-            self.segment = self._wrong(pose, believed, ended.carried, taken_over)
+            self.segment = self._wrong(pose, believed, ended.carried, company)
         elif self.before is None:
             self.segment = Segment(pose, SHORT_RUN, "back")
-        elif self._is_as_carried(pose, self.before) or freed(pose):
+        elif self._is_as_carried(pose, self.before) or company.is_freed(self, pose):
             self.segment = Segment(pose, SHORT_RUN, "back")
             self.segment.is_course_known = True
         elif paused and pose.t - ended.last.t <= RECENT and self.is_possible(pose, ended.last):
-            self.segment = self._wrong(pose, believed, ended.carried, taken_over)
+            self.segment = self._wrong(pose, believed, ended.carried, company)
         else:
             self.segment = Segment(pose, LONG_RUN, "back")
 

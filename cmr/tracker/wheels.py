@@ -6,9 +6,9 @@ from collections import deque
 from cmr.bus.message import Message
 from cmr.msg import gyro_t, motor_feedback_t
 from cmr.tracker.profile import Carried
-from cmr.tracker.track import Pose
+from cmr.tracker.track import LONGEST_COURSE, Course, Pose
 
-KEPT = 3.0  # s of readings
+KEPT = LONGEST_COURSE + 0.5  # s of readings
 GAP = 0.2  # s between two readings, beyond which nothing is known about the time between them
 TURN_AGREES, TURN_DIFFERS = 0.06, 0.15  # rad between a tracked turn and that of the gyro
 WAY_AGREES, WAY_DIFFERS = 0.05, 0.15  # m between a tracked way and that of the wheels
@@ -61,7 +61,7 @@ class Identity:
             if wheels is not None:
                 wheels.handle(t, message)
 
-    def decide(self, robot_id: int, others: list[int], course: "Course") -> bool | None:
+    def decide(self, robot_id: int, others: list[int], course: Course) -> bool | None:
         """Return whether a body with this course is this robot, and none of the others; None while it cannot be said.
 
         The robot's own wheels have to agree, and those of each other one have to disagree.
@@ -73,24 +73,6 @@ class Identity:
         if answers[0] is False:
             return False
         return True if answers[0] and all(answer is False for answer in answers[1:]) else None
-
-
-class Course:
-    """What a body did lately: where it was at first and at last, and the way [m] along its heading between these."""
-
-    def __init__(self, begin: Pose) -> None:
-        self.begin = self.end = begin
-        self.way = 0.0
-        self._turned = 0.0
-
-    def extend(self, pose: Pose) -> None:
-        """Add a pose; the course begins anew where it has become long."""
-        if pose.t - self.begin.t > KEPT - 0.5:
-            self.begin, self.way = self.end, 0.0
-        dx, dy = pose.x - self.end.x, pose.y - self.end.y
-        heading = (pose.theta + self.end.theta) / 2.0 if abs(pose.theta - self.end.theta) < math.pi else pose.theta
-        self.way += dx * math.cos(heading) + dy * math.sin(heading)
-        self.end = pose
 
 
 def _answer(difference: float, agrees: float, differs: float) -> bool | None:

@@ -1,9 +1,12 @@
 """An emulated tracker and cmr.tracker in lockstep, over the loopback but in simulated time, with scores."""
 
 import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.bus.messages import make
 from cmr.msg import gyro_t
@@ -26,6 +29,7 @@ STARTED = 1.5  # s after which good poses that are withheld count
 LOOK_PERIOD = 0.02  # s
 FRACTION_BUSY, BUSY = 0.02, 0.003  # how often this computer is held up, and for how long on average [s]
 
+Flags = NDArray[np.bool_]
 Server = NatNetServer | QtmServer | VrpnServer
 KINDS = ("optitrack", "qualisys", "vrpn")
 
@@ -75,6 +79,8 @@ class Bench:
         self.profile = Profile(tracker, tracked, Limits())
         self.tracking = Tracking(self.profile, open_source(tracker, self.clock), self.clock, self.day)
         self.placed: list[Placed] = []
+        self.publish: Callable[[Placed], object] = lambda _: None
+        self.spent: list[float] = []  # s of a core for each frame, from its arrival to the last pose on the bus
         self._looked = 0.0
         self.reports: list[tuple[float, str]] = []
 
@@ -114,7 +120,7 @@ class Bench:
         """Run for some seconds, and score what was published."""
         frames = int(seconds * self.rate)
         begin = self.now
-        right: list[list[bool]] = []
+        right: list[Flags] = []
         held_back: list[tuple[float, Emitted]] = []
         for k in range(frames):
             t = k / self.rate
@@ -122,21 +128,18 @@ class Bench:
             bodies = measured(self.robots, exposed, self.random)
             is_on = fault is not None and fault.is_on(t)
             wrong = fault.change(bodies, t, self.random) if is_on and fault and fault.change else bodies
-            right.append([self._is_right(number, body, exposed) for number, body in enumerate(wrong)])
+            right.append(self._are_right(wrong, exposed))
             if is_on and fault and fault.silent:
-                right[-1] = [False] * len(bodies)
+                right[-1][:] = False
                 self.now = exposed
                 self._look()
                 continue
-            delay = WAY + self.random.exponential(JITTER)
-            if self.random.random() < FRACTION_BUSY:
-                delay += self.random.exponential(BUSY)
             frame = self._frame(k, exposed, wrong)
             if is_on and fault and fault.shuffled and self.random.random() < 0.1:
                 held_back.append((exposed + self.random.uniform(1.0, 4.0) / self.rate, frame))
-                right[-1] = [False] * len(bodies)
+                right[-1][:] = False
                 continue
-            self._deliver(exposed + PROCESSING + delay, frame)
+            self._deliver(exposed + PROCESSING + self._delay(), frame)
             for due, late in [one for one in held_back if one[0] <= exposed]:
                 held_back.remove((due, late))
                 self._deliver(self.now, late)
@@ -144,6 +147,15 @@ class Bench:
                 self._deliver_second(k, exposed, fault.second(wrong))
             self._look()
         return self._score(begin, right, fault)
+
+    def send(self, number: int, exposed: float, bodies: list[Body]) -> None:
+        """Send a frame of these bodies, and take its poses."""
+        self._deliver(exposed + PROCESSING + self._delay(), self._frame(number, exposed, bodies))
+
+    def _delay(self) -> float:
+        """Return how long a frame is on its way, and this computer busy with something else [s]."""
+        delay = WAY + self.random.exponential(JITTER)
+        return delay + self.random.exponential(BUSY) if self.random.random() < FRACTION_BUSY else delay
 
     def _frame(self, number: int, exposed: float, bodies: list[Body]) -> Emitted:
         return Emitted(number, self._theirs(exposed), self._theirs(exposed + PROCESSING), bodies)
@@ -158,13 +170,18 @@ class Bench:
 
     def _take(self, bodies: int) -> None:
         """Take what was sent: VRPN's poses may come in parts."""
-        seen = 0
+        seen, spent = 0, 0.0
         while seen < bodies and self.tracking.wait(0.2):
-            before = self.tracking.bodies_seen
-            self.placed += self.tracking.read()
+            began, before = time.process_time(), self.tracking.bodies_seen
+            came = self.tracking.read()
+            for placed in came:
+                self.publish(placed)
+            spent += time.process_time() - began
+            self.placed += came
             seen += self.tracking.bodies_seen - before
             if isinstance(self.server, NatNetServer):
-                return
+                break
+        self.spent.append(spent)
 
     def _deliver_second(self, number: int, exposed: float, bodies: list[Body]) -> None:
         """Let a second tracker send: NatNet's from a port of its own, others' through the same server."""
@@ -184,39 +201,37 @@ class Bench:
             return
         self._looked = self.now
         self.tracking.wait(0.0)
+        before, after = self.robots.all_at(self.now - 0.001)[2], self.robots.all_at(self.now + 0.001)[2]
+        rates = ((after - before + math.pi) % (2.0 * math.pi) - math.pi) / 0.002
+        utime = self.day() // 1000
         for number in self.profile.robots if self.has_gyros else ():
-            before, after = self.robots.at(number, self.now - 0.001), self.robots.at(number, self.now + 0.001)
-            rate = math.remainder(after[2] - before[2], 2.0 * math.pi) / 0.002
-            utime = self.day() // 1000
+            rate = float(rates[number])
             message = make(gyro_t, utime=utime, robot_id=number, yaw_rate=rate, valid=True, received_utime=utime)
             self.tracking.supervisor.handle(utime, f"GYRO_{number}", message)
         self.reports.append((self.now, self.tracking.problem(self.now)))
 
-    def _is_right(self, number: int, body: Body, t: float) -> bool:
-        x, y, theta = self.robots.at(number, t)
-        turn = abs(math.remainder(body.theta - theta, 2.0 * math.pi))
-        return body.tracked and math.hypot(body.x - x, body.y - y) <= WRONG_PLACE and turn <= WRONG_TURN
+    def _are_right(self, bodies: list[Body], t: float) -> Flags:
+        """Return which bodies are tracked, and where their robots are."""
+        sent = np.array([[body.x, body.y, body.theta] for body in bodies]).T
+        return np.array([body.tracked for body in bodies]) & ~_are_wrong(sent, self.robots.all_at(t))
 
-    def _score(self, begin: float, right: list[list[bool]], fault: Fault | None) -> Score:
+    def _score(self, begin: float, right: list[Flags], fault: Fault | None) -> Score:
         score = Score(published=len(self.placed))
-        came: set[tuple[int, int]] = set()
+        came = np.zeros((len(right) + 1, self.robots.count), bool)
         first_after: dict[int, float] = {}
         for placed in self.placed:
             t = placed.utime / 1e6 - DAY
-            x, y, theta = self.robots.at(placed.robot_id, t)
-            turn = abs(math.remainder(placed.theta - theta, 2.0 * math.pi))
-            score.wrong += math.hypot(placed.x - x, placed.y - y) > WRONG_PLACE or turn > WRONG_TURN
+            truth = np.array(self.robots.at(placed.robot_id, t))
+            score.wrong += int(_are_wrong(np.array(placed[2:]), truth))
             frame = round((t - begin) * self.rate)
             score.stamp_errors.append(t - begin - frame / self.rate)
-            came.add((placed.robot_id, frame))
+            if 0 <= frame < len(right):
+                came[frame, placed.robot_id] = True
             if fault is not None and t - begin >= fault.end:
                 first_after.setdefault(placed.robot_id, t - begin - fault.end)
-        for frame, row in enumerate(right):
-            if frame / self.rate < STARTED:
-                continue
-            for number in self.profile.robots:
-                score.good += row[number]
-                score.withheld += row[number] and (number, frame) not in came
+        good = np.array(right)[int(STARTED * self.rate) :, : len(self.profile.robots)]
+        here = came[int(STARTED * self.rate) : len(right), : len(self.profile.robots)]
+        score.good, score.withheld = int(good.sum()), int((good & ~here).sum())
         if fault is not None:
             score.recovery = max((first_after.get(one, math.inf) for one in self.profile.robots), default=0.0)
         score.reports = sorted({report for _, report in self.reports if report})
@@ -230,3 +245,10 @@ class Bench:
 def server_of(kind: str) -> Server:
     """Return an emulated tracker of a kind."""
     return {"optitrack": NatNetServer, "qualisys": QtmServer, "vrpn": VrpnServer}[kind]()
+
+
+def _are_wrong(poses: NDArray[np.float64], truth: NDArray[np.float64]) -> Flags:
+    """Return which poses (3, ...) are further from the truth than a pose may be."""
+    (x, y, theta), (true_x, true_y, true_theta) = poses, truth
+    turn = np.abs((theta - true_theta + math.pi) % (2.0 * math.pi) - math.pi)
+    return np.asarray((np.hypot(x - true_x, y - true_y) > WRONG_PLACE) | (turn > WRONG_TURN))

@@ -5,9 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.support.trackers.frame import Body
 
+Floats = NDArray[np.float64]
 SPACING = 1.2  # m between the figures' centres
 NOISE, TURN_NOISE = 0.0001, 0.0005  # m, rad: standard deviations of an optical tracker
 COLUMNS = 10
@@ -22,6 +24,14 @@ class Robots:
         self._pace = random.uniform(0.7, 1.3, count)  # rad/s
         self._phase = random.uniform(0.0, 2.0 * math.pi, count)
         self._size = random.uniform(0.35, 0.45, count)  # m
+
+    def all_at(self, t: "float | Floats") -> Floats:
+        """Return where all robots are at a time [s], or at a time for each of them: x, y, theta, shape (3, n)."""
+        a = self._pace * t + self._phase
+        row, column = np.divmod(np.arange(self.count), COLUMNS)
+        x = column * self._spacing + self._size * np.sin(a)
+        y = row * self._spacing + self._size * np.sin(2.0 * a) / 2.0
+        return np.array([x, y, np.arctan2(self._size * np.cos(2.0 * a), self._size * np.cos(a))])
 
     def at(self, number: int, t: float) -> tuple[float, float, float]:
         """Return where a robot is [m, rad] at a time [s]."""
@@ -77,13 +87,9 @@ PAIRS = ((0, 1), (11, 21), (33, 34))
 
 def measured(robots: Robots, t: float, random: np.random.Generator) -> Bodies:
     """Return what a good tracker measures."""
-    noise = random.normal(0.0, 1.0, (robots.count, 3))
-    bodies = []
-    for number in range(robots.count):
-        x, y, theta = robots.at(number, t)
-        dx, dy, turn = noise[number]
-        bodies.append(Body(f"robot_{number}", x + NOISE * dx, y + NOISE * dy, theta + TURN_NOISE * turn))
-    return bodies
+    noise = random.normal(0.0, 1.0, (3, robots.count)) * [[NOISE], [NOISE], [TURN_NOISE]]
+    poses = (robots.all_at(t) + noise).T.tolist()
+    return [Body(f"robot_{number}", *pose) for number, pose in enumerate(poses)]
 
 
 def _some(bodies: Bodies, change: Callable[[int, Body], Body]) -> Bodies:
