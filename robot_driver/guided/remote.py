@@ -25,10 +25,12 @@ SILENT = "the page does not answer"
 
 
 class Remote:
-    """A front on a page, behind two file descriptors that never wait."""
+    """A front on a page, behind two file descriptors that never wait; a page may be silent for `silence` seconds."""
 
-    def __init__(self, source: int = 0, output: int = 1, clock: Callable[[], float] = time.monotonic) -> None:
-        self._source, self._output, self._clock = source, output, clock
+    def __init__(
+        self, source: int = 0, output: int = 1, clock: Callable[[], float] = time.monotonic, silence: float = SILENCE
+    ) -> None:
+        self._source, self._output, self._clock, self._silence = source, output, clock, silence
         self._step: Step | None = None
         self._number, self._answer = 0, ""
         self._is_answered = False
@@ -67,7 +69,7 @@ class Remote:
         if self._step.kind is Kind.MOTION:
             if now >= self._beat_due:
                 self._beat(now)
-            if now - self._heard > SILENCE:
+            if now - self._heard > self._silence:
                 return SILENT
         if not self._is_answered:
             return None
