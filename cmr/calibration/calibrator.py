@@ -26,7 +26,7 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import COMMAND_SIGNALS, KEPT, LAST_NUMBER, RobotMessages
 from cmr.recordings.commanding import COMMANDS, asked_by
 from cmr.recordings.recording import Recorder, Recording
-from cmr.recordings.signal import SECONDS
+from cmr.recordings.signal import SECONDS, Floats, Mask
 
 REST = round(REST_AFTER / SECONDS)  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
@@ -99,11 +99,13 @@ class Calibrator:
             self.state, self._is_second = calibration_status_t.WAITING, True
         if isinstance(message, motor_feedback_t):
             applied = message.applied_left, message.applied_right
-            self._has_wheels, self._has_duties = True, self._has_duties or all(map(math.isfinite, applied))
-            self._watch(utime, (message.psi_left, message.psi_right), applied)
+            known = all(map(math.isfinite, applied))
+            self._has_wheels, self._has_duties = True, self._has_duties or known
+            self._watch(utime, message.psi_left, message.psi_right, driven=known and any(applied))
         elif isinstance(message, COMMANDS) and not self._has_duties:
             asked = self._asked(stream, *asked_by(message))
-            self._watch(utime, UNKNOWN if self._has_wheels else asked, asked)
+            driven = all(map(math.isfinite, asked)) and any(asked)
+            self._watch(utime, *(UNKNOWN if self._has_wheels else asked), driven=driven)
 
     def _forget(self) -> None:
         self._recorder.forget(self._latest - BEFORE)
@@ -120,8 +122,8 @@ class Calibrator:
         calibrator._log = messages
         number, latest = messages.latest_utime()
         calibrator._latest = int(latest[-1]) if len(latest) else 0
-        for utime, left, right, duty_left, duty_right in calibrator._motion(messages):
-            calibrator._watch(utime, (left, right), (duty_left, duty_right))
+        for utime, left, right, driven in calibrator._motion(messages):
+            calibrator._watch(utime, left, right, driven=driven)
         if calibrator._end is not None and calibrator._in_short_pieces(Recording.of(messages)):
             calibrator._end, calibrator.state = None, calibration_status_t.COLLECTING
         if calibrator._end is not None:
@@ -254,23 +256,23 @@ class Calibrator:
             return 1.0
         return 1.0 + (LAP / max(self._coverage.seconds[MOVING_AT_ALL], FIRST_LOOK)) ** 2
 
-    def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float, float, float]]:
-        """Yield utime, speeds and duties of both sides, in order, NaN where a message tells none.
+    def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float, bool]]:
+        """Yield utime, speeds of both sides, and whether a motor is driven, in order; NaN where no speeds are told.
 
-        Speeds are those of the wheels, duties those that they report; before there are any, what is commanded is both.
+        Speeds and duties are those that the wheels report; before there are any, what is commanded.
         """
         wheels = messages.arrivals["wheels"]
         applied = np.stack([wheels.columns["applied_left"], wheels.columns["applied_right"]])
         tells = np.flatnonzero(np.isfinite(applied).all(axis=0))
-        psi = np.stack([wheels.columns["psi_left"], wheels.columns["psi_right"]])
         first = wheels.number[0] if len(wheels.number) else LAST_NUMBER
         first_applied = wheels.number[tells[0]] if len(tells) else LAST_NUMBER
-        columns = [(wheels.number, wheels.utime, *psi, *applied)]
+        psi = wheels.columns["psi_left"], wheels.columns["psi_right"]
+        columns = [(wheels.number, wheels.utime, *psi, _drives(applied))]
         for name in COMMAND_SIGNALS:
             before = messages.arrivals[name].where(messages.arrivals[name].number < first_applied)
             asked = self._asked(KEPT[name].stream, *(before.columns[field] for field in KEPT[name].fields))
             speeds = (np.where(before.number < first, one, math.nan) for one in asked)
-            columns.append((before.number, before.utime, *speeds, *asked))
+            columns.append((before.number, before.utime, *speeds, _drives(np.stack(asked))))
         number, *rest = (np.concatenate(column) for column in zip(*columns, strict=True))
         order = np.argsort(number)
         yield from zip(*(column[order].tolist() for column in rest), strict=True)
@@ -285,13 +287,13 @@ class Calibrator:
         width = self._known.counted_width if self._known else math.nan
         return VelocityController(1.0, width, math.nan).wheels_of_body(first, second)  # m/s serve as well as rad/s
 
-    def _watch(self, utime: int, speeds: tuple[float, float], duties: tuple[float, float]) -> None:
-        """Follow speeds and duties of both sides, NaN where unknown; decide when the motion is over."""
-        if all(map(math.isfinite, duties)) and any(duties):
+    def _watch(self, utime: int, left: float, right: float, *, driven: bool) -> None:
+        """Follow the speeds of both sides, NaN where unknown, and whether a motor is driven; decide when it is over."""
+        if driven:
             self._last_driven = utime
-        if self._end is not None or not all(map(math.isfinite, speeds)):
+        if self._end is not None or not (math.isfinite(left) and math.isfinite(right)):
             return
-        if self._coverage.add(utime, *speeds):
+        if self._coverage.add(utime, left, right):
             self._last_motion = utime
             if self._onset is None:
                 self._onset = utime
@@ -336,3 +338,8 @@ class Calibrator:
             return self.failure
         skipped = "; ".join(f"{name} not identifiable: {why}" for name, why in self.result.unidentified.items())
         return " ".join(["Parameters found.", *([skipped + "."] if skipped else []), *self.result.notes])
+
+
+def _drives(duties: Floats) -> Mask:
+    """Return where one of the duties of both sides (2, n), which are known, is not zero."""
+    return np.asarray(np.isfinite(duties).all(axis=0) & (duties != 0.0).any(axis=0))
