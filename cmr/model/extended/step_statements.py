@@ -21,6 +21,7 @@ CHANGED = (
     *("domega_left", "domega_right", "time"),
 )
 COEFFICIENTS = tuple(f"{what}_{when}" for when in ("first", "second", "end") for what in ("kept", "gained", "grown"))
+LONGEST_STEP = 0.012  # s; longer spans are split into equal parts
 FIRST, SECOND = 0.21132486540518713, 0.7886751345948129  # Gauss-Legendre points, as shares of a step
 COLLOCATION = f"""\
 FIRST, SECOND = {FIRST}, {SECOND}
