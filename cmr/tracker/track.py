@@ -246,15 +246,14 @@ class Track:
             why = "flipped by 180 degrees"
         else:
             why = f"jumped by {distance:.2f} m, {math.degrees(turn):.0f} degrees"
-        here = None if carried is None else Pose(pose.t, carried.x, carried.y, carried.theta)
-        return Segment(pose, NEVER, why, here, other)
+        return Segment(pose, NEVER, why, _restamped(carried, pose.t), other)
 
     def _begin(self, pose: Pose, ended: Segment, company: Company) -> None:
         """Begin a segment after one that was not believed."""
         believed = self.believed
         assert believed is not None
         paused = pose.t - ended.last.t > PAUSE
-        if ended.needed == NEVER:
+        if ended.carried is not None:
             self.before = ended
         if not self.is_possible(pose, believed):
             self.segment = self._wrong(pose, believed, ended.carried, company)
@@ -266,7 +265,7 @@ class Track:
         elif paused and pose.t - ended.last.t <= RECENT and self.is_possible(pose, ended.last):
             self.segment = self._wrong(pose, believed, ended.carried, company)
         else:
-            self.segment = Segment(pose, LONG_RUN, "back")
+            self.segment = Segment(pose, LONG_RUN, "back", _restamped(ended.carried, pose.t))
 
     def _is_as_carried(self, pose: Pose, wrong: Segment) -> bool:
         """Return whether a pose is where the movement that was seen in a wrong segment leads to."""
@@ -278,3 +277,8 @@ class Track:
         turn = abs(math.remainder(pose.theta - carried.theta, 2.0 * math.pi))
         reach = 3.0 * NOISE + CARRIED_ERROR * wrong.path + self._limits.speed * dt
         return distance <= reach and turn <= 3.0 * TURN_NOISE + self._limits.turn_rate * dt
+
+
+def _restamped(pose: Pose | None, t: float) -> Pose | None:
+    """Return a pose as that of another time: what moved in the step from one segment to the next is not seen."""
+    return None if pose is None else Pose(t, pose.x, pose.y, pose.theta)
