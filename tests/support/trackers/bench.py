@@ -245,7 +245,9 @@ class Bench:
 
 def server_of(kind: str) -> Server:
     """Return an emulated tracker of a kind."""
-    return {"optitrack": NatNetServer, "qualisys": QtmServer, "vrpn": VrpnServer}[kind]()
+    if kind == "optitrack":
+        return NatNetServer()
+    return QtmServer() if kind == "qualisys" else VrpnServer()
 
 
 def _are_wrong(poses: NDArray[np.float64], truth: NDArray[np.float64]) -> Flags:
