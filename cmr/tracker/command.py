@@ -4,6 +4,7 @@ import argparse
 import time
 from pathlib import Path
 
+from cmr.bus.bus import Bus
 from cmr.bus.messages import make
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE
@@ -11,6 +12,7 @@ from cmr.cli.command_line import parser
 from cmr.cli.errors import CommandError
 from cmr.files import write_atomically
 from cmr.msg import pose_xyt_t, process_status_t
+from cmr.tracker.elsewhere import Elsewhere
 from cmr.tracker.opening import open_source
 from cmr.tracker.profile import EXAMPLE, Profile, ProfileError
 from cmr.tracker.source import SourceError
@@ -38,7 +40,8 @@ def main(arguments: list[str]) -> int:
         raise CommandError(str(error)) from error
     try:
         with Process(NAME, options.lcm_url) as process:
-            _run(process, Tracking(profile, source), options.seconds)
+            elsewhere = Elsewhere(lambda: Bus(options.lcm_url), profile.robots)
+            _run(process, _Publisher(process, Tracking(profile, source), elsewhere), options.seconds)
             return process.exit_code
     except SourceError as error:
         raise CommandError(str(error)) from error
@@ -87,30 +90,23 @@ def _write_profile(path: Path) -> int:
     return 0
 
 
-def _run(process: Process, tracking: Tracking, seconds: float | None) -> None:
+def _run(process: Process, publisher: "_Publisher", seconds: float | None) -> None:
     """Publish what the tracker sees until a signal comes or the time is over."""
-    publisher = _Publisher(process, tracking)
-    began = reported = time.monotonic()
+    began = time.monotonic()
     process.state = process_status_t.DEGRADED  # until the tracker is heard of
     for _utime in process.loop(RATE, publisher.wait):
-        process.dispatch(tracking.supervisor.handle)
-        publisher.listen_to_wheels()
-        now = time.monotonic()
-        problem = tracking.problem(now)
-        if now - reported >= REPORT_PERIOD:
-            publisher.summary = tracking.summary(now - reported)
-            reported = now
-        publisher.report(problem)
-        if seconds is not None and now - began >= seconds:
+        publisher.turn(time.monotonic())
+        if seconds is not None and time.monotonic() - began >= seconds:
             return
 
 
 class _Publisher:
     """Publishes poses as soon as a sample comes, and reports at once when something becomes wrong."""
 
-    def __init__(self, process: Process, tracking: Tracking) -> None:
-        self.summary = ""
-        self._process, self._tracking = process, tracking
+    def __init__(self, process: Process, tracking: Tracking, elsewhere: Elsewhere) -> None:
+        self._process, self._tracking, self._elsewhere = process, tracking, elsewhere
+        self._summary = ""
+        self._reported = time.monotonic()
         self._heard: set[int] = set()  # robots whose wheels and gyros are listened to
         self._troubled: frozenset[str] = frozenset()
         self._message = make(pose_xyt_t, utime=0, robot_id=0, x=0.0, y=0.0, theta=0.0)
@@ -120,25 +116,37 @@ class _Publisher:
         if not self._tracking.wait(seconds):
             return
         placed = self._tracking.read()
-        for pose in placed:
-            self._publish(pose)
+        for pose in placed if self._elsewhere.is_decided else []:
+            if pose.robot_id not in self._elsewhere.yielded:
+                self._publish(pose)
         if placed:
             self._tracking.note_latency()
 
-    def listen_to_wheels(self) -> None:
-        """Subscribe to the wheels of robots that may have been confused; those of all would take a core of many."""
+    def turn(self, now: float) -> None:
+        """Do everything else: listen to wheels and other programs, and report."""
+        self._process.dispatch(self._tracking.supervisor.handle)
+        self._listen_to_wheels()
+        self._elsewhere.look(now)
+        if now - self._reported >= REPORT_PERIOD:
+            self._summary = self._tracking.summary(now - self._reported)
+            self._reported = now
+        self._report(now)
+
+    def _listen_to_wheels(self) -> None:
+        """Subscribe to the wheels of robots that may have been confused; listening to all would take much of a core."""
         for robot_id in self._tracking.supervisor.in_doubt() - self._heard:
             self._heard.add(robot_id)
             self._process.subscribe(GYRO, robot_id, every=True)
             self._process.subscribe(MOTOR_FEEDBACK, robot_id, every=True)
 
-    def report(self, problem: str) -> None:
+    def _report(self, now: float) -> None:
         """Say what is wrong in the status; a change is published at once."""
-        process = self._process
+        process, elsewhere = self._process, self._elsewhere.problem()
+        problem = f"{elsewhere} {self._tracking.problem(now)}".strip()
         process.state = process_status_t.DEGRADED if problem else process_status_t.RUNNING
-        process.problem = self._tracking.headline()
-        process.message = f"{problem} {self.summary}".strip()
-        if (troubled := self._tracking.troubled()) != self._troubled:
+        process.problem = f"{elsewhere} {self._tracking.headline()}".strip()
+        process.message = f"{problem} {self._summary}".strip()
+        if (troubled := self._tracking.troubled() | {elsewhere}) != self._troubled:
             self._troubled = troubled
             process.publish_status()
 
@@ -146,4 +154,5 @@ class _Publisher:
         message = self._message
         message.utime, message.robot_id = pose.utime, pose.robot_id
         message.x, message.y, message.theta = pose.x, pose.y, pose.theta
+        self._elsewhere.note(pose.robot_id, pose.utime)
         self._process.publish(POSE, message, pose.robot_id)

@@ -41,6 +41,7 @@ class Qualisys:
         self._names: tuple[str, ...] = ()
         self._said = ""  # what QTM says is wrong
         self._asked = -1e9
+        self._waiting = b""
         self._arrival = 0
         self._samples: list[Sample] = []
         self._begin()

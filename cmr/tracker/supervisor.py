@@ -39,6 +39,8 @@ class Supervisor:
         self._identity = Identity(dict(profile.robots))
         self._doubts: dict[int, _Doubt] = {}
         self._wrong: Mapping[int, str] = {}
+        self.was_silent = False
+        self._newest = -math.inf
 
     def handle(self, utime: int, _channel: str, message: Message) -> None:
         """Take what a robot says of its wheels or its gyro."""
@@ -47,12 +49,15 @@ class Supervisor:
     def begin_anew(self) -> None:
         """Forget the last moments, as the tracker's clock was set anew."""
         self._doubts.clear()
+        self._newest = -math.inf
         for track in self._tracks.values():
             track.forget()
 
     def take(self, t: float, poses: Iterable[Planar], wrong: Mapping[int, str]) -> list[Planar]:
         """Return those of a sample's poses that are right; `wrong` says of which robots it has none, and why."""
         self._wrong = wrong
+        if t > self._newest:
+            self.was_silent, self._newest = t - self._newest > PAUSE, t
         passed = []
         for planar in poses:
             track = self._tracks[planar.robot_id]

@@ -22,7 +22,8 @@ PAUSE = 0.05  # s without a pose after which nothing is known about what happene
 ACCELERATION, TURN_ACCELERATION = 6.0, 25.0  # m/s^2, rad/s^2; of a robot that nobody pushes
 SMOOTHING = 0.03  # s over which the speed is averaged
 PREDICTED, PREDICTED_TURN = 0.006, math.radians(2.5)  # m, rad by which a predicted pose is wrong at least
-SHORT_RUN, LONG_RUN, FIRST_RUN = 0.1, 0.8, 0.5  # s that a segment has to last: with good evidence, without, at first
+# s that a segment has to last: after silence, with good evidence, without, and at first.
+BRIEF_RUN, SHORT_RUN, LONG_RUN, FIRST_RUN = 0.03, 0.1, 0.8, 0.5
 NEVER = math.inf
 CARRIED_ERROR = 0.02  # m per m by which movement added up is wrong
 FLIPPED = math.radians(150.0)  # rad; a turn in no time that is more is a flip
@@ -84,7 +85,12 @@ class Segment:
 
 
 class Company(Protocol):
-    """What a track has to know of the other robots' ones."""
+    """What a track has to know of the other robots' ones.
+
+    With `was_silent` nothing came from the tracker for a while: it may have seen all bodies all the time.
+    """
+
+    was_silent: bool
 
     def in_place_of(self, track: "Track", pose: Pose) -> int | None:
         """Return the robot in whose place a body is that is called by another one's name."""
@@ -230,7 +236,7 @@ class Track:
         """Begin a segment after believed poses: after a pause, or with a step that no robot can do."""
         assert self.believed is not None
         if pose.t - segment.last.t > PAUSE and self.is_possible(pose, self.believed):
-            self.segment = Segment(pose, SHORT_RUN, "back")
+            self.segment = Segment(pose, BRIEF_RUN if company.was_silent else SHORT_RUN, "back")
         else:
             self.segment = self._wrong(pose, self.believed, self.believed, company)
         self.before = None
@@ -246,15 +252,14 @@ class Track:
             why = "flipped by 180 degrees"
         else:
             why = f"jumped by {distance:.2f} m, {math.degrees(turn):.0f} degrees"
-        here = None if carried is None else Pose(pose.t, carried.x, carried.y, carried.theta)
-        return Segment(pose, NEVER, why, here, other)
+        return Segment(pose, NEVER, why, _restamped(carried, pose.t), other)
 
     def _begin(self, pose: Pose, ended: Segment, company: Company) -> None:
         """Begin a segment after one that was not believed."""
         believed = self.believed
         assert believed is not None
         paused = pose.t - ended.last.t > PAUSE
-        if ended.needed == NEVER:
+        if ended.carried is not None:
             self.before = ended
         if not self.is_possible(pose, believed):
             self.segment = self._wrong(pose, believed, ended.carried, company)
@@ -266,7 +271,7 @@ class Track:
         elif paused and pose.t - ended.last.t <= RECENT and self.is_possible(pose, ended.last):
             self.segment = self._wrong(pose, believed, ended.carried, company)
         else:
-            self.segment = Segment(pose, LONG_RUN, "back")
+            self.segment = Segment(pose, LONG_RUN, "back", _restamped(ended.carried, pose.t))
 
     def _is_as_carried(self, pose: Pose, wrong: Segment) -> bool:
         """Return whether a pose is where the movement that was seen in a wrong segment leads to."""
@@ -278,3 +283,8 @@ class Track:
         turn = abs(math.remainder(pose.theta - carried.theta, 2.0 * math.pi))
         reach = 3.0 * NOISE + CARRIED_ERROR * wrong.path + self._limits.speed * dt
         return distance <= reach and turn <= 3.0 * TURN_NOISE + self._limits.turn_rate * dt
+
+
+def _restamped(pose: Pose | None, t: float) -> Pose | None:
+    """Return a pose as that of another time: what moved in the step from one segment to the next is not seen."""
+    return None if pose is None else Pose(t, pose.x, pose.y, pose.theta)

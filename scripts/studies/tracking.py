@@ -22,7 +22,7 @@ from tests.support.trackers.bench import KINDS, RATE, Bench, Score
 from tests.support.trackers.drives import figure_eights, tracked
 from tests.support.trackers.motion import Fault, faults
 
-__all__ = ["KINDS", "drives", "live", "misbehaviour"]
+__all__ = ["KINDS", "drives", "misbehaviour"]
 BODIES, FEW = 50, 10
 NAMES = ("k2_over_k3", "k1", "base_width")
 LATEST_RECOVERY, LATEST_REPORT, WORST_STAMP, MOST_WITHHELD = 1.0, 0.5, 0.001, 0.01
@@ -124,16 +124,3 @@ def _held(recording: Recording) -> list[bool]:
 def _lateness(recording: Recording) -> float:
     """Return by how much the poses of a recording seem to be late [s]."""
     return next(lag.seconds for lag in lags_of(recording) if lag.sensor == "poses")
-
-
-def live(kinds: Sequence[str], seconds: float) -> int:
-    """Run cmr-tracker beside an emulated tracker in real time."""
-    from scripts.studies.tracking_live import watch
-
-    print(
-        "| tracker | robots | poses | largest error of a stamp | latency, 99 % | of a core |\n|---|---|---|---|---|---|"
-    )
-    for kind in kinds:
-        for robots in (FEW, BODIES):
-            print(watch(kind, robots, BODIES, RATE, seconds), flush=True)
-    return 0

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -16,13 +17,24 @@ from cmr.bus.bus import Bus
 from cmr.bus.streams import POSE
 from cmr.msg import pose_xyt_t
 from tests.support.private_bus import private_url
-from tests.support.trackers.bench import server_of
+from tests.support.trackers.bench import RATE, server_of
 from tests.support.trackers.frame import Emitted
 from tests.support.trackers.motion import Robots, measured
 
+BODIES, FEW = 50, 10
 PROCESSING = 0.004  # s from the exposure to sending
 STARTED = 4.0  # s until cmr-tracker surely knows the clock and has believed all robots
 COMMAND = "import sys; from cmr.tracker.command import main; sys.exit(main(sys.argv[1:]))"
+
+
+def live(kinds: Sequence[str], seconds: float) -> int:
+    """Run cmr-tracker beside an emulated tracker, with few and with all bodies robots, and print what was seen."""
+    print("| tracker | robots | poses | largest error of a stamp | latency, 99 % | of a core |")
+    print("|---|---|---|---|---|---|")
+    for kind in kinds:
+        for robots in (FEW, BODIES):
+            print(watch(kind, robots, BODIES, RATE, seconds), flush=True)
+    return 0
 
 
 def watch(kind: str, robots: int, bodies: int, rate: float, seconds: float) -> str:

@@ -109,7 +109,8 @@ def test_natnet_reads_the_emulated_motive(version: tuple[int, int], group: str |
     assert len(frame.rigid_bodies) == len(SENT)
     for sent, read in zip(SENT, frame.rigid_bodies, strict=True):
         assert read.tracking_valid == sent.tracked
-        assert_is(sent, *read.pos, heading(read.rot))
+        x, y, z = read.pos
+        assert_is(sent, x, y, z, heading(read.rot))
     exposed = EXPOSED + 0.01 * frame.prefix.frame_number
     assert frame.suffix.stamp_camera_mid_exposure == pytest.approx(exposed * TICKS, abs=1)
     assert frame.suffix.stamp_transmit == pytest.approx((exposed + PROCESSED) * TICKS, abs=1)

@@ -185,8 +185,9 @@ class Bench:
 
     def _deliver_second(self, number: int, exposed: float, bodies: list[Body]) -> None:
         """Let a second tracker send: NatNet's from a port of its own, others' through the same server."""
-        frame = self._frame(number, exposed + 0.5 / self.rate, bodies)
-        self.now += 0.0001
+        between = exposed + 0.5 / self.rate
+        frame = self._frame(number, between, bodies)
+        self.now = max(self.now, between + PROCESSING + self._delay())
         if not isinstance(self.server, NatNetServer):
             self.server.send(frame)
         else:
@@ -244,7 +245,9 @@ class Bench:
 
 def server_of(kind: str) -> Server:
     """Return an emulated tracker of a kind."""
-    return {"optitrack": NatNetServer, "qualisys": QtmServer, "vrpn": VrpnServer}[kind]()
+    if kind == "optitrack":
+        return NatNetServer()
+    return QtmServer() if kind == "qualisys" else VrpnServer()
 
 
 def _are_wrong(poses: NDArray[np.float64], truth: NDArray[np.float64]) -> Flags:

@@ -26,6 +26,7 @@ class VrpnServer:
         self.lobs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.lobs.bind((address, self.port))
         self.lobs.setblocking(False)
+        self.names: list[str] = []  # which a client of VRPN learns with the first pose of each body
         self.clients: list[_Client] = []
 
     def poll(self) -> None:
