@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
+from cmr.cli.errors import CommandError
 from cmr.commands.calibrate import main as calibrate
 from cmr.commands.diagnose import main as diagnose
 from cmr.commands.first_use import ESTIMATOR, compile_first
+from cmr.estimation.estimates import EstimationError
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.logs import write_log
 from tests.hidden_effects.messy import messy
@@ -65,9 +67,27 @@ def test_both_commands_give_the_same_estimates(
 
 
 def test_of_two_drives_the_first_is_used_and_how_to_use_both_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    seconds: list[float] = []
+
+    def looked_at(recordings: Sequence[Recording], *_nominal: object, **_options: object) -> None:
+        seconds.append(float(recordings[0].wheels.seconds[-1]))
+        raise EstimationError("That is enough.")
+
+    monkeypatch.setattr("cmr.commands.calibrate.calibrate", looked_at)
     log = write_log(tmp_path / "run.lcm", two_drives())
-    assert calibrate([str(log)]) == 0
-    assert "the first drive is used, as in a live calibration" in (told := capsys.readouterr().out)
+    for options in ((), ("--whole-log",)):
+        with pytest.raises(CommandError, match="enough"):
+            calibrate([str(log), *options])
+    told = capsys.readouterr().out
+    assert told.count("the first drive is used, as in a live calibration") == 1
     assert "--whole-log" in told
+    assert seconds[0] < 80.0 < 150.0 < seconds[1]
+
+
+def test_a_live_calibration_has_no_whole_log(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as wrong:
+        calibrate(["--whole-log"])
+    assert wrong.value.code == 2
+    assert "--whole-log needs a log" in capsys.readouterr().err
