@@ -5,6 +5,7 @@ import secrets
 import ssl
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from cmr.bus.messages import now_utime
@@ -37,7 +38,7 @@ def main(arguments: list[str]) -> int:
         from cmr.view.driving import DriveSessions
         from cmr.view.entrance.door import Address
         from cmr.view.guiding import GuideSessions
-        from cmr.view.server import PageServer
+        from cmr.view.server import MakeBeside, PageServer
         from cmr.view.showing import LiveShowing, LogShowing
         from cmr.view.visit import Room
     except ModuleNotFoundError as error:
@@ -50,11 +51,8 @@ def main(arguments: list[str]) -> int:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
             address = Address(options.host, options.port, tuple(options.allow_host or ()), tls)
             drive, guide = _driving(process.bus.url, geofence), _bringing_up(process.bus.url, options.ports or ())
-            beside = [
-                lambda token, guesses: DriveSessions(token, drive, guesses),
-                lambda token, guesses: GuideSessions(token, guide, guesses),
-            ]
-            server = PageServer(address, token, Room(obstacles, geofence), showing, () if options.log else beside)
+            beside: list[MakeBeside] = [partial(DriveSessions, drive), partial(GuideSessions, guide)]
+            server = PageServer(address, token, Room(obstacles, geofence), showing, [] if options.log else beside)
         except OSError as error:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)

@@ -17,7 +17,7 @@ FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 WIDE, HIGH = (1280, 800), (1180, 1010)  # pixels
 TALL = (1280, 1600)  # so that a tab shows all it has
 NARROW = (640, 620)
-MOVING = 500.0  # ms after the beginning of a motion
+LOOK = 50.0  # ms between looks at whether a motion has begun
 PATIENCE = 120e3  # ms; without a graphics card the page takes its time
 MARGIN = 5  # pixels
 READING, DRAWING = 8e3, 8e3  # ms until the log is read, and until the charts are drawn
@@ -50,7 +50,7 @@ def take_bringup(folder: Path, path: Path) -> None:
     """Write a picture of the page that brings up an emulated robot, while its first motor turns."""
     robot = folder / "robot"
     emulator = subprocess.Popen([our_command("cmr-emulate"), "--ports", robot, "--hands", "--ideal"])
-    ports = [str(robot / "motor"), str(robot / "gyro")]
+    ports = ["robot/motor", "robot/gyro"]  # in the folder in which cmr-view runs
     token, url = secrets.token_urlsafe(12), "udpm://239.255.76.67:7698?ttl=0"
     try:
         with (
@@ -61,9 +61,8 @@ def take_bringup(folder: Path, path: Path) -> None:
             page.fill("#token", token)
             page.fill("#steps", "devices motors")
             page.click("text=begin")
-            page.click("text=its wheels are off the floor")
-            page.wait_for_selector("#stop", state="visible")
-            page.wait_for_timeout(MOVING)
+            page.click("#choices button")
+            page.wait_for_function("!document.getElementById('stop').hidden", polling=LOOK)  # for a second
             page.screenshot(path=path)
     finally:
         emulator.terminate()

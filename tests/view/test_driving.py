@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from http.client import HTTPConnection
 from pathlib import Path
 from types import SimpleNamespace
@@ -55,7 +56,7 @@ class Serving:
         def command(robot_id: int, takes_over: bool) -> list[str]:
             return [sys.executable, "-c", PROCESS, str(self.heard), str(robot_id), str(takes_over)]
 
-        beside = [lambda token, guesses: DriveSessions(token, command, guesses)]
+        beside = [partial(DriveSessions, command)]
         self.server = PageServer(Address("127.0.0.1", 18280), TOKEN, NO_ROOM, live, beside)
         self.port = int(self.server.url.rsplit(":", 1)[1])
 
@@ -151,6 +152,6 @@ def test_too_many_do_not_drive_at_once(page: Serving) -> None:
     ["", "[]", '{"robot": -1}', '{"forward": 2}', '{"forward": "1"}', '{"wish": "release"}', '{"x": 1}', "{" * 500],
 )
 def test_what_no_page_says_is_refused(text: str) -> None:
-    sessions = DriveSessions(TOKEN, lambda _robot, _takes_over: [], Guesses(Refusals()))
+    sessions = DriveSessions(lambda _robot, _takes_over: [], TOKEN, Guesses(Refusals()))
     assert not sessions.takes(text)
     assert not sessions.takes(text.encode())

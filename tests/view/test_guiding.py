@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -68,7 +69,7 @@ class Serving:
         def command(robot_id: int, steps: Sequence[str]) -> list[str]:
             return [sys.executable, "-c", PROCESS, str(self.heard), str(robot_id), *steps]
 
-        beside = [lambda token, guesses: GuideSessions(token, command, guesses)]
+        beside = [partial(GuideSessions, command)]
         self.server = PageServer(Address("127.0.0.1", 18380), TOKEN, NO_ROOM, live, beside)
         self.port = int(self.server.url.rsplit(":", 1)[1])
 
@@ -124,7 +125,7 @@ def test_nobody_brings_up_without_the_token_and_a_page_that_closes_ends_it(servi
     ["", "[]", '{"robot": -1}', '{"steps": ["--page"]}', '{"steps": "gyro"}', '{"step": 1, "answer": 2}', '{"x": 1}'],
 )
 def test_what_no_page_says_is_refused(text: str) -> None:
-    sessions = GuideSessions(TOKEN, lambda _robot, _steps: [], Guesses(Refusals()))
+    sessions = GuideSessions(lambda _robot, _steps: [], TOKEN, Guesses(Refusals()))
     assert not sessions.takes(text)
 
 

@@ -43,7 +43,7 @@ class DriveSessions(Sessions[DriveSaid]):
     most, full = MOST_DRIVERS, f"{MOST_DRIVERS} pages drive already."
     newest_only = True
 
-    def __init__(self, token: str, start: Command, guesses: Guesses) -> None:
+    def __init__(self, start: Command, token: str, guesses: Guesses) -> None:
         super().__init__(HTML, token, guesses)
         self._start = start
 

@@ -39,7 +39,7 @@ class GuideSessions(Sessions[GuideSaid]):
     page, title, connects_to = "/bringup", "bring up a new robot", "/bringup/steps"
     most, full = 1, "A robot is being brought up on another page already."
 
-    def __init__(self, token: str, start: Command, guesses: Guesses) -> None:
+    def __init__(self, start: Command, token: str, guesses: Guesses) -> None:
         super().__init__(HTML, token, guesses)
         self._start = start
 
