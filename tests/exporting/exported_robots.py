@@ -16,11 +16,16 @@ from cmr.exporting.robot import ExportedRobot
 from cmr.model.catalogue import CATALOGUE, typical
 from cmr.model.motion import Floats, RobotState, drive
 from cmr.model.parameters import RobotParameters
+from cmr.model.velocity_controller import motor_of
 
 Spans: TypeAlias = tuple[Floats, Floats, Floats]
 PAPER = (0.04, 118.0, 0.054, 0.161)
 MOMENT = 20.0037  # s; what sets in at a time does so within a step
 STATE = ("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right")
+# A robot with a velocity controller: top wheel speed 6.67 rad/s.
+SPEEDS = RobotParameters.of(
+    {"wheel_radius": 0.033, "base_width": 0.16, **motor_of({"response_time": 0.1, "top_wheel_speed": 6.67})}
+)
 COMPILER = shutil.which("cc")
 # Six effects each, of all groups.
 ROBOTS = (

@@ -9,9 +9,8 @@ import pytest
 
 from cmr.exporting.fmu import fmu
 from cmr.exporting.robot import ExportedRobot
-from cmr.model.parameters import RobotParameters
-from cmr.model.velocity_controller import VelocityController, motor_of
-from tests.exporting.exported_robots import COMPILER, ROBOTS, driven_by_cmr, driven_in_python, robot_with
+from cmr.model.velocity_controller import VelocityController
+from tests.exporting.exported_robots import COMPILER, ROBOTS, SPEEDS, driven_by_cmr, driven_in_python, robot_with
 
 pytestmark = [
     pytest.mark.slow,
@@ -21,9 +20,6 @@ needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason
 STEP, SECONDS = 0.01, 60.0
 TIME = np.arange(0.0, SECONDS, STEP)
 LEFT, RIGHT = 0.5 + 0.3 * np.sin(0.7 * TIME), 0.4 + 0.4 * np.sin(0.4 * TIME + 1.0)
-SPEEDS = RobotParameters.of(
-    {"wheel_radius": 0.033, "base_width": 0.16, **motor_of({"response_time": 0.1, "top_wheel_speed": 6.67})}
-)
 
 
 def written(robot: ExportedRobot, folder: Path) -> Path:
