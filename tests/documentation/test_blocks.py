@@ -13,7 +13,7 @@ import yaml
 from setuptools.config.pyprojecttoml import read_configuration
 
 from cmr.commands import scenarios
-from cmr.commands.export import main as export
+from cmr.exporting.command import main as export
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
 from robot_driver.emulator.settings import load_settings

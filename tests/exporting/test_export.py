@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from cmr.cli.errors import CommandError
-from cmr.commands.export import main
 from cmr.exporting import export as exporting
 from cmr.exporting.c_statements import NoCounterpartError, c_lines
 from cmr.exporting.carried import BY_TARGET, MJCF, TARGETS, URDF, Carry, carried, of_robot, table
+from cmr.exporting.command import main
 from cmr.exporting.diff_drive import Described, calibrated, described, ros2_control, turned_before
 from cmr.exporting.proof import check_provable
 from cmr.exporting.python_file import python_file
