@@ -55,8 +55,8 @@ def _paths(proof: Proof) -> Html:
     )
     return plot(
         frame,
-        line(frame, *proof.expected[:, :2].T, REAL, 4.0, under=REAL_OUTLINE),
-        line(frame, *proof.found[:, :2].T, AFTER, 1.8),
+        line(frame, proof.expected[:, 0], proof.expected[:, 1], REAL, 4.0, under=REAL_OUTLINE),
+        line(frame, proof.found[:, 0], proof.found[:, 1], AFTER, 1.8),
         x_label="x [m]",
         y_label="y [m]",
         alt=f"the path of CMR's robot and that of the exported one; {verdict(proof)}",

@@ -18,7 +18,7 @@ from cmr.exporting.proof import check_provable
 from cmr.exporting.python_file import python_file
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.body import turn
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, with_effects
 from cmr.model.extended.program import program_of
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
@@ -173,7 +173,7 @@ def test_limits_are_those_of_the_robot() -> None:
 
 
 def test_a_robot_that_counts_wrongly_turns_otherwise_until_its_description_is_right() -> None:
-    parameters = RobotParameters(*SPEEDS, effects={"wheel_separation_error": 0.1})
+    parameters = with_effects(SPEEDS, {"wheel_separation_error": 0.1})
     robot = ExportedRobot(0, parameters, VelocityController(0.033, 0.16, 6.67))
     assert turned_before(robot, described(robot, None, None)) == pytest.approx(360.0 * 1.1)
 

@@ -3,6 +3,7 @@
 import importlib.util
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def written(robot: ExportedRobot, folder: Path) -> Path:
     return path
 
 
-def simulated(path: Path, names: tuple[str, str], first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def simulated(path: Path, names: tuple[str, str], first: np.ndarray, second: np.ndarray) -> Any:
     """Return what FMPy records: each command holds from its time on, for one step."""
     import fmpy
 
