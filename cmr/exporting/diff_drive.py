@@ -93,6 +93,9 @@ def ros2_control(robot: ExportedRobot, said: Described) -> str:
 # A turn of 360 degrees, commanded with the wheel separation and radius of the description alone, is one of
 # {turned_before(robot, said):.1f} degrees. With these multipliers it is one of 360.
 #
+# Controllers of ROS 2 Humble ignore limits without has_velocity_limits: true and has_acceleration_limits: true beside
+# them, under linear.x and angular.z.
+#
 {carried}
 diff_drive_controller:
   ros__parameters:

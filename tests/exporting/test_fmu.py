@@ -75,6 +75,16 @@ def test_a_robot_with_a_velocity_controller_takes_velocities(tmp_path: Path) -> 
     assert np.max(np.abs(result["y"][1:] - expected[:, 1])) < 1e-6  # m
 
 
+@needs_fmpy
+def test_the_unit_starts_where_it_is_told(tmp_path: Path) -> None:
+    import fmpy
+
+    start = {"start_x": 1.0, "start_y": -2.0, "start_theta": 0.5, "duty_left": 0.5, "duty_right": 0.5}
+    found = fmpy.simulate_fmu(str(written(robot_with(()), tmp_path)), stop_time=1.0, step_size=STEP, start_values=start)
+    assert [found[name][0] for name in ("x", "y", "theta")] == [1.0, -2.0, 0.5]
+    assert np.arctan2(found["y"][-1] + 2.0, found["x"][-1] - 1.0) == pytest.approx(0.5)
+
+
 def test_the_unit_holds_its_sources_and_a_binary(tmp_path: Path) -> None:
     unit = fmu(robot_with(ROBOTS[0]))
     (tmp_path / "robot.fmu").write_bytes(unit.content)
