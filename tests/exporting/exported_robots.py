@@ -13,7 +13,7 @@ import numpy as np
 from cmr.exporting.c_source import c_header, c_source
 from cmr.exporting.python_file import python_file
 from cmr.exporting.robot import ExportedRobot
-from cmr.model.catalogue import CATALOGUE, typical
+from cmr.model.catalogue import MODELLED, typical
 from cmr.model.motion import Floats, RobotState, drive
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import motor_of
@@ -39,7 +39,7 @@ ROBOTS = (
 
 def robot_with(effects: Sequence[str]) -> ExportedRobot:
     """Return a robot with effects at their typical sizes."""
-    values = {name: size for effect in effects for name, size in typical(CATALOGUE[effect]).items()}
+    values = {name: size for effect in effects for name, size in typical(MODELLED[effect]).items()}
     values = {name: MOMENT if name.endswith("_change_time") else size for name, size in values.items()}
     return ExportedRobot(0, RobotParameters(*PAPER, effects=values))
 
