@@ -165,6 +165,14 @@ def test_after_the_paste_a_turn_is_as_large_as_commanded(separation: float, radi
     assert turned(separation, radius) == pytest.approx(turned_before(robot, said))
 
 
+def test_wheels_that_do_not_reach_the_commanded_speed_are_said() -> None:
+    slow = SPEEDS._replace(k1=SPEEDS.k1 / 0.97)
+    controller = VelocityController(0.033, 0.16, 6.67)
+    said = Described(0.16, 0.033)
+    assert "97.0% of the speed" in ros2_control(ExportedRobot(0, slow, controller), said)
+    assert "% of the speed" not in ros2_control(ExportedRobot(0, SPEEDS, controller), said)
+
+
 def test_limits_are_those_of_the_robot() -> None:
     known = calibrated(ExportedRobot(0, RobotParameters(*PAPER, effects={"saturation": 0.5, "turn_rate_limit": 2.0})))
     assert known.speed == pytest.approx(0.5 * PAPER[0] / PAPER[2])
