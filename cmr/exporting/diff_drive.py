@@ -14,7 +14,6 @@ from math import inf
 from cmr.exporting.carried import ROS2_CONTROL, SDF, URDF, what_is_carried
 from cmr.exporting.robot import ExportedRobot
 
-
 LEAST_SHARE = 1e-3  # by which wheels may miss a commanded speed unsaid
 
 
@@ -128,8 +127,8 @@ def _reached(robot: ExportedRobot) -> str:
     if abs(share - 1.0) < LEAST_SHARE:
         return ""
     return (
-        f"# Its wheels reach {share:.1%} of the speed that is commanded. Odometry sees that; a turn that is commanded for a\n"
-        "# time does not, and is as much off.\n"
+        f"# Its wheels reach {share:.1%} of the speed that is commanded. Odometry sees that; a turn that is commanded for\n"
+        "# a time is as much off.\n"
     )
 
 
