@@ -42,7 +42,7 @@ def emulate() -> int:
 
 def export() -> int:
     """Start cmr-export."""
-    return run("cmr.commands.export")
+    return run("cmr.exporting.command")
 
 
 def fidelity() -> int:

@@ -14,6 +14,7 @@ HEADER, TEMPLATE = "cmr_robot.h", "cmr_robot.c"
 LATE = """\
 double delay, lost;
 uint64_t seed = moved->seed, count = moved->count++, robot = 0;
+(void)seed, (void)count, (void)robot;
 PACKET
 if (!arrives(moved, lost != 0.0, moved->time + delay)) return 0;
 in_force(moved, dt, left, right);

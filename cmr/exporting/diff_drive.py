@@ -14,6 +14,8 @@ from math import inf
 from cmr.exporting.carried import ROS2_CONTROL, SDF, URDF, what_is_carried
 from cmr.exporting.robot import ExportedRobot
 
+LEAST_SHARE = 1e-3  # by which wheels may miss a commanded speed unsaid
+
 
 @dataclass(frozen=True)
 class Described:
@@ -90,8 +92,11 @@ def ros2_control(robot: ExportedRobot, said: Described) -> str:
 # Robot {robot.robot_id} of Calibrated Mixed Reality, as it was calibrated: written by cmr-export for
 # diff_drive_controller of ROS 2.
 #
-# A turn of 360 degrees, commanded with the wheel separation and radius of the description alone, is one of
+# A slow turn of 360 degrees, commanded with the wheel separation and radius of the description alone, is one of
 # {turned_before(robot, said):.1f} degrees. With these multipliers it is one of 360.
+{_reached(robot)}#
+# Controllers of ROS 2 Humble ignore limits without has_velocity_limits: true and has_acceleration_limits: true beside
+# them, under linear.x and angular.z.
 #
 {carried}
 diff_drive_controller:
@@ -112,6 +117,19 @@ diff_drive_controller:
         min_velocity: {-known.turn_rate:.6g}
         max_acceleration: {known.turn_acceleration:.6g}  # rad/s^2
 """
+
+
+def _reached(robot: ExportedRobot) -> str:
+    """Return what has to be known where wheels do not reach the speed that is commanded; empty where they do."""
+    if robot.controller is None:
+        return ""
+    share = 1.0 / (robot.value("k1") * robot.controller.top_wheel_speed)
+    if abs(share - 1.0) < LEAST_SHARE:
+        return ""
+    return (
+        f"# Its wheels reach {share:.1%} of the speed that is commanded. Odometry sees that; a turn that is commanded for\n"
+        "# a time is as much off.\n"
+    )
 
 
 def sdf(robot: ExportedRobot, said: Described) -> str:

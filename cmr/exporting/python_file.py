@@ -3,11 +3,11 @@
 from cmr.exporting.carried import what_is_carried
 from cmr.exporting.python_statements import ELEMENTARY, called, filled, functions, indented, safe
 from cmr.exporting.robot import ExportedRobot
-from cmr.model.extended.program import COEFFICIENTS, Program, collocation
+from cmr.model.extended.program import Program, collocation
 from cmr.model.extended.step_statements import LONGEST_STEP
 from cmr.model.filtering import FILTER_AGES, FILTER_WEIGHTS
 
-PREPARE = [
+PREPARE = [  # what `cmr.model.extended.step_statements.COEFFICIENTS` are
     "rate = k1 * k2_over_k3",
     *(
         f"kept_{when}, gained_{when}, grown_{when} = coefficients(rate, {part}dt, dt)"
@@ -253,6 +253,3 @@ def _documentation(robot: ExportedRobot) -> str:
         *what_is_carried("python", robot),
     ]
     return '"""' + "\n".join(lines).replace("\\", "\\\\") + '\n"""\n'
-
-
-assert len(COEFFICIENTS) == 3 * 3, "PREPARE computes them"

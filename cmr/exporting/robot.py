@@ -38,8 +38,8 @@ class ExportedRobot:
         """Return a parameter's value; that of an effect that is off is neutral."""
         from cmr.model.catalogue import definition
 
-        value = self.parameters.values.get(name)
-        return float(definition(name).neutral if value is None else value)
+        neutral = definition(name).neutral
+        return float(self.parameters.values.get(name, 0.0 if neutral is None else neutral))
 
     @property
     def sentences(self) -> list[str]:

@@ -13,14 +13,19 @@ import numpy as np
 from cmr.exporting.c_source import c_header, c_source
 from cmr.exporting.python_file import python_file
 from cmr.exporting.robot import ExportedRobot
-from cmr.model.catalogue import CATALOGUE, typical
+from cmr.model.catalogue import MODELLED, typical
 from cmr.model.motion import Floats, RobotState, drive
 from cmr.model.parameters import RobotParameters
+from cmr.model.velocity_controller import motor_of
 
 Spans: TypeAlias = tuple[Floats, Floats, Floats]
 PAPER = (0.04, 118.0, 0.054, 0.161)
 MOMENT = 20.0037  # s; what sets in at a time does so within a step
 STATE = ("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right")
+# A robot with a velocity controller: top wheel speed 6.67 rad/s.
+SPEEDS = RobotParameters.of(
+    {"wheel_radius": 0.033, "base_width": 0.16, **motor_of({"response_time": 0.1, "top_wheel_speed": 6.67})}
+)
 COMPILER = shutil.which("cc")
 # Six effects each, of all groups.
 ROBOTS = (
@@ -34,7 +39,7 @@ ROBOTS = (
 
 def robot_with(effects: Sequence[str]) -> ExportedRobot:
     """Return a robot with effects at their typical sizes."""
-    values = {name: size for effect in effects for name, size in typical(CATALOGUE[effect]).items()}
+    values = {name: size for effect in effects for name, size in typical(MODELLED[effect]).items()}
     values = {name: MOMENT if name.endswith("_change_time") else size for name, size in values.items()}
     return ExportedRobot(0, RobotParameters(*PAPER, effects=values))
 

@@ -3,15 +3,15 @@
 import importlib.util
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cmr.exporting.fmu import fmu
 from cmr.exporting.robot import ExportedRobot
-from cmr.model.parameters import RobotParameters
-from cmr.model.velocity_controller import VelocityController, motor_of
-from tests.exporting.exported_robots import COMPILER, ROBOTS, driven_by_cmr, driven_in_python, robot_with
+from cmr.model.velocity_controller import VelocityController
+from tests.exporting.exported_robots import COMPILER, ROBOTS, SPEEDS, driven_by_cmr, driven_in_python, robot_with
 
 pytestmark = [
     pytest.mark.slow,
@@ -21,9 +21,6 @@ needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason
 STEP, SECONDS = 0.01, 60.0
 TIME = np.arange(0.0, SECONDS, STEP)
 LEFT, RIGHT = 0.5 + 0.3 * np.sin(0.7 * TIME), 0.4 + 0.4 * np.sin(0.4 * TIME + 1.0)
-SPEEDS = RobotParameters.of(
-    {"wheel_radius": 0.033, "base_width": 0.16, **motor_of({"response_time": 0.1, "top_wheel_speed": 6.67})}
-)
 
 
 def written(robot: ExportedRobot, folder: Path) -> Path:
@@ -32,7 +29,7 @@ def written(robot: ExportedRobot, folder: Path) -> Path:
     return path
 
 
-def simulated(path: Path, names: tuple[str, str], first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def simulated(path: Path, names: tuple[str, str], first: np.ndarray, second: np.ndarray) -> Any:
     """Return what FMPy records: each command holds from its time on, for one step."""
     import fmpy
 
@@ -76,6 +73,16 @@ def test_a_robot_with_a_velocity_controller_takes_velocities(tmp_path: Path) -> 
     expected = driven_by_cmr(ExportedRobot(3, SPEEDS), (left, right, np.full(len(TIME), STEP)))
     assert np.max(np.abs(result["x"][1:] - expected[:, 0])) < 1e-6  # m
     assert np.max(np.abs(result["y"][1:] - expected[:, 1])) < 1e-6  # m
+
+
+@needs_fmpy
+def test_the_unit_starts_where_it_is_told(tmp_path: Path) -> None:
+    import fmpy
+
+    start = {"start_x": 1.0, "start_y": -2.0, "start_theta": 0.5, "duty_left": 0.5, "duty_right": 0.5}
+    found = fmpy.simulate_fmu(str(written(robot_with(()), tmp_path)), stop_time=1.0, step_size=STEP, start_values=start)
+    assert [found[name][0] for name in ("x", "y", "theta")] == [1.0, -2.0, 0.5]
+    assert np.arctan2(found["y"][-1] + 2.0, found["x"][-1] - 1.0) == pytest.approx(0.5)
 
 
 def test_the_unit_holds_its_sources_and_a_binary(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmr.exporting.robot import ExportedRobot
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS
 from tests.exporting.exported_robots import (
     COMPILER,
     ROBOTS,
@@ -41,3 +41,11 @@ def test_the_exported_robot_drives_the_path_of_cmr(effects: tuple[str, ...], tmp
     assert distance(in_c, expected) < 1e-6  # m
     np.testing.assert_allclose(in_c, states, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(readings_in_c, readings, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_generic_terms_are_in_c_what_they_are_in_python(tmp_path: Path) -> None:
+    robot, spans = robot_with(tuple(GENERIC_TERMS)), commands(10.0)
+    states, _ = driven_in_python(robot, spans)
+    in_c, _ = driven_in_c(robot, spans, tmp_path)
+    np.testing.assert_allclose(in_c, states, rtol=0.0, atol=1e-12)

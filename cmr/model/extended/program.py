@@ -14,8 +14,8 @@ from pathlib import Path
 
 from cmr.model.catalogue import effects_on
 from cmr.model.effect import Effect
-from cmr.model.extended.statements import SIDES, Statements, memories
-from cmr.model.extended.step_statements import CHANGED, COEFFICIENTS, COLLOCATION, HELD, NOT_LATE, step_parts
+from cmr.model.extended.statements import Statements, memories
+from cmr.model.extended.step_statements import CHANGED, COLLOCATION, HELD, NOT_LATE, step_parts
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition, RobotParameters
 
@@ -89,10 +89,8 @@ def _sensor(statements: Statements, stage: str) -> list[str]:
 def _constants(effects: list[Effect], parameters: RobotParameters) -> dict[str, Constant]:
     """Return the paper's parameters and those of the effects; what the robot's lack is neutral."""
     definitions = [*PAPER.values(), *(parameter for effect in effects for parameter in effect.all_parameters)]
-    return {
-        one.name: Constant(float(parameters.values.get(one.name, one.neutral)), one)  # the paper's are all there
-        for one in definitions
-    }
+    values = {**{one.name: one.neutral for one in definitions}, **parameters.values}  # the paper's are all there
+    return {one.name: Constant(float(values[one.name]), one) for one in definitions}
 
 
 @cache
@@ -117,6 +115,3 @@ def collocation() -> dict[str, float]:
     scope: dict[str, float] = {}
     exec(COLLOCATION, {}, scope)
     return scope
-
-
-__all__ = ["COEFFICIENTS", "OF_SENSORS", "SIDES", "Constant", "Program", "collocation", "helpers", "program_of"]

@@ -7,7 +7,8 @@ from pathlib import Path
 from cmr.cli.command_line import add_json, check_writable, parser, print_json
 from cmr.exporting.carried import TARGETS, of_robot, what_is_carried
 from cmr.exporting.export import Description, export, name_of_file
-from cmr.exporting.robot import exported
+from cmr.exporting.robot import ExportedRobot, exported
+from cmr.files import write_atomically
 from cmr.parameters.file import load
 
 
@@ -17,18 +18,41 @@ def main(arguments: list[str]) -> int:
     Raises CommandError where the robot cannot be exported, ParameterFileError where its file cannot be used.
     """
     options = command_parser().parse_args(arguments)
+    if options.prove:
+        from cmr.exporting.proof import check_provable  # imports what only proofs need
+
+        check_provable(options.to)
     robot = exported(load(options.parameters))
     path = options.out or Path(name_of_file(robot, options.to))
     check_writable(path.parent)
     remarks = export(robot, options.to, path, Description(options.wheel_separation, options.wheel_radius))
+    proof = _proven(robot, options.to, path) if options.prove else None
     if options.json:
         carried = {
             name: {"carried": one.how.value, "why": one.why} for name, one in of_robot(options.to, robot).items()
         }
-        print_json({"file": str(path), "target": options.to, "effects": carried, "remarks": remarks})
-        return 0
+        print_json({"file": str(path), "target": options.to, "effects": carried, "remarks": remarks, "proof": proof})
+        return _code(proof)
     print("\n".join([*what_is_carried(options.to, robot), *remarks, f"written: {path}"]))
-    return 0
+    if proof:
+        print(f"{proof['verdict']}\nwritten: {proof['page']}")
+    return _code(proof)
+
+
+def _code(proof: dict[str, object] | None) -> int:
+    return 0 if proof is None or proof["holds"] else 1
+
+
+def _proven(robot: ExportedRobot, target: str, path: Path) -> dict[str, object]:
+    """Run the file that was written beside CMR's own model, and write a page about it."""
+    from cmr.exporting.proof import prove
+    from cmr.exporting.proof_page import proof_page, verdict
+
+    proof = prove(robot, target, path)
+    page = path.with_name(f"{path.name}.html")
+    write_atomically(proof_page(robot, proof), page)
+    sizes = {"largest_distance": proof.off, "lost": proof.lost, "path_length": proof.length}
+    return {"verdict": verdict(proof), "holds": proof.holds, "page": str(page), **sizes}
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -51,6 +75,11 @@ def command_parser() -> argparse.ArgumentParser:
     )
     result.add_argument("--wheel-separation", type=_length, metavar="M", help=f"wheel separation {of_description}")
     result.add_argument("--wheel-radius", type=_length, metavar="M", help=f"wheel radius {of_description}")
+    result.add_argument(
+        "--prove",
+        action="store_true",
+        help="run the file (python, fmu, mjcf) beside CMR's own model, and write a page beside it: FILE.html",
+    )
     add_json(result)
     return result
 
