@@ -16,6 +16,7 @@ from cmr.commands import scenarios
 from cmr.exporting.command import main as export
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
+from cmr.tracker.profile import Profile
 from robot_driver.emulator.settings import load_settings
 from tests.documentation.turtlebot_bag import write_turtlebot_bag
 from tests.support.documentation_blocks import DOCS, Block, Line, blocks, blocks_of, command_lines, pages
@@ -186,6 +187,8 @@ def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path:
         "effects": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
         "mounting": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
     }
+    if "tracker" in content:
+        readers = {"tracker": lambda: Profile.parse(block.text)}
     used = [read() for key, read in readers.items() if key in content]
     assert used or block.page in (
         "cmr/tools/importing/mappings/README.md",
