@@ -73,7 +73,9 @@ BY_TARGET: dict[str, dict[str, Carried]] = {
         "command_delay": _approximately("a delay of each motor's command, in whole time steps"),
         "saturation": _exactly("the range of the command"),
         "current_limit": _exactly("the largest torque of each motor"),
-        "electrical_lag": _approximately("the time constant of the current, in place of the voltage's"),
+        "electrical_lag": _approximately(
+            "a filter of the command; where the current is limited, too, saturation comes first"
+        ),
         "coulomb_friction": _approximately("frictionloss of the wheel joints, whose constraint is soft"),
         "quadratic_drag": _exactly("damping of the wheel joints that grows with the speed"),
         "motor_gain_asymmetry": _exactly("the stall torque and the no-load speed of each motor"),

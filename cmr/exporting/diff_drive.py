@@ -127,8 +127,8 @@ def _reached(robot: ExportedRobot) -> str:
     if abs(share - 1.0) < LEAST_SHARE:
         return ""
     return (
-        f"# Its wheels reach {share:.1%} of the speed that is commanded. Odometry sees that; a turn that is commanded for\n"
-        "# a time is as much off.\n"
+        f"# Its wheels reach {share:.1%} of the speed that is commanded. Odometry sees that; a turn that is commanded\n"
+        "# for a time is as much off.\n"
     )
 
 

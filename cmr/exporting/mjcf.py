@@ -14,6 +14,7 @@ The mass itself makes no difference to the motion.
 """
 
 from dataclasses import dataclass
+from math import inf
 
 from cmr.exporting.carried import MJCF, what_is_carried
 from cmr.exporting.robot import ExportedRobot
@@ -127,29 +128,58 @@ def _wheel(robot: ExportedRobot, side: Side, mean_radius: float) -> str:
     return f"""\
       <body name="wheel_{side.name}" pos="{place}">
         <joint name="{side.name}" type="hinge" axis="0 1 0" armature="{armature!r}"
-            frictionloss="{friction!r}" damping="0 {drag!r} 0"/>
+            frictionloss="{friction!r}" damping="{_back_emf_of_joint(robot, side)!r} {drag!r} 0"/>
         <inertial pos="0 0 0" mass="{WHEEL_MASS}" diaginertia="{LEAST_INERTIA} {LEAST_INERTIA} {LEAST_INERTIA}"/>
         <geom name="wheel_{side.name}" type="sphere" size="{side.radius!r}" rgba="0.2 0.2 0.2 1"/>
       </body>"""
 
 
 def _motor(robot: ExportedRobot, side: Side) -> str:
-    value = robot.value
-    full = 1.0 if robot.controller is None else robot.controller.top_wheel_speed
-    highest = full * min(1.0, value("saturation"))
-    attributes = [
-        f'name="{side.name}" joint="{side.name}"',
-        f'nominal="{full!r} {side.stall_torque!r} {side.no_load_speed!r}" ctrlrange="{-highest!r} {highest!r}"',
-    ]
-    if value("current_limit") < float("inf"):
-        largest = value("current_limit") * value("k2_over_k3") * side.inertia
-        attributes.append(f'saturation="{largest!r} 0 0"')
+    """Return the motor of a side: MuJoCo's own; one whose voltage lags is put together of a filter and a torque."""
+    value, full = robot.value, _full(robot)
+    highest = full * (1.0 if _back_emf_of_joint(robot, side) else min(1.0, value("saturation")))
+    largest = _largest_torque(robot, side)
+    attributes = [f'name="{side.name}" joint="{side.name}" ctrlrange="{-highest!r} {highest!r}"']
     if value("electrical_lag") > 0.0:
-        attributes.append(f'inductance="0 {value("electrical_lag")!r}"')
+        kind = "general"
+        back_emf = 0.0 if _back_emf_of_joint(robot, side) else side.stall_torque / side.no_load_speed
+        attributes += [
+            f'dyntype="filterexact" dynprm="{value("electrical_lag")!r}"',
+            f'gainprm="{side.stall_torque / full!r}" biastype="affine" biasprm="0 0 {-back_emf!r}"',
+        ]
+        if largest < inf:
+            attributes.append(f'forcerange="{-largest!r} {largest!r}"')
+    else:
+        kind = "dcmotor"
+        attributes.append(f'nominal="{full!r} {side.stall_torque!r} {side.no_load_speed!r}"')
+        if largest < inf:
+            attributes.append(f'saturation="{largest!r} 0 0"')
     if value("command_delay") > 0.0:
         steps = round(value("command_delay") / TIME_STEP)
-        attributes.append(f'delay="{steps * TIME_STEP!r}" nsample="{steps + 1}"')
-    return "\n        ".join(["    <dcmotor", *attributes]) + "/>"
+        # A command comes with the first step after its delay.
+        attributes.append(f'delay="{max(steps - 0.5, 0.0) * TIME_STEP!r}" nsample="{steps + 1}"')
+    return "\n        ".join([f"    <{kind}", *attributes]) + "/>"
+
+
+def _full(robot: ExportedRobot) -> float:
+    """Return the command that stands for full drive."""
+    return 1.0 if robot.controller is None else robot.controller.top_wheel_speed
+
+
+def _back_emf_of_joint(robot: ExportedRobot, side: Side) -> float:
+    """Return the back-EMF as damping of the wheel's joint [N m s], 0.0 where it belongs to the motor.
+
+    A voltage that lags is cut off after the lag: so is the motor's torque, if its back-EMF is not part of it.
+    """
+    is_cut = robot.value("saturation") < 1.0 and robot.value("current_limit") == inf
+    return side.stall_torque / side.no_load_speed if robot.value("electrical_lag") > 0.0 and is_cut else 0.0
+
+
+def _largest_torque(robot: ExportedRobot, side: Side) -> float:
+    """Return what a motor's torque is cut off at [N m]."""
+    if _back_emf_of_joint(robot, side):
+        return side.stall_torque * robot.value("saturation")
+    return robot.value("current_limit") * robot.value("k2_over_k3") * side.inertia
 
 
 def _tilted(robot: ExportedRobot, sides: list[Side], slope: str) -> float:

@@ -9,7 +9,6 @@ from cmr.exporting.carried import BY_TARGET, MJCF
 from cmr.exporting.mjcf import mjcf
 from cmr.exporting.proof import FAR, Proof, prove
 from cmr.exporting.robot import ExportedRobot
-from cmr.model.catalogue import CATALOGUE, typical
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
 from tests.exporting.exported_robots import PAPER, SPEEDS, robot_with
@@ -33,10 +32,18 @@ def test_mujoco_drives_the_path_of_the_robot(effects: tuple[str, ...], tmp_path:
 
 
 @needs_mujoco
-def test_effects_that_it_carries_go_together(tmp_path: Path) -> None:
-    names = ("motor_gain_asymmetry", "back_emf_asymmetry", "wheel_radius_asymmetry", "motor_coupling", "quadratic_drag")
-    values = {name: size for effect in names for name, size in typical(CATALOGUE[effect]).items()}
-    assert proven(ExportedRobot(0, RobotParameters(*PAPER, effects=values)), tmp_path).holds
+@pytest.mark.parametrize(
+    "effects",
+    [
+        ("motor_gain_asymmetry", "back_emf_asymmetry", "wheel_radius_asymmetry", "motor_coupling", "quadratic_drag"),
+        ("electrical_lag", "saturation", "coulomb_friction", "wheel_radius_scale"),
+        ("electrical_lag", "current_limit", "quadratic_drag", "motor_gain_asymmetry"),
+        ("command_delay", "electrical_lag", "saturation", "slope"),
+    ],
+    ids="+".join,
+)
+def test_effects_that_it_carries_go_together(effects: tuple[str, ...], tmp_path: Path) -> None:
+    assert proven(robot_with(effects), tmp_path).holds
 
 
 @needs_mujoco
