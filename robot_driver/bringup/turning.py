@@ -12,7 +12,6 @@ from robot_driver.guided import Choice, Guide
 STANDING = 3.0  # s in which the robot stands, for what the gyro reads then
 TURN = 360.0  # degrees
 NEAR = 0.06  # share by which a turn by hand misses 360 degrees, with the gyro's own scale
-SAME = 0.03  # share by which two turns by hand differ
 SCALES = {1.0: "", 0.5: "180 degrees for a turn", 2.0: "720 degrees for a turn"}
 STILL = 5.0  # degrees; less than that is no turn
 FEWEST = 20  # readings while standing
@@ -49,7 +48,7 @@ def find_gyro(bench: Bench, guide: Guide) -> GyroFound:
     if len(rates) < FEWEST:
         return _none(guide, len(heard.gyro))
     bias = sum(rates) / len(rates)
-    before: float | None = None
+    earlier: list[GyroFound] = []
     for _ in range(ROUNDS):
         turned = _turned(bench, guide, bias)
         found = judged(turned, bias)
@@ -57,14 +56,15 @@ def find_gyro(bench: Bench, guide: Guide) -> GyroFound:
             return found
         if found is None:
             guide.say("gyro.repeat", f"The gyro counted {turned:.0f} degrees, which is no whole turn. Once more.")
-        elif before is not None and abs(turned - before) < SAME * abs(before):
+        elif found in earlier:
             if found.inverted and _which_way(guide) == "clockwise":
                 guide.say("gyro.repeat", "Then it counts as it should, so far. Turn it counter-clockwise: to its left.")
             else:
                 return found
         else:
             guide.say("gyro.again", f"The gyro counted {turned:.0f} degrees. Once more, to be sure.")
-        before = turned if found is not None else None
+        if found is not None:
+            earlier.append(found)
     raise CannotTell(
         "the gyro did not count the same for turns by hand. Turn the robot on one spot, from a mark back to the mark, "
         "slower than one turn in two seconds"

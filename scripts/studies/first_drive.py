@@ -80,7 +80,7 @@ def brought_up(case: Case, folder: Path, *, directly: bool, driven: bool) -> dic
     return row | {"verdict": result, "why": "; ".join(why)} | rest
 
 
-def _driven(case: Case, outcome: Outcome, folder: Path) -> dict[str, object]:
+def _driven(case: Case, outcome: Outcome, folder: Path) -> dict[str, str]:
     """Return how the first drive went: how long it took to get there (s), and by which share parameters are off."""
     case, outcome = corrected(case, outcome, folder)
     off = errors(case, calibrated(case, outcome, folder))
