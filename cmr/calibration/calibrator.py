@@ -6,8 +6,10 @@ gives the same numbers as the drive itself.
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cmr.bus.message import Message
 from cmr.bus.messages import make, now_utime
@@ -267,7 +269,7 @@ class Calibrator:
         first = wheels.number[0] if len(wheels.number) else LAST_NUMBER
         first_applied = wheels.number[tells[0]] if len(tells) else LAST_NUMBER
         psi = wheels.columns["psi_left"], wheels.columns["psi_right"]
-        columns = [(wheels.number, wheels.utime, *psi, _drives(applied))]
+        columns: list[tuple[NDArray[Any], ...]] = [(wheels.number, wheels.utime, *psi, _drives(applied))]
         for name in COMMAND_SIGNALS:
             before = messages.arrivals[name].where(messages.arrivals[name].number < first_applied)
             asked = self._asked(KEPT[name].stream, *(before.columns[field] for field in KEPT[name].fields))

@@ -55,8 +55,8 @@ def inside(result: CalibrationResult) -> CalibrationResult:
     """Return the result as if its values were those of a least error inside the grid."""
     assert result.grid is not None
     around = np.array([0.9, 1.0, 1.1])
-    axes = [around * result.grid.best[name] for name in ("k2_over_k3", "k1", "base_width")]
-    return replace(result, grid=Grid(*axes, np.where(np.arange(27).reshape(3, 3, 3) == 13, 1.0, 2.0)))
+    gains, k1, widths = (around * result.grid.best[name] for name in ("k2_over_k3", "k1", "base_width"))
+    return replace(result, grid=Grid(gains, k1, widths, np.where(np.arange(27).reshape(3, 3, 3) == 13, 1.0, 2.0)))
 
 
 def test_its_file_is_one_robot_whose_path_error_is_the_stated_one(result: CalibrationResult) -> None:

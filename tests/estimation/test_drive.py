@@ -18,7 +18,7 @@ SPEED = 5.0  # rad/s
 
 def recorded(duty: Callable[[Floats], Floats], moves: Callable[[Floats], Floats]) -> Recording:
     """Return the recording of a robot with these duties of both motors, whose wheels turn at SPEED where it moves."""
-    time = np.arange(round(WHOLE / PERIOD)) * PERIOD
+    time: Floats = np.arange(round(WHOLE / PERIOD), dtype=np.float64) * PERIOD
     utime = EPOCH + np.round(time * 1e6).astype(np.int64)
     speed = SPEED * moves(time)
     unknown = np.full(len(time), np.nan)
@@ -42,6 +42,11 @@ def while_it_moves(time: Floats) -> Floats:
     return np.asarray((time >= BEGIN) & (time < END), np.float64)
 
 
+def held_at_rest(time: Floats) -> Floats:
+    """Duties of a controller that holds the robot where it rests."""
+    return np.asarray(0.3 * while_it_moves(time) + 0.01, np.float64)
+
+
 def span(recording: Recording) -> tuple[float, float]:
     """Return when the wheels' readings begin and end [s since the whole recording's beginning]."""
     utime = recording.wheels.utime
@@ -61,12 +66,16 @@ def test_the_drive_within_a_drive_is_the_drive() -> None:
 
 def test_motors_that_are_driven_are_not_at_rest_though_the_wheels_stand_still() -> None:
     begin, end = BEGIN - 15.0, END + 15.0
-    drive = drive_of(recorded(lambda time: 0.3 * ((time >= begin) & (time < end)), while_it_moves))
+
+    def driven_longer(time: Floats) -> Floats:
+        return np.asarray(0.3 * ((time >= begin) & (time < end)), np.float64)
+
+    drive = drive_of(recorded(driven_longer, while_it_moves))
     assert span(drive) == pytest.approx((begin - REST_BEFORE, end + REST_AFTER), abs=2.0 * PERIOD)
 
 
 def test_duties_that_may_hold_a_robot_at_rest_count_near_the_motion_only() -> None:
-    drive = drive_of(recorded(lambda time: 0.3 * while_it_moves(time) + 0.01, while_it_moves))
+    drive = drive_of(recorded(held_at_rest, while_it_moves))
     used = BEGIN - HELD_AT_REST - REST_BEFORE, END + HELD_AT_REST + REST_AFTER
     assert span(drive) == pytest.approx(used, abs=2.0 * PERIOD)
     assert span(drive_of(drive)) == span(drive)
