@@ -12,7 +12,7 @@ KEPT = LONGEST_COURSE + 0.5  # s of readings
 GAP = 0.2  # s between two readings, beyond which nothing is known about the time between them
 TURN_AGREES, TURN_DIFFERS = 0.06, 0.15  # rad between a tracked turn and that of the gyro
 WAY_AGREES, WAY_DIFFERS = 0.05, 0.15  # m between a tracked way and that of the wheels
-LEAST = 0.3  # s of movement to compare
+LEAST = 0.1  # s of movement to compare
 
 
 class Wheels:

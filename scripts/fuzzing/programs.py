@@ -211,6 +211,10 @@ PROGRAMS = {
         lambda at: ["--parameters", _own(at), "--script", "ahead 9000"],
         may_end="took over robot",
     ),
-    "tracker": Program("cmr.tracker.command", lambda at: ["--profile", _tracker(at)]),
+    "tracker": Program(
+        "cmr.tracker.command",
+        lambda at: ["--profile", _tracker(at)],
+        more=("cmr/tracker/elsewhere.py",),
+    ),
     "estop": Program("cmr.commands.estop", lambda _at: ["status"], may_end=ANYTHING),
 }

@@ -2,12 +2,16 @@
 
 import time
 
+import pytest
+
 from cmr.bus.bus import Bus
 from cmr.bus.messages import make
 from cmr.bus.streams import POSE
 from cmr.msg import pose_xyt_t
 from cmr.tracker.elsewhere import FIRST_LOOK, LOOK, PERIOD, Elsewhere
 from tests.support.private_bus import private_url
+
+pytestmark = pytest.mark.waits
 
 
 def send(bus: Bus, robot_id: int, utime: int) -> None:

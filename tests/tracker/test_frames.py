@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+pytest.importorskip("qtm_rt", reason="the extra [tracker] is not installed")
 from cmr.tracker.frames import Plane, Sample
 from cmr.tracker.profile import Carried, Frame, Limits, Profile, Tracker
 from cmr.tracker.qualisys import quaternions_of
