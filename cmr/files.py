@@ -82,8 +82,8 @@ def why_not_writable(folder: Path) -> str:
     return "" if os.access(nearest, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)
 
 
-def write_atomically(text: str, path: Path, mode: int = 0o644) -> None:
-    """Write a text so that a reader, or a crash at any moment, finds the old file or the new one.
+def write_atomically(content: str | bytes, path: Path, mode: int = 0o644) -> None:
+    """Write a text, or bytes, so that a reader, or a crash at any moment, finds the old file or the new one.
 
     `mode` says who may read it: by default everybody, because processes of other people do.
     Raises OSError when the folder cannot be written.
@@ -92,8 +92,8 @@ def write_atomically(text: str, path: Path, mode: int = 0o644) -> None:
     temporary = temporary_beside(path)
     try:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content.encode("utf-8") if isinstance(content, str) else content)
             stream.flush()
             os.fsync(stream.fileno())
         temporary.chmod(mode)

@@ -18,8 +18,12 @@ def plain(text: str, longest: int | None = None, kept: str = "") -> str:
 
 
 def cell(text: str) -> str:
-    """Return a text as a cell of a CSV file that no spreadsheet takes for a formula: after an apostrophe."""
-    return f"'{text}" if text.startswith(FORMULA) else text
+    """Return a text as a cell of a CSV file that no spreadsheet takes for a formula: after an apostrophe.
+
+    It is plain, too, but for its lines: a carriage return would begin a row, which no writer of CSV looks after.
+    """
+    shown = plain(text, kept=LINES)
+    return f"'{shown}" if text.startswith(FORMULA) or shown.lstrip().startswith(FORMULA) else shown
 
 
 def _shown(letter: str) -> str:

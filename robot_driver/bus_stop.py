@@ -84,7 +84,7 @@ class BusStop:
 
         This is the one place that decides it: where the bus has a key, a release must be signed, and is refused here.
         """
-        return "" if release.source.strip() and release.reason.strip() else "without name or reason"
+        return "" if _says_something(release.source) and _says_something(release.reason) else "without name or reason"
 
     def _engage(self, stop: EngagedStop) -> None:
         self._stop, self._last = stop, (stop.since, stop.source, stop.reason)
@@ -97,3 +97,8 @@ class BusStop:
         if self._keeper is not None:
             self._keeper.keep(None)
         self.news.append(f"emergency stop released by {self._last[1]}: {self._last[2]}")
+
+
+def _says_something(text: str) -> bool:
+    """Return whether there is a letter or a digit; control characters came in as question marks."""
+    return any(letter.isalnum() for letter in text)

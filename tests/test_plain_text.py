@@ -1,5 +1,6 @@
 """Text of strangers is shown, not obeyed: by terminals, and by programs that compute tables."""
 
+import csv
 import io
 import json
 import sys
@@ -38,6 +39,16 @@ def test_what_a_terminal_obeys_is_not_in_a_plain_text() -> None:
 def test_a_cell_is_no_formula(begin: str) -> None:
     assert cell(f"{begin}cmd|'/c calc'!A0").startswith("'")
     assert cell("robot -5") == "robot -5"
+
+
+@pytest.mark.parametrize("within", ["ok\r=1+1", "\x1b[2J=1+1", "=1+1\r\n\u202e"])
+def test_a_cell_stays_one_and_steers_no_terminal(within: str) -> None:
+    stream = io.StringIO(newline="")
+    csv.writer(stream, lineterminator="\n").writerow([cell(within), "next"])
+    [[read, following]] = csv.reader(io.StringIO(stream.getvalue(), newline=""))
+    assert following == "next"
+    assert read.replace("\n", "").isprintable()
+    assert not read.startswith("=")
 
 
 def fail(_arguments: list[str]) -> int:

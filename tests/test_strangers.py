@@ -53,6 +53,19 @@ def test_a_simulator_takes_in_a_thousand_robots_and_reports_in_short(tmp_path: P
         assert f"{MOST_STRANGERS - SIM.MOST_TOLD} more robots" in process.message
 
 
+def test_strangers_who_fell_silent_keep_no_robot_out(tmp_path: Path) -> None:
+    world = world_of(tmp_path)
+    for message in poses(range(MOST_STRANGERS)):
+        world.handle(EPOCH, f"POSE_{message.robot_id}", message)
+    for utime in range(EPOCH + 20_000, EPOCH + 2_000_000, 20_000):
+        world.advance(utime)
+        for [message] in map(poses, ([7], [MOST_STRANGERS + 7])):
+            message.utime = utime
+            world.handle(utime, f"POSE_{message.robot_id}", message)
+    assert world.real_robots == list(world.parameters) == [7, MOST_STRANGERS + 7]
+    assert not world.crowded
+
+
 def test_a_simulator_of_named_robots_follows_no_other(tmp_path: Path) -> None:
     world = world_of(tmp_path, lambda robot_id: robot_id == 7)
     for message in poses(range(100)):

@@ -60,7 +60,7 @@ def calibrate(
         return replace(calibrate_by_paper(recordings, nominal), controller=controller)
     if not any(len(recording.poses) or recording.gyro.varies("yaw_rate") for recording in recordings):
         return _motors_alone(recordings, nominal, controller)
-    estimation = replace(estimate(recordings, nominal), controller=controller)
+    estimation = replace(estimate(recordings, nominal, against_nominal=False), controller=controller)
     if estimation.whole is None and not any(len(recording.poses) for recording in recordings):
         return _motors_alone(recordings, nominal, controller)  # a gyro that cannot be trusted tells nothing
     if estimation.whole is None:

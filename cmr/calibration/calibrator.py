@@ -18,22 +18,25 @@ from cmr.calibration.fitting import PAPER_PARAMETERS
 from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
-from cmr.calibration.segments import LEAD
 from cmr.estimation.estimates import Estimate, EstimationError
+from cmr.estimation.segments import HELD_AT_REST, REST_AFTER
 from cmr.model.velocity_controller import Q, VelocityController
 from cmr.msg import calibration_status_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import COMMAND_SIGNALS, KEPT, LAST_NUMBER, RobotMessages
 from cmr.recordings.commanding import COMMANDS, asked_by
 from cmr.recordings.recording import Recorder, Recording
-from cmr.recordings.signal import SECONDS
+from cmr.recordings.signal import SECONDS, Floats, Mask
 
-REST = 1_000_000  # us at rest that end the manoeuvre;
+REST = round(REST_AFTER / SECONDS)  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
-FORGET = 20_000_000  # us; of a robot that has not moved yet, half of this to one and a half times this is kept
+# us before the first motion that are kept, more than is used; and after how long what is older is forgotten of a robot
+# that has not moved yet.
+BEFORE, FORGET = 14_000_000, 15_000_000
 LONGEST = 1_200_000_000  # us of a drive that does not become covered; then it is forgotten, as memory has an end
 HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # all that a recording has
+UNKNOWN = (math.nan, math.nan)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
@@ -69,9 +72,10 @@ class Calibrator:
         self._recorder = Recorder(robot_id)
         self._log: RobotMessages | None = None
         self._coverage = Coverage()
-        self._has_wheels = False
+        self._has_wheels, self._has_duties = False, False
         self._onset: int | None = None
         self._last_motion: int | None = None
+        self._last_driven = 0
         self._end: int | None = None
         self._latest = 0
         self._forgotten = 0
@@ -94,13 +98,17 @@ class Calibrator:
             self._running, self.preview = self._running_fit(self._nominal), None
             self.state, self._is_second = calibration_status_t.WAITING, True
         if isinstance(message, motor_feedback_t):
-            self._has_wheels = True
-            self._watch(utime, message.psi_left, message.psi_right)
-        elif isinstance(message, COMMANDS) and not self._has_wheels:
-            self._watch(utime, *self._asked(stream, *asked_by(message)))
+            applied = message.applied_left, message.applied_right
+            known = all(map(math.isfinite, applied))
+            self._has_wheels, self._has_duties = True, self._has_duties or known
+            self._watch(utime, message.psi_left, message.psi_right, driven=known and any(applied))
+        elif isinstance(message, COMMANDS) and not self._has_duties:
+            asked = self._asked(stream, *asked_by(message))
+            driven = all(map(math.isfinite, asked)) and any(asked)
+            self._watch(utime, *(UNKNOWN if self._has_wheels else asked), driven=driven)
 
     def _forget(self) -> None:
-        self._recorder.forget(self._latest - FORGET // 2)
+        self._recorder.forget(self._latest - BEFORE)
         self._forgotten = self._latest
 
     @classmethod
@@ -114,8 +122,8 @@ class Calibrator:
         calibrator._log = messages
         number, latest = messages.latest_utime()
         calibrator._latest = int(latest[-1]) if len(latest) else 0
-        for utime, left, right in calibrator._motion(messages):
-            calibrator._watch(utime, left, right)
+        for utime, left, right, driven in calibrator._motion(messages):
+            calibrator._watch(utime, left, right, driven=driven)
         if calibrator._end is not None and calibrator._in_short_pieces(Recording.of(messages)):
             calibrator._end, calibrator.state = None, calibration_status_t.COLLECTING
         if calibrator._end is not None:
@@ -159,9 +167,9 @@ class Calibrator:
         return self._coverage.missing
 
     def recording(self) -> Recording:
-        """Return the recording of the manoeuvre: from just before the first motion to its end (so far)."""
+        """Return the recording of the manoeuvre: from some rest before the first motion to its end (so far)."""
         recording = Recording.of(self._messages)
-        first = 0 if self._onset is None else self._onset - int(2 * LEAD * 1e6)
+        first = 0 if self._onset is None else self._onset - BEFORE
         return recording.between(first, self._end if self._end is not None else self._latest)
 
     @property
@@ -196,14 +204,18 @@ class Calibrator:
             self.preview = None
 
     def fit(self) -> CalibrationResult | None:
-        """Find the parameters from what has been gathered; None on failure, which `failure` explains."""
+        """Find the parameters from what has been gathered; None where there are none.
+
+        `failure` explains why there are none, or why those found are not to be written.
+        """
         try:
             self.result = calibrate(self.recording(), self._nominal, method=self._method, paper_only=self._paper_only)
+            self.failure = self.result.why_no_file
         except EstimationError as error:
             self.failure = str(error)
         except Exception as error:  # a fit that breaks down must be reported, not leave the process waiting for ever
             self.failure = f"The fit broke down on this recording ({type(error).__name__}: {error}). Keep the log."
-        self.state = calibration_status_t.FAILED if self.result is None else calibration_status_t.DONE
+        self.state = calibration_status_t.FAILED if self.failure else calibration_status_t.DONE
         return self.result
 
     @property
@@ -244,19 +256,26 @@ class Calibrator:
             return 1.0
         return 1.0 + (LAP / max(self._coverage.seconds[MOVING_AT_ALL], FIRST_LOOK)) ** 2
 
-    def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float]]:
-        """Yield what tells of the motion of both sides, in order: commands until wheels are heard, then these."""
+    def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float, bool]]:
+        """Yield utime, speeds of both sides, and whether a motor is driven, in order; NaN where no speeds are told.
+
+        Speeds and duties are those that the wheels report; before there are any, what is commanded.
+        """
         wheels = messages.arrivals["wheels"]
-        first_wheels = wheels.number[0] if len(wheels.number) else LAST_NUMBER
-        rows: list[tuple[int, int, float, float]] = []
+        applied = np.stack([wheels.columns["applied_left"], wheels.columns["applied_right"]])
+        tells = np.flatnonzero(np.isfinite(applied).all(axis=0))
+        first = wheels.number[0] if len(wheels.number) else LAST_NUMBER
+        first_applied = wheels.number[tells[0]] if len(tells) else LAST_NUMBER
+        psi = wheels.columns["psi_left"], wheels.columns["psi_right"]
+        columns = [(wheels.number, wheels.utime, *psi, _drives(applied))]
         for name in COMMAND_SIGNALS:
-            before = messages.arrivals[name].where(messages.arrivals[name].number < first_wheels)
-            left, right = self._asked(KEPT[name].stream, *(before.columns[field] for field in KEPT[name].fields))
-            rows += zip(*(column.tolist() for column in (before.number, before.utime, left, right)), strict=True)
-        for _, utime, at_left, at_right in sorted(rows):
-            yield utime, at_left, at_right
-        columns = (wheels.utime, wheels.columns["psi_left"], wheels.columns["psi_right"])
-        yield from zip(*(column.tolist() for column in columns), strict=True)
+            before = messages.arrivals[name].where(messages.arrivals[name].number < first_applied)
+            asked = self._asked(KEPT[name].stream, *(before.columns[field] for field in KEPT[name].fields))
+            speeds = (np.where(before.number < first, one, math.nan) for one in asked)
+            columns.append((before.number, before.utime, *speeds, _drives(np.stack(asked))))
+        number, *rest = (np.concatenate(column) for column in zip(*columns, strict=True))
+        order = np.argsort(number)
+        yield from zip(*(column[order].tolist() for column in rest), strict=True)
 
     def _asked(self, stream: Stream[Message], first: Q, second: Q) -> tuple[Q, Q]:
         """Return what commands ask of the wheels of both sides: duties, or speeds.
@@ -268,8 +287,10 @@ class Calibrator:
         width = self._known.counted_width if self._known else math.nan
         return VelocityController(1.0, width, math.nan).wheels_of_body(first, second)  # m/s serve as well as rad/s
 
-    def _watch(self, utime: int, left: float, right: float) -> None:
-        """Follow the motion; decide when it is over."""
+    def _watch(self, utime: int, left: float, right: float, *, driven: bool) -> None:
+        """Follow the speeds of both sides, NaN where unknown, and whether a motor is driven; decide when it is over."""
+        if driven:
+            self._last_driven = utime
         if self._end is not None or not (math.isfinite(left) and math.isfinite(right)):
             return
         if self._coverage.add(utime, left, right):
@@ -277,7 +298,10 @@ class Calibrator:
             if self._onset is None:
                 self._onset = utime
                 self.state = calibration_status_t.COLLECTING
-        rested = 0 if self._last_motion is None else utime - self._last_motion
+        rested = 0
+        if self._last_motion is not None:
+            held_until = min(self._last_driven, self._last_motion + round(HELD_AT_REST / SECONDS))
+            rested = utime - max(self._last_motion, held_until)
         if (self._coverage.complete and self._ends(rested)) or self._coverage.exceeds(ENOUGH):
             self._end = utime
             self.state = calibration_status_t.FITTING
@@ -310,7 +334,12 @@ class Calibrator:
             return f"Still needed: {self.missing}." if self.missing else self._covered()
         if self.state == calibration_status_t.FITTING:
             return "The manoeuvre is complete; computing the parameters."
-        if self.result is None:
+        if self.result is None or self.failure:
             return self.failure
         skipped = "; ".join(f"{name} not identifiable: {why}" for name, why in self.result.unidentified.items())
         return " ".join(["Parameters found.", *([skipped + "."] if skipped else []), *self.result.notes])
+
+
+def _drives(duties: Floats) -> Mask:
+    """Return where one of the duties of both sides (2, n), which are known, is not zero."""
+    return np.asarray(np.isfinite(duties).all(axis=0) & (duties != 0.0).any(axis=0))

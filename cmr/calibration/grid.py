@@ -39,6 +39,12 @@ class Grid:
         """The grid point with the smallest error."""
         return _point((self.k2_over_k3, self.k1, self.base_width), int(np.argmin(self.mean_square)))
 
+    @property
+    def at_the_edge(self) -> tuple[str, ...]:
+        """The parameters whose best value is the first or last of several: how far the error falls on is not known."""
+        axes: dict[str, Floats] = {name: getattr(self, name) for name in NAMES}
+        return tuple(n for n, axis in axes.items() if len(axis) > 1 and self.best[n] in (axis[0], axis[-1]))
+
 
 def search(segments: list[Segment], wheel_radius: float, axes: Axes) -> Grid:
     """Integrate every grid point over the whole path; `axes` are the values of the three parameters."""

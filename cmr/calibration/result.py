@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from cmr.estimation.commanded_speeds import correlation_of_motor, in_words_of, values_in_words_of
-from cmr.estimation.estimates import Estimate
+from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.estimation.free_runs import WINDOW
 from cmr.model.catalogue import definition, effects_on
 from cmr.model.parameters import DEFINITIONS
@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 
 GRID = "grid"  # the method of a result that is the least error of a grid, not refined
 EFFECTS = "effects in use: those that the drive shows, and what others that it may hide come to on average"
+
+NO_MINIMUM = (
+    "No file is written: the error surface of the paper's method has no minimum, its least error is at the edge of the "
+    "grid ({}). The paper's model does not explain this drive as a whole. Leave out --method paper to find the "
+    "parameters beside what bends the path; --picture FILE draws the surface."
+)
 
 
 def tells(estimate: Estimate) -> bool:
@@ -73,8 +79,20 @@ class CalibrationResult:
         known = {name: value.value for name, value in self.nominal.values.items() if name in DEFINITIONS}
         return known | dict(self.parameters) | {name: estimate.value for name, estimate in self.estimates.items()}
 
+    @property
+    def why_no_file(self) -> str:
+        """Why these values are no robot's, in a sentence that says what to do; empty if a file may be written."""
+        at_the_edge = self.grid.at_the_edge if self.grid is not None and self.method == GRID else ()
+        values = [f"{name} {self.values[name]:.4g} {DEFINITIONS[name].unit}" for name in at_the_edge]
+        return NO_MINIMUM.format(", ".join(values)) if values else ""
+
     def parameter_file(self, provenance: Mapping[str, object]) -> ParameterFile:
-        """Return the parameter file to write: estimates with the effects in use, and nominal values of the rest."""
+        """Return the parameter file to write: estimates with the effects in use, and nominal values of the rest.
+
+        Raises EstimationError with `why_no_file`.
+        """
+        if self.why_no_file:
+            raise EstimationError(self.why_no_file)
         values = {
             name: self._written(name, value) for name, value in values_in_words_of(self.values, self.controller).items()
         }

@@ -40,6 +40,11 @@ def emulate() -> int:
     return run("cmr.commands.emulate")
 
 
+def export() -> int:
+    """Start cmr-export."""
+    return run("cmr.exporting.command")
+
+
 def fidelity() -> int:
     """Start cmr-fidelity."""
     return run("cmr.commands.fidelity")

@@ -25,7 +25,7 @@ from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.priority import give_way
-from cmr.recordings.recording import RecordingError, read_messages
+from cmr.recordings.recording import Recording, RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
 LOOK_PERIOD = 0.4  # s; the estimates so far are renewed as often, if the computer can
@@ -72,6 +72,11 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
     )
+    options.add_argument(
+        "--whole-log",
+        action="store_true",
+        help="use all of each log, as cmr-diagnose does; otherwise the first drive, as a live calibration does",
+    )
     _add_results(options)
     return options
 
@@ -110,6 +115,8 @@ def _options(arguments: list[str]) -> argparse.Namespace:
         options.error(
             "--paper-only chooses among what --method average finds; --method paper knows the three parameters only"
         )
+    if given.whole_log and not given.log:
+        options.error("--whole-log needs a log")
     return given
 
 
@@ -122,7 +129,7 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 
 def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
     try:
-        recordings = [_gather(path, options, nominal).recording() for path in options.log]
+        recordings = [_recording(path, options, nominal) for path in options.log]
         compile_first([ESTIMATOR])  # live, it listens meanwhile
         with Progress() as progress:
             progress.show(f"Calibrating robot {recordings[0].robot_id}.")
@@ -135,6 +142,8 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
         print(result.summary())
     _draw(result, options.picture, _notes(options))
     if options.out:
+        if result.why_no_file:
+            raise CommandError(result.why_no_file)
         digest = hashlib.sha256()
         for path in options.log:
             digest.update(path.read_bytes())
@@ -144,9 +153,12 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
     return 0
 
 
-def _gather(path: Path, options: argparse.Namespace, nominal: ParameterFile | None) -> Calibrator:
-    """Return the calibrator of a log's robot after it has seen the log."""
-    calibrator = Calibrator.of(read_messages(path, options.robot), nominal)
+def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile | None) -> Recording:
+    """Return the first drive of a log, or all of it where that is wanted."""
+    messages = read_messages(path, options.robot)
+    if options.whole_log:
+        return Recording.of(messages)
+    calibrator = Calibrator.of(messages, nominal)
     if calibrator.missing:
         print(
             f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.",
@@ -155,10 +167,10 @@ def _gather(path: Path, options: argparse.Namespace, nominal: ParameterFile | No
     if calibrator.left_out > FURTHER:
         print(
             f"{path}: the first drive is used, as in a live calibration. {calibrator.left_out:.0f} s follow after it; "
-            "cmr-diagnose uses the whole log.",
+            "--whole-log uses them, too, as cmr-diagnose does.",
             file=_notes(options),
         )
-    return calibrator
+    return calibrator.recording()
 
 
 def _notes(options: argparse.Namespace) -> TextIO:
@@ -196,10 +208,10 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
                 said = _say(robot_id, status, calibrator.so_far, calibrator.averages, said)
             if finished_at is not None and time.monotonic() > finished_at + ANNOUNCING:
                 break
-    if calibrator.state == calibration_status_t.FAILED:
-        raise CommandError(calibrator.failure)
     if calibrator.result is not None:
         _draw(calibrator.result, options.picture)
+    if calibrator.state == calibration_status_t.FAILED:
+        raise CommandError(calibrator.failure)
     return process.exit_code
 
 
@@ -227,10 +239,11 @@ class Work:
 
 def _publish_result(calibrator: Calibrator, path: Path, process: Process) -> None:
     """Write and announce the parameters; without any, report why."""
-    if calibrator.result is None:
+    if calibrator.result is not None:
+        print(calibrator.result.summary())
+    if calibrator.result is None or calibrator.failure:
         process.state, process.message = process_status_t.DEGRADED, calibrator.failure
         return
-    print(calibrator.result.summary())
     parameters = calibrator.result.parameter_file({"log": "live"})
     _save(parameters, path)
     print(f"written to {path}", flush=True)

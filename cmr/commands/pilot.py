@@ -44,11 +44,10 @@ def main(arguments: list[str]) -> int:
     behaviour, pose = behaviour_of(options.behaviour)
     if pose:
         raise CommandError("A real robot starts where it stands: x, y and theta are for virtual robots.")
-    path = options.parameters or parameter_file(options.robot)
     pilot = Pilot(
         options.robot,
         behaviour,
-        ParameterFollower(options.robot, path),
+        ParameterFollower(options.robot, options.parameters or parameter_file(options.robot)),
         geofence=options.geofence,
         margin=options.margin,
         keep_clear=options.keep_clear,
@@ -59,14 +58,7 @@ def main(arguments: list[str]) -> int:
     confirmed = Event()
     signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
     with Process("cmr-pilot", options.lcm_url) as process:
-        process.subscribe(WORLD_STATE, every=True)
-        process.subscribe(ESTOP, every=True)
-        process.subscribe(ESTOP_LATCH, options.robot)
-        process.subscribe(MOTOR_FEEDBACK, options.robot, every=True)
-        process.subscribe(POSE, options.robot, every=True)
-        process.subscribe(PARAMETERS, options.robot)
-        process.subscribe(WAYPOINTS, options.robot)
-        process.subscribe(COMMAND_OWNER, options.robot)
+        _listen(process, options.robot)
         claim = Claim("cmr-pilot", options.robot, lambda: process.bus.sender, options.take_over)
         for utime in process.loop(rate_hz=RATE):
             pilot.turn(utime)
@@ -74,9 +66,7 @@ def main(arguments: list[str]) -> int:
                 for handle in (pilot.handle, claim.handle):
                     handle(received.message.utime, received.channel, received.message)
             pilot.parameters.poll()
-            if confirmed.is_set():
-                confirmed.clear()
-                pilot.confirm_parameters()
+            _confirm(pilot, confirmed)
             if claim.lost_to:
                 raise CommandError(f"{claim.lost_to} took over robot {options.robot}.")
             waiting_for = _command(process, pilot, claim, utime)
@@ -84,12 +74,36 @@ def main(arguments: list[str]) -> int:
             _report(process, pilot, waiting_for)
             if behaviour.finished:
                 break
-        if not claim.others(now_utime()):
-            process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), options.robot)
-            process.publish(COMMAND_CLAIM, claim.end(now_utime()), options.robot)
+        _end(process, pilot, claim)
         if behaviour.problem:
             raise CommandError(behaviour.problem)
         return process.exit_code
+
+
+def _listen(process: Process, robot: int) -> None:
+    """Subscribe to what the pilot and its claim take."""
+    process.subscribe(WORLD_STATE, every=True)
+    process.subscribe(ESTOP, every=True)
+    process.subscribe(ESTOP_LATCH, robot)
+    process.subscribe(MOTOR_FEEDBACK, robot, every=True)
+    process.subscribe(POSE, robot, every=True)
+    process.subscribe(PARAMETERS, robot)
+    process.subscribe(WAYPOINTS, robot)
+    process.subscribe(COMMAND_OWNER, robot)
+
+
+def _confirm(pilot: Pilot, confirmed: Event) -> None:
+    """Use the parameters that wait, once a person has confirmed them."""
+    if confirmed.is_set():
+        confirmed.clear()
+        pilot.confirm_parameters()
+
+
+def _end(process: Process, pilot: Pilot, claim: Claim) -> None:
+    """Stop the robot and give it up, unless somebody else commands it."""
+    if not claim.others(now_utime()):
+        process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), pilot.robot_id)
+        process.publish(COMMAND_CLAIM, claim.end(now_utime()), pilot.robot_id)
 
 
 def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:

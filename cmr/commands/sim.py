@@ -91,13 +91,7 @@ def main(arguments: list[str]) -> int:
             world.handle(stamp, channel, message)
 
     with Process("cmr-sim", options.lcm_url) as process:
-        for stream in HEARD:
-            process.subscribe(stream, every=True)
-        for commands in COMMANDS_OF.values():
-            process.subscribe(commands)
-        for follower in world.parameters.values():
-            if follower.by_default:
-                process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
+        _listen(process, world)
         for utime in process.loop(rate_hz=STEP_RATE):
             world.turn(utime)
             process.dispatch_named(take)
@@ -115,6 +109,17 @@ def main(arguments: list[str]) -> int:
                 world.poll_parameters()
                 _announce(world, loader, process, lateness, owners)
         return process.exit_code
+
+
+def _listen(process: Process, world: World) -> None:
+    """Subscribe to what the world takes, and say which of its robots have no parameters of their own."""
+    for stream in HEARD:
+        process.subscribe(stream, every=True)
+    for commands in COMMANDS_OF.values():
+        process.subscribe(commands)
+    for follower in world.parameters.values():
+        if follower.by_default:
+            process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
 
 
 def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loader]:

@@ -5,6 +5,7 @@ import secrets
 import ssl
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from cmr.bus.messages import now_utime
@@ -18,6 +19,7 @@ from cmr.msg import process_status_t
 from cmr.processes.children import our_command
 
 if TYPE_CHECKING:
+    from cmr.view.server import PageServer
     from cmr.view.showing import Showing
 
 RATE = 20.0  # Hz
@@ -33,8 +35,10 @@ def main(arguments: list[str]) -> int:
     obstacles, geofence = _room(options)
     tls = _encryption(options)
     try:
+        from cmr.view.driving import DriveSessions
         from cmr.view.entrance.door import Address
-        from cmr.view.server import PageServer
+        from cmr.view.guiding import GuideSessions
+        from cmr.view.server import MakeBeside, PageServer
         from cmr.view.showing import LiveShowing, LogShowing
         from cmr.view.visit import Room
     except ModuleNotFoundError as error:
@@ -46,26 +50,32 @@ def main(arguments: list[str]) -> int:
         try:
             showing: Showing = LogShowing(options.log) if options.log else LiveShowing(options.lcm_url)
             address = Address(options.host, options.port, tuple(options.allow_host or ()), tls)
-            drive = None if options.log else _driving(process.bus.url, geofence)
-            server = PageServer(address, token, Room(obstacles, geofence), showing, drive)
+            drive, guide = _driving(process.bus.url, geofence), _bringing_up(process.bus.url, options.ports or ())
+            beside: list[MakeBeside] = [partial(DriveSessions, drive), partial(GuideSessions, guide)]
+            server = PageServer(address, token, Room(obstacles, geofence), showing, [] if options.log else beside)
         except OSError as error:
             raise CommandError(f"{options.log or options.host}: {error.strerror or error}") from error
         print(f"cmr-view: {server.url}  token for its buttons: {token}", file=sys.stderr, flush=True)
         try:
-            for utime in process.loop(rate_hz=RATE):
-                process.dispatch(showing.orders.handle)
-                showing.advance(1.0 / RATE)
-                for wish in server.wished(utime):
-                    showing.fulfil(wish, utime)
-                process.publish_all(showing.orders.due(now_utime()))
-                server.show(1.0 / RATE)
-                if news := server.refusals.news():
-                    process.news(news)
-                process.state = process_status_t.RUNNING
-                process.message = f"{showing.message()} {server.refusals.latest}".strip()
+            _serve(process, server, showing)
         finally:
             server.stop()
         return process.exit_code
+
+
+def _serve(process: Process, server: "PageServer", showing: "Showing") -> None:
+    """Show what comes, and do what visitors wish, until the process is ended."""
+    for utime in process.loop(rate_hz=RATE):
+        process.dispatch(showing.orders.handle)
+        showing.advance(1.0 / RATE)
+        for wish in server.wished(utime):
+            showing.fulfil(wish, utime)
+        process.publish_all(showing.orders.due(now_utime()))
+        server.show(1.0 / RATE)
+        if news := server.refusals.news():
+            process.news(news)
+        process.state = process_status_t.RUNNING
+        process.message = f"{showing.message()} {server.refusals.latest}".strip()
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -92,6 +102,7 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument("--certificate", metavar="FILE", help="PEM: encrypts the page (https), with its --key")
     options.add_argument("--key", metavar="FILE", help="PEM: the private key, if it is not in the certificate's file")
     options.add_argument("--token", metavar="TEXT", help="for the buttons; without it a new one at each start")
+    options.add_argument("--ports", nargs="+", metavar="DEVICE", help="serial ports of robots to bring up; else all")
     options.add_argument("--scenario", metavar="FILE", help="or name, as of cmr-run: its obstacles and geofence")
     for name, form, what in (
         ("--obstacle", "X,Y,RADIUS", "a disc"),
@@ -121,6 +132,16 @@ def _driving(url: str, geofence: Geofence | None) -> Callable[[int, bool], list[
     def command(robot_id: int, takes_over: bool) -> list[str]:
         teleop = [our_command("cmr"), "teleop", "--page", "--robot", str(robot_id), "--lcm-url", url]
         return [*teleop, *limits, *["--take-over"] * takes_over]
+
+    return command
+
+
+def _bringing_up(url: str, ports: Sequence[str]) -> Callable[[int, Sequence[str]], list[str]]:
+    """Return what returns how cmr bringup is started for a robot and some of its steps, or all of them."""
+
+    def command(robot_id: int, steps: Sequence[str]) -> list[str]:
+        bringup = [our_command("cmr"), "bringup", *steps, "--page", "--robot", str(robot_id), "--lcm-url", url]
+        return [*bringup, *(["--ports", *ports] if ports else [])]
 
     return command
 

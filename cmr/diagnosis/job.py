@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from cmr.bus.streams import identify
@@ -64,11 +65,18 @@ def robots_in(log: Path) -> list[int]:
     Raises RecordingError when the log cannot be opened or holds no robot.
     """
     _filled(log)
-    channels = {event.channel for event in EventReader(log)}
+    status = log.stat()
+    channels = _channels_in(log, status.st_size, status.st_mtime_ns)
     measuring = [kept.stream for kept in KEPT.values() if kept.measured]
     identities = [identify(channel) for channel in channels]
     robots = sorted({found[1] for found in identities if found and found[0] in measuring and found[1] is not None})
     return robots or [choose_robot({}, None, str(log))]
+
+
+@lru_cache(maxsize=256)
+def _channels_in(log: Path, _size: int, _written: int) -> frozenset[str]:
+    """Return the names of the channels in a log of this size [bytes], last written at this time [ns]."""
+    return frozenset(event.channel for event in EventReader(log))
 
 
 def _filled(log: Path) -> None:

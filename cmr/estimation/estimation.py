@@ -56,8 +56,8 @@ class Estimation:
     """What the recordings of one robot show.
 
     `ready` are the recordings as they were prepared, or why they were refused; then all else is None. So is `nominal`,
-    the robot as it was given, where not all parameters were given that a simulation needs. `controller` is the
-    robot's own for its speed, None if it takes duties.
+    the robot as it was given, where it was not asked for, or not all parameters were given that a simulation needs.
+    `controller` is the robot's own for its speed, None if it takes duties.
     """
 
     looked: tuple[Checked, ...]
@@ -151,12 +151,14 @@ def estimate(
     held_out: Sequence[Recording] = (),
     sources: Sequence[str] = (),
     held_out_sources: Sequence[str] = (),
+    against_nominal: bool = True,
     progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Estimation:
     """Estimate one robot's parameters from one or more of its recordings; `ready` reports what is wrong with data.
 
     `nominal` gives at least wheel_radius. On `held_out` the gain is measured, and nothing is fitted. `sources` and
-    `held_out_sources` name the recordings. `progress` receives a sentence on what is being done.
+    `held_out_sources` name the recordings. The robot as it was given is measured, too, if `against_nominal`.
+    `progress` receives a sentence on what is being done.
     Raises EstimationError where nothing can be fitted for a reason other than bad data.
     """
     # Threads of OpenBLAS spin where the matrices are as small as here: a fit of 4 s would take 40 s of two processors.
@@ -177,7 +179,7 @@ def estimate(
         segments = [predictor.segment for predictor in problem.predictors]
         others = [segment for one in unseen for segment in one.segments]
         delivered, measured = that_holds(whole, segments, others)
-        given = _nominal_values(nominal, ready)
+        given = _nominal_values(nominal, ready) if against_nominal else {}
         against = (given, measured, segments, others, delivered.model.values)
         nominal_measured = measure_nominal(problem, *against) if given else None
         return _with_checks(Estimation(looked, ready, delivered, measured, nominal_measured), unseen)

@@ -8,8 +8,8 @@ standard deviation, which grows with the wheel speed and with the uncertainty th
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import pairwise, product
+from functools import cache, cached_property
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -247,20 +247,25 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
 def nonnegative(normal: Floats, right: Floats) -> Floats:
     """Return the x (n,) of x >= 0 for which x N x / 2 - x r is least; N (n, n) is positive definite, r (n,).
 
-    All choices of unknowns that are zero are tried, of two or three. SciPy's `nnls` does for many unknowns what this
-    does for few, but to import it takes longer than many a fit.
+    All choices of unknowns that are zero are tried, of two or three: those of as many unknowns at once. SciPy's `nnls`
+    does for many unknowns what this does for few, but to import it takes longer than many a fit.
     """
     best, least = np.zeros(len(right)), 0.0
-    for chosen in product((False, True), repeat=len(right)):
-        free = np.flatnonzero(chosen)
-        if not len(free):
-            continue
-        part = np.linalg.solve(normal[np.ix_(free, free)], right[free])
-        value = -0.5 * float(part @ right[free])
-        if np.all(part >= 0.0) and value < least:
-            best, least = np.zeros(len(right)), value
-            best[free] = part
+    for choices in _choices(len(right)):
+        pulls = right[choices]
+        parts = np.linalg.solve(normal[choices[:, :, None], choices[:, None, :]], pulls[:, :, None])[:, :, 0]
+        values = -0.5 * np.sum(parts * pulls, axis=1)
+        for free, part, value in zip(choices, parts, values, strict=True):
+            if value < least and np.all(part >= 0.0):
+                best, least = np.zeros(len(right)), value
+                best[free] = part
     return best
+
+
+@cache
+def _choices(count: int) -> tuple[Indices, ...]:
+    """Return all choices of one, of two, ... of so many unknowns, each of shape (choices, unknowns)."""
+    return tuple(np.array(list(combinations(range(count), size))) for size in range(1, count + 1))
 
 
 def _sizes(name: str, batch: Batch, errors: Errors) -> Floats:

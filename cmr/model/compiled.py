@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeAlias, TypeVar, cast
 
 import numba
 from numba.core import sigutils, types
@@ -24,13 +24,14 @@ from cmr.model.cache import cache_folder
 P = ParamSpec("P")
 R = TypeVar("R")
 # Numba has annotations from some version on; this way they make no difference.
-jit: Any = numba.njit
-signatures: Any = sigutils
-kinds: Any = types
-typing: Any = templates
-typed: Any = type_callable
-lowered: Any = lower_builtin
-config: Any = numba.config
+Numba: TypeAlias = Any
+jit: Numba = numba.njit
+signatures: Numba = sigutils
+kinds: Numba = types
+typing: Numba = templates
+typed: Numba = type_callable
+lowered: Numba = lower_builtin
+config: Numba = numba.config
 OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
 _ONE_AT_A_TIME = threading.Lock()
@@ -41,7 +42,7 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", jit(inline="always", **OPTIONS)(function))
 
 
-def structure(kind: type[tuple[Any, ...]], *fields: Any) -> Any:
+def structure(kind: type[tuple[Numba, ...]], *fields: Numba) -> Numba:
     """Return Numba's type of a named tuple whose fields have these types: text, or other structures.
 
     To call a function with one from Python takes some microseconds more; it is for those that work longer.
@@ -49,7 +50,7 @@ def structure(kind: type[tuple[Any, ...]], *fields: Any) -> Any:
     return kinds.BaseTuple.from_types([_typed(field) for field in fields], kind)
 
 
-def compiled(*signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def compiled(*signature: Numba) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile a function for one signature when it is first called; later processes find it in Numba's cache.
 
     The signature is one text, or the types of the arguments one by one, each a text or a `structure`.
@@ -68,20 +69,20 @@ def address(function: Callable[P, None]) -> Callable[P, None]:
 
     It is loaded or compiled now, and must be kept as long as it is called. What is not compiled stands for itself.
     """
-    dispatcher: Any = function.loaded() if isinstance(function, _Compiled) else function
+    dispatcher: Numba = function.loaded() if isinstance(function, _Compiled) else function
     if not hasattr(dispatcher, "overloads"):
         return function
     [made] = dispatcher.overloads.values()
     return cast("Callable[P, None]", made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
 
 
-def _argument_types(signature: tuple[Any, ...]) -> tuple[Any, ...]:
+def _argument_types(signature: tuple[Numba, ...]) -> tuple[Numba, ...]:
     whole = len(signature) == 1 and isinstance(signature[0], str)
     known = signatures.normalize_signature(signature[0])[0] if whole else map(_typed, signature)
     return tuple(known)
 
 
-def _typed(written: Any) -> Any:
+def _typed(written: Numba) -> Numba:
     """Return Numba's type of this name; a type stands for itself."""
     return signatures.normalize_signature(f"({written},)")[0][0] if isinstance(written, str) else written
 
@@ -92,7 +93,7 @@ class _Compiled:
     From then on its name in its module stands for what Numba made of it: a step saves a detour for each call.
     """
 
-    def __init__(self, arguments: tuple[Any, ...], function: Callable[..., Any]) -> None:
+    def __init__(self, arguments: tuple[Numba, ...], function: Callable[..., Numba]) -> None:
         self.unloaded = True
         self._arguments = arguments
         self._module, self._name = function.__module__, function.__qualname__
@@ -103,21 +104,21 @@ class _Compiled:
             self._dispatcher.enable_caching()  # an error if nowhere can be written: each process compiles for itself
         self._call = self._first_call
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: Numba) -> Numba:
         return self._call(*arguments)
 
     @property
-    def _numba_type_(self) -> Any:
+    def _numba_type_(self) -> Numba:
         """What Numba takes this for where compiled code calls it."""
         return self._dispatcher._numba_type_
 
-    def loaded(self) -> Any:
+    def loaded(self) -> Numba:
         """Return what Numba makes of it."""
         if self.unloaded:
             self._load()
         return self._dispatcher
 
-    def _first_call(self, *arguments: Any) -> Any:
+    def _first_call(self, *arguments: Numba) -> Numba:
         self._load()
         return self._call(*arguments)
 
@@ -197,11 +198,11 @@ def call(function: Callable[P, None], *arguments: P.args, **named: P.kwargs) -> 
     function(*arguments, **named)
 
 
-def _type(context: Any) -> Any:
+def _type(context: Numba) -> Numba:
     return lambda _condition, one, other: context.unify_types(one, other)
 
 
-def _lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+def _lower(context: Numba, builder: Numba, signature: Numba, values: Numba) -> Numba:
     wanted = (types.boolean, signature.return_type, signature.return_type)
     cast = (context.cast(builder, *each) for each in zip(values, signature.args, wanted, strict=True))
     return builder.select(*cast)
@@ -215,12 +216,12 @@ lowered(select, types.Any, types.Any, types.Any)(_lower)
 class _Call(typing.AbstractTemplate):  # type: ignore[misc]
     """Numba's question for what a call returns: nothing."""
 
-    def generic(self, arguments: Any, _named: Any) -> Any:
+    def generic(self, arguments: Numba, _named: Numba) -> Numba:
         """Return the signature of a call with arguments of these types."""
         return typing.signature(types.none, *arguments)
 
 
-def _lower_call(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+def _lower_call(context: Numba, builder: Numba, signature: Numba, values: Numba) -> Numba:
     """Write the call as Numba writes those of functions that it knows by name."""
     convention, expected = context.call_conv, signature.args[1:]
     kind = convention.get_function_type(types.none, expected)

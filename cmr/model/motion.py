@@ -6,13 +6,13 @@ with the two-point Gauss-Legendre rule, whose error over a 10 ms step is some na
 """
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.body import arc, forward, turn
-from cmr.model.parameters import DEFINITIONS, Quantity, RobotParameters
+from cmr.model.parameters import DEFINITIONS, Numeric, Quantity, RobotParameters
 
 Floats: TypeAlias = NDArray[np.float64]
 Borders: TypeAlias = NDArray[np.int64]
@@ -25,13 +25,13 @@ MOST_PARTS = 1000  # into which a step is split; absurd parameters must not take
 class RobotState(NamedTuple):
     """The state of one robot (numbers) or of many (arrays of one shape); fields and units as in robot_state_t."""
 
-    x: Any
-    y: Any
-    theta: Any
-    psi_left: Any
-    psi_right: Any
-    domega_left: Any
-    domega_right: Any
+    x: Numeric
+    y: Numeric
+    theta: Numeric
+    psi_left: Numeric
+    psi_right: Numeric
+    domega_left: Numeric
+    domega_right: Numeric
 
     @classmethod
     def at_rest(cls, x: Quantity = 0.0, y: Quantity = 0.0, theta: Quantity = 0.0) -> "RobotState":

@@ -4,11 +4,9 @@ Source: Edwards, Gaskell and Olson, AAMAS 2018, equation 1. `psi` is wheel speed
 fraction of full drive, `time` [s] counts from the moment at which the speed was `psi`.
 """
 
-from typing import Any
-
 import numpy as np
 
-from cmr.model.parameters import Number, Quantity, RobotParameters
+from cmr.model.parameters import Number, Numeric, Quantity, RobotParameters
 
 
 def wheel_acceleration(psi: Number, duty: Number, parameters: RobotParameters) -> Number:
@@ -32,7 +30,7 @@ def wheel_angle_after(psi: Quantity, duty: Quantity, parameters: RobotParameters
     return angle
 
 
-def decay_rate(parameters: RobotParameters) -> Any:
+def decay_rate(parameters: RobotParameters) -> Numeric:
     """Return one over the motor's time constant [1/s]."""
     return parameters.k1 * parameters.k2_over_k3
 

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Quantity: TypeAlias = "float | NDArray[np.float64]"  # a number, or one for each robot or candidate
+Numeric: TypeAlias = Any  # either of them; a union would have each caller prove which of the two was put in
 Number = TypeVar("Number", float, "NDArray[np.float64]")  # the same where what comes back is of the kind given
 
 
@@ -60,16 +61,16 @@ class RobotParameters:
     values; one that is absent has its neutral value. Iteration gives the paper's four.
     """
 
-    wheel_radius: Any
-    k2_over_k3: Any
-    k1: Any
-    base_width: Any
+    wheel_radius: Numeric
+    k2_over_k3: Numeric
+    k1: Numeric
+    base_width: Numeric
     effects: Mapping[str, Quantity] = field(default_factory=dict)
 
     _fields: ClassVar[tuple[str, ...]] = tuple(DEFINITIONS)
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> "RobotParameters":
+    def of(cls, values: Mapping[str, Numeric]) -> "RobotParameters":
         """Return the parameters from a mapping by name: the paper's, and any of effects.
 
         Raises KeyError naming the first of the paper's that is missing.
@@ -78,12 +79,12 @@ class RobotParameters:
         return cls(**paper, effects={name: value for name, value in values.items() if name not in DEFINITIONS})
 
     @property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, Numeric]:
         """Return all values by name."""
         return {**dict(zip(DEFINITIONS, self, strict=True)), **self.effects}
 
-    def __iter__(self) -> Iterator[Any]:
+    def __iter__(self) -> Iterator[Numeric]:
         return iter((self.wheel_radius, self.k2_over_k3, self.k1, self.base_width))
 
-    def _replace(self, **values: Any) -> "RobotParameters":
+    def _replace(self, **values: Numeric) -> "RobotParameters":
         return replace(self, **values)

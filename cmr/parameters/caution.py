@@ -15,22 +15,26 @@ T = TypeVar("T")
 class Caution(Generic[T]):
     """Takes parameters over, of whichever type; `measure` returns what must not change much, None where nothing is.
 
-    `now` is what is in use, `waiting` what waits. A robot rests until it is seen to move.
+    `now` is what is in use, `waiting` what waits. A robot rests until it is seen to move. Changes that are small one by
+    one are no small change together: each is compared with what was in use when the robot rested, too.
     """
 
     def __init__(self, measure: Callable[[T], tuple[float, ...] | None]) -> None:
         self.now: T | None = None
         self.waiting: T | None = None
         self._measure = measure
+        self._settled: T | None = None  # what was in use at the last rest, or confirmed since
         self._moves = False
         self._stands_since = 0
 
     def offer(self, new: T) -> None:
         """Take the newest parameters, which may be the same as before."""
-        if self._moves and self.now is not None and self._is_large(self.now, new):
+        if self._moves and any(self._is_large(old, new) for old in (self.now, self._settled) if old is not None):
             self.waiting = new
-        else:
-            self.now, self.waiting = new, None
+            return
+        self.now, self.waiting = new, None
+        if not self._moves or self._settled is None:
+            self._settled = new
 
     def note_motion(self, utime: int, psi_left: float, psi_right: float) -> None:
         """Note how fast the wheels turn [rad/s] at `utime` [us]; what waits is taken over once they stand."""
@@ -41,9 +45,10 @@ class Caution(Generic[T]):
             self.confirm()
 
     def confirm(self) -> None:
-        """Take over what waits."""
+        """Take over what waits; further changes are compared with what is in use then."""
         if self.waiting is not None:
             self.now, self.waiting = self.waiting, None
+        self._settled = self.now
 
     def values(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return what is measured of the parameters in use and of those that wait; nothing where there are none."""

@@ -25,7 +25,7 @@ from cmr.view.stage import TRAIL_WIDTH, LineSet
 from cmr.view.wishes import CLOSE, FIGURE_EIGHT, RELEASE, STOP, Permission, Wish, Wishes
 from cmr.view.words import ESTIMATES
 
-JOYSTICK = '<a href="/drive" target="_blank" style="display:block;padding:0 1em">drive by hand: joystick</a>'
+BESIDE = '<a href="{}" target="_blank" style="display:block;padding:0 1em">{}</a>'
 READING_TIME = 8.0  # s for which a refusal is shown
 SETTLED = 1.0  # s after which a new page takes to where its camera is put
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
@@ -46,14 +46,14 @@ class Surroundings(NamedTuple):
 
     `curve_windows` are the spans of time of its plots; `back_to` names what other visitors see, where this one sees a
     log of his own; `has_robots` says whether there is a bus with robots that can be stopped, `has_fence` whether a
-    geofence is drawn, `has_joystick` whether there is a page to drive by hand.
+    geofence is drawn, `beside` are path and title of further pages.
     """
 
     curve_windows: tuple[str, ...]
     back_to: str
     has_robots: bool
     has_fence: bool
-    has_joystick: bool = False
+    beside: tuple[tuple[str, str], ...] = ()
 
 
 class Page:
@@ -190,8 +190,8 @@ class Page:
         if self._replay is None:
             eight = gui.add_button("start figure-eight", hint="of the chosen robot")
             eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
-        if self._surroundings.has_joystick:
-            gui.add_html(JOYSTICK)
+        for path, title in self._surroundings.beside:
+            gui.add_html(BESIDE.format(path, title))
 
     def _add_tabs(self, gui: viser.GuiApi) -> None:
         self._panels: dict[str, viser.GuiHtmlHandle] = {}

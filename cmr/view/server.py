@@ -9,7 +9,7 @@ import io
 import time
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 from queue import Empty
@@ -19,8 +19,7 @@ from websockets.asyncio.server import ServerConnection
 
 from cmr.bus.fields import FieldName
 from cmr.view.camera import INITIAL
-from cmr.view.driving.sessions import Command, Sessions
-from cmr.view.entrance.door import Address, Door, address_of, guarding
+from cmr.view.entrance.door import Address, Beside, Door, address_of, guarding
 from cmr.view.entrance.guesses import Guesses
 from cmr.view.entrance.refusals import Refusals
 from cmr.view.inputs import check_inputs
@@ -31,6 +30,8 @@ from cmr.view.showing import LogShowing, Showing, stop_line
 from cmr.view.uploads import Upload
 from cmr.view.visit import NO_ROOM, Room, Visit, Visitor
 from cmr.view.wishes import CLICK, CLOSE, COME, JUMP, LEAVE, OPEN, PAUSE, SPEED, Permission, Wish, Wishes
+
+MakeBeside = Callable[[str, Guesses], Beside]  # of the token
 
 TRAILS_EVERY = 0.5  # s
 PANELS_EVERY = 0.5  # s
@@ -49,12 +50,12 @@ class PageServer:
     """Serves pages at an address; if the port is taken, at the next free one.
 
     All visitors see `showing` in a `room` until they open a log. Their wishes go into `wishes`; only those come that
-    each visitor is allowed, with the `token`. With `drive`, which returns how cmr-teleop is started, a page beside has
-    a joystick. Raises OSError where it cannot serve.
+    each visitor is allowed, with the `token`. Pages `beside` are served, too; what makes them is given what counts
+    guesses of the token. Raises OSError where it cannot serve.
     """
 
     def __init__(
-        self, address: Address, token: str, room: Room, showing: Showing, drive: Command | None = None
+        self, address: Address, token: str, room: Room, showing: Showing, beside: Sequence[MakeBeside] = ()
     ) -> None:
         self.wishes: Wishes = Wishes()
         self.visits: dict[int, Visit] = {}
@@ -65,12 +66,12 @@ class PageServer:
         self._guesses = Guesses(self.refusals)
         self._logs = LogFolder()
         self._trails_due = self._panels_due = 0.0
-        beside = Sessions(token, drive, self._guesses) if drive is not None else None
-        self._drives = drive is not None
+        pages = [make(token, self._guesses) for make in beside]
+        self._beside = tuple((page.page, page.title) for page in pages)
         # A visitor who leaves while something is sent to him is no news.
         warnings.filterwarnings("ignore", ".* on a closed connection", UserWarning)
         # Its banner is not shown: where the page is, is said by the process.
-        with redirect_stdout(io.StringIO()), guarding(Door(address, self.refusals), beside):
+        with redirect_stdout(io.StringIO()), guarding(Door(address, self.refusals), pages):
             self._server = _Server(address.host, address.port, "cmr-view", verbose=False)
         self.url = address.url(self._server.get_port())
         self._server.gui.configure_theme(
@@ -162,7 +163,7 @@ class PageServer:
             back_to="" if log is None else self._showing.name,
             has_robots=self._showing.panel() is None,
             has_fence=room.geofence is not None,
-            has_joystick=self._drives and log is None,
+            beside=self._beside if log is None else (),
         )
         try:
             visit = Visit(visitor, self.wishes, showing, room, surroundings, log)

@@ -43,6 +43,11 @@ class Others:
         self._own.add(robot_id)
         self._groups.clear()
 
+    def leave(self, robot_id: int) -> None:
+        """Note that this simulator does not own a robot any more."""
+        self._own.discard(robot_id)
+        self._groups.clear()
+
     def sent(self, utime: int) -> None:
         """Note that this simulator publishes its robots as they are at `utime` [us]."""
         self._sent[utime] = None

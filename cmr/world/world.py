@@ -60,14 +60,9 @@ class VirtualRobot:
     theta: float = 0.0
     radius: float | None = None
 
-
-def _starting(virtual: list[VirtualRobot], parameters_of: int) -> Robots:
-    """Return those that move by the parameters of one robot, at rest where they start."""
-    robots = [robot for robot in virtual if robot.parameters_of == parameters_of]
-    poses = ((robot.x, robot.y, wrap(robot.theta)) for robot in robots)
-    return Robots.of(
-        Robot(0, robot.robot_id, VIRTUAL, RobotState.at_rest(*pose)) for robot, pose in zip(robots, poses, strict=True)
-    )
+    def at_rest(self) -> Robot:
+        """Return it where it starts."""
+        return Robot(0, self.robot_id, VIRTUAL, RobotState.at_rest(self.x, self.y, wrap(self.theta)))
 
 
 class World:
@@ -78,12 +73,10 @@ class World:
 
     `ready` returns whether robots can be simulated by some parameters without delay; until then, those that move by
     others go on so, and new ones stand where they start.
-
     Virtual robots steer by the parameters of the robot that they go by, and move by them as well, unless
     `own_parameters` has others under their id: robots differ from what is believed of them.
 
     With `noise` virtual robots stray from their models. Their decisions are in force `reaction` [s] later.
-
     Virtual robots that meet one another are pushed apart; real robots and `obstacles` cannot be pushed.
     """
 
@@ -116,7 +109,10 @@ class World:
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
-        self._absent = {robot_id: _starting(virtual, robot_id) for robot_id in {r.parameters_of for r in virtual}}
+        self._absent = {
+            robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
+            for robot_id in {robot.parameters_of for robot in virtual}
+        }
         self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
         radius = {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None}
@@ -125,7 +121,7 @@ class World:
         self._models_changed = False
         for robot in virtual:
             self._parameters_of(robot.parameters_of)
-        self._most_followed = len(self.parameters) + MOST_STRANGERS
+        self._needed = frozenset(self.parameters)
 
     @property
     def utime(self) -> int:
@@ -194,8 +190,9 @@ class World:
         self.gate.turn(utime)
         for robot_id in sorted(self._not_ready):
             self._take_over(robot_id)
-        if self._absent:
-            self._place_virtual()
+        if self.crowded:
+            self._forget_the_silent()
+        self._place_virtual()
         for _ in range(MOST_STEPS_AT_ONCE):
             before = self._fleet.utime
             self._fleet.standing = self._bodies_of_real()
@@ -280,8 +277,17 @@ class World:
             return True
         if not self._estimates(robot_id):
             return False
-        self.crowded = len(self.parameters) >= self._most_followed
+        self.crowded = len(self.parameters) >= len(self._needed) + MOST_STRANGERS
         return not self.crowded
+
+    def _forget_the_silent(self) -> None:
+        """Make room for robots that are there: forget those without parameters that are not heard of any more."""
+        unknown = {robot_id for robot_id, follower in self.parameters.items() if follower.parameters is None}
+        for robot_id in unknown.difference(self._needed, (robot.robot_id for robot in self.real())):
+            del self.parameters[robot_id]
+            self._real.pop(robot_id, None)
+            self.others.leave(robot_id)
+            self.crowded = False
 
     def _real_robot(self, robot_id: int) -> RealRobot:
         if robot_id not in self._real:
@@ -316,9 +322,8 @@ class World:
         self._models[robot_id], self._models_changed = model, True
         if self._noise and parameters and any(v.parameters_of == robot_id for v in self._virtual.values()):
             self._noise.use(robot_id, parameters)
-        followers = [(robot_id, TWIN)]
-        followers += [(v.robot_id, VIRTUAL) for v in self._virtual.values() if v.parameters_of == robot_id]
-        followers = [key for key in followers if key in self._fleet]
+        virtual = ((v.robot_id, VIRTUAL) for v in self._virtual.values() if v.parameters_of == robot_id)
+        followers = [key for key in ((robot_id, TWIN), *virtual) if key in self._fleet]
         if followers:
             self._fleet.set_parameters(followers, self._moving_by(followers, model))
 
@@ -343,11 +348,10 @@ class World:
         if isinstance(message, waypoints_t) and me is not None and is_out_of_reach(message, me.state.x, me.state.y):
             self.gate.refuse(channel, OUT_OF_REACH)
         elif isinstance(message, waypoints_t):
-            x, y = list(message.x), list(message.y)
             if isinstance(behaviour, TeamBehaviour):
-                behaviour.take_waypoints(robot_id, x, y)
+                behaviour.take_waypoints(robot_id, list(message.x), list(message.y))
             else:
-                behaviour.take_waypoints(x, y)
+                behaviour.take_waypoints(list(message.x), list(message.y))
         elif isinstance(message, COMMANDS) and isinstance(behaviour, Behaviour):
             duties = duties_of(message, self._controller_of(self._virtual[robot_id].parameters_of))
             if duties is not None:

@@ -5,7 +5,7 @@ command stop the motors as ever. On top of that no command of bring-up is beyond
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -38,7 +38,11 @@ WHY_HELD = {
 
 
 class CannotTell(Exception):  # noqa: N818 - it ends a step, as one of its results
-    """A step cannot be decided; the text goes on after "because"."""
+    """A step cannot be decided; the text goes on after "because". `doubts` are other steps to be done again."""
+
+    def __init__(self, why: str, doubts: Sequence[str] = ()) -> None:
+        super().__init__(why)
+        self.doubts = doubts
 
 
 class Drivable(Protocol):

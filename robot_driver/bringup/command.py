@@ -1,6 +1,7 @@
 """cmr bringup: the process around the procedure, with the terminal before it and the bus beside it."""
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from cmr.bus.process import EXIT_INTERRUPTED, Outgoing, Process
@@ -12,7 +13,7 @@ from robot_driver.bringup.bench import Drivable, World
 from robot_driver.bringup.known import load
 from robot_driver.bringup.procedure import STEPS, Place, Procedure
 from robot_driver.driver import Driver
-from robot_driver.guided import Left, Terminal
+from robot_driver.guided import Front, Kind, Left, Remote, Step, Terminal
 from robot_driver.host import THIS_COMPUTER
 from robot_driver.serial_port import available_ports
 from robot_driver.settings import Settings
@@ -84,7 +85,7 @@ def main(arguments: list[str]) -> int:
     if not options.folder.is_dir():
         raise CommandError(f"There is no folder {options.folder}.")
     try:
-        with QuietProcess("cmr-bringup", options.lcm_url) as process, Terminal() as front:
+        with QuietProcess("cmr-bringup", options.lcm_url) as process, _front(options.page) as front:
             world = BusWorld(process)
             stop_file = StopFile(state_folder(), options.robot, process.bus.url)
             ports = options.ports or available_ports()
@@ -95,17 +96,25 @@ def main(arguments: list[str]) -> int:
             place = Place(THIS_COMPUTER, world, lambda: ports, driver)
             procedure = Procedure(front, place, options.robot, known, settings, parameters)
             results = procedure.run(options.steps or STEPS)
+            open_steps = [result.step for result in results if not result.decided]
+            front.show(Step("end", Kind.NOTE, _closing(options.robot, settings, parameters, open_steps)))
     except Interrupted:
         return EXIT_INTERRUPTED
     except Left as left:
         raise CommandError(str(left)) from left
-    open_steps = [result.step for result in results if not result.decided]
-    print(f"\nWritten: {settings}" + (f" and {parameters}" if parameters.exists() else ""))
+    return 1 if open_steps else 0
+
+
+def _front(is_page: bool) -> AbstractContextManager[Front]:
+    return nullcontext(Remote()) if is_page else Terminal()
+
+
+def _closing(robot: int, settings: Path, parameters: Path, open_steps: list[str]) -> str:
+    """Return what was written, and what comes next."""
+    written = f"Written: {settings}" + (f" and {parameters}" if parameters.exists() else "")
     if open_steps:
-        print(f"Left open: {', '.join(open_steps)}. Run them again: cmr bringup {' '.join(open_steps)}")
-        return 1
-    print(f"Next: cmr driver --robot {options.robot} --settings {settings} --parameters {parameters}")
-    return 0
+        return f"{written}\nLeft open: {', '.join(open_steps)}. Run again: cmr bringup {' '.join(open_steps)}"
+    return f"{written}\nNext: cmr driver --robot {robot} --settings {settings} --parameters {parameters}"
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -114,6 +123,7 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument("steps", nargs="*", metavar="STEP", help=f"one of {', '.join(STEPS)}")
     add_robot(result)
     result.add_argument("--ports", nargs="+", metavar="DEVICE", help="only these serial ports; else all there are")
+    result.add_argument("--page", action="store_true", help="ask on the page of cmr-view, which starts it so")
     result.add_argument(
         "--folder",
         type=Path,

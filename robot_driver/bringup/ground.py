@@ -8,7 +8,8 @@ from robot_driver.bringup.bench import Bench, CannotTell, Heard, SeenPose
 from robot_driver.bringup.floor import Body, drive
 from robot_driver.bringup.motor_constants import motor_constants
 from robot_driver.bringup.odometry import Path, path_of
-from robot_driver.bringup.poses import LENGTH_SHARE, Pose, PosesFound, judged
+from robot_driver.bringup.poses import LENGTH_SHARE, Pose, judged
+from robot_driver.bringup.poses_found import PosesFound
 from robot_driver.bringup.turning import GyroFound, angle_of
 from robot_driver.guided import Guide
 
@@ -45,13 +46,13 @@ def find_on_the_ground(bench: Bench, guide: Guide, body: Body, gyro: GyroFound, 
         for number, some in seen.items()
     }
     own = poses.pop(robot, [])
-    if not own and not poses:
-        return Ground(width, constants, None, f"no poses came on POSE_{robot}: start what sends them, and run it again")
     try:
+        if not own and not poses:
+            raise CannotTell(f"no poses came on POSE_{robot}: start what sends them, and run it again")
         found = judged(path, own, poses)
-        _check(found)
     except CannotTell as unknown:
         return Ground(width, constants, None, str(unknown))
+    _check(found)
     return Ground(width if gyro.present else width / found.turn, constants, found)
 
 
@@ -79,10 +80,14 @@ def _share_of_turns(heard: Heard, gyro: GyroFound, path: Path, start: int) -> fl
 
 
 def _check(found: PosesFound) -> None:
-    """Raise CannotTell where poses and wheels do not go equally far."""
+    """Raise CannotTell where poses and wheels do not go equally far.
+
+    Turns cannot take their place: the base width by which a robot turns may differ from the measured one by 10 %.
+    """
     if found.vertical == "z" and abs(found.length - 1.0) > LENGTH_SHARE:
         raise CannotTell(
             f"the robot went {found.length:.3f} times as far by its poses as by its wheels. If the wheel radius is "
             "right, a turn was miscounted: run the step ticks again (cmr bringup ticks floor). Otherwise measure the "
-            "radius, or calibrate the system that the poses come from"
+            "radius, or calibrate the system that the poses come from",
+            doubts=("ticks",),
         )

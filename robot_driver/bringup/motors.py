@@ -10,7 +10,7 @@ from robot_driver.guided import Choice, Guide, no_or_yes
 SECONDS = 1.0  # of each motion
 STEP = 0.02  # duty
 MOVED = 4  # ticks; jitter of an encoder at rest is one or two
-SHARE = 0.2  # of what the wheel's own encoder counts: another one that counts less was only shaken
+SHARE = 0.2  # of what an encoder counts when its wheel turns: one that counts less was only shaken
 TRIES = 3
 CHANNELS = ("first", "second")
 
@@ -81,8 +81,10 @@ def decided(first: Observation, second: Observation) -> Motors:
     Raises CannotTell where they contradict each other.
     """
     crossed, against, dead = set(), {}, []
-    for channel, one in enumerate((first, second)):
-        counting = _counting(one.counts)
+    both = first, second
+    most = tuple(max(abs(one.counts[channel]) for one in both) for channel in (0, 1))
+    for channel, one in enumerate(both):
+        counting = [place for place in _counting(one.counts) if abs(one.counts[place]) >= SHARE * most[place]]
         if len(counting) > 1:
             raise CannotTell(
                 f"both encoders counted ({one.counts[0]} and {one.counts[1]}) while only the {one.side.value} wheel "
@@ -100,7 +102,7 @@ def decided(first: Observation, second: Observation) -> Motors:
             "both wheels were counted by the same channel, which cannot be. Check that each encoder has a cable of "
             "its own"
         )
-    backward = {one.side: one.direction < 0 for one in (first, second)}
+    backward = {one.side: one.direction < 0 for one in both}
     wiring = Wiring(
         swap=first.side is Side.RIGHT,
         invert_left=backward[Side.LEFT],
@@ -120,7 +122,7 @@ def _counting(counts: tuple[int, int]) -> list[int]:
 
 def _observed(bench: Bench, guide: Guide, channel: int) -> Observation:
     """Turn one motor until somebody has seen which wheel it turns."""
-    duty, contradicted = FIRST_LIMIT, 0
+    duty, looked_again = FIRST_LIMIT, False
     while True:
         counts = _turned(bench, guide, channel, duty)
         seen = guide.ask(f"motors.{CHANNELS[channel]}.seen", "What did you see?", CHOICES)
@@ -128,17 +130,20 @@ def _observed(bench: Bench, guide: Guide, channel: int) -> Observation:
             return Observation(*SEEN[seen], counts, duty)
         if seen == "both":
             raise CannotTell(f"one motor, that of the {CHANNELS[channel]} channel, turned both wheels")
-        if seen == "none" and _counting(counts):
-            contradicted += 1
-            if contradicted == TRIES:
-                raise CannotTell(f"nothing was seen to turn, but the encoders counted {counts[0]} and {counts[1]}")
+        if seen == "none" and _counting(counts) and not looked_again:
+            looked_again = True
             guide.say("motors.counted", "But an encoder counted: something has turned. Look once more.")
-        elif seen == "none":
-            duty = _more(bench, guide, channel, duty)
+        elif seen == "none":  # or moved too little to be seen
+            looked_again = False
+            duty = _more(bench, guide, channel, duty, counts)
 
 
-def _more(bench: Bench, guide: Guide, channel: int, duty: float) -> float:
+def _more(bench: Bench, guide: Guide, channel: int, duty: float, counts: tuple[int, int]) -> float:
     """Return the next larger duty, if the person agrees."""
+    if duty + STEP > LIMIT + 1e-9 and _counting(counts):
+        raise CannotTell(
+            f"nothing was seen to turn at {LIMIT:.0%} duty, but the encoders counted {counts[0]} and {counts[1]}"
+        )
     if duty + STEP > LIMIT + 1e-9:
         raise CannotTell(
             f"the motor of the {CHANNELS[channel]} channel turned nothing at {LIMIT:.0%} duty. Check the motor's "

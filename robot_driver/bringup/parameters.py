@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value, load
 from robot_driver.bringup.bench import CannotTell
-from robot_driver.bringup.poses import PosesFound
+from robot_driver.bringup.poses_found import PosesFound
 
 WIDTH_STD, MOTOR_STD = 0.03, 0.3  # shares; of a first estimate
 
@@ -65,7 +65,7 @@ def _effects(found: ParametersFound) -> dict[str, float]:
     effects = {}
     if found.gyro_scale != 1.0:
         effects["gyro_scale"] = found.gyro_scale - 1.0
-    if found.poses.lateness:
+    if found.poses.lateness > 0.0:  # stamps that are later than the pose have no effect of their own
         effects["pose_latency"] = round(found.poses.lateness, 3)
     if found.poses.ahead:
         effects["pose_offset"] = round(found.poses.ahead, 4)

@@ -8,26 +8,29 @@ mirrored frame o and e are conjugate.
 import cmath
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from robot_driver.bringup.bench import CannotTell
 from robot_driver.bringup.fitting import Undetermined, least_squares
+from robot_driver.bringup.lateness import Lateness, Seen, lateness_of
 from robot_driver.bringup.odometry import Path
+from robot_driver.bringup.poses_found import UNITS, PosesFound
 
-MOST = 240  # poses that are looked at
+MOST = 240  # poses that are looked at, but for their lateness
+MOST_FOR_LATENESS = 1200
 FEWEST = 60
-EARLIEST, LATEST, FINEST = -0.1, 0.8, 0.02  # s of lateness that are tried
+EARLIEST, LATEST, FINEST = -0.1, 0.8, 0.04  # s of lateness that are tried
 FLAT = 0.1  # ratio of the spreads of two axes, of which one shows nothing of the drive
 WIDE = 0.2  # what the drive's own has to be
 MOVES = 0.9  # share of the poses' spread that the wheels explain, where they are of this robot
 APART = 3.0  # ratio of what is left unexplained by one hand and by the other
 PLACE, ANGLE = 0.02, 0.05  # m, rad: what wheels and poses differ by anyway
-UNITS = {1.0: "m", 100.0: "cm", 1000.0: "mm"}  # what a metre is shown as
 DEGREES = 180.0 / math.pi
 HEADING_SHARE = 0.35  # by which turns by wheels and by poses may differ: a base width by the ruler
 LENGTH_SHARE = 0.045  # by which ways may
-SMALL_ANGLE, SMALL_POINT, SMALL_LATENESS = math.radians(4.0), 0.015, 0.04  # rad, m, s: not worth a word
+SMALL_ANGLE, SMALL_POINT = math.radians(4.0), 0.015  # rad, m: not worth a word
+SMALL_LATENESS = 0.035  # s; wheels that slip while they accelerate look like up to 0.03 s
+SURE = 4.0  # standard deviations by which a lateness has to differ from none
 
 
 class Pose(NamedTuple):
@@ -36,53 +39,6 @@ class Pose(NamedTuple):
     time: float
     place: complex
     theta: float
-
-
-@dataclass(frozen=True)
-class PosesFound:
-    """What poses are like; as they should be, all is as by default.
-
-    A metre is shown as `metre`, headings in degrees or not, a heading `heading_offset` (rad) too far, the tracked point
-    lies at `ahead` and `left` (m) of the turning centre, poses are `lateness` (s) older than their stamps.
-    `vertical`: the axis that is the height; if not z, nothing else can be found. `length` and `turn`: how far they
-    went and turned, over what the wheels did.
-    """
-
-    metre: float = 1.0
-    degrees: bool = False
-    mirrored: bool = False
-    heading_offset: float = 0.0
-    ahead: float = 0.0
-    left: float = 0.0
-    lateness: float = 0.0
-    vertical: str = "z"
-    length: float = 1.0
-    turn: float = 1.0
-
-    def sentences(self) -> list[str]:
-        """Return what is to be corrected where the poses come from, a sentence each."""
-        if self.vertical != "z":
-            return [f"{self.vertical} of the poses is the height: have your system publish a frame with z upward."]
-        said = []
-        if self.metre != 1.0:
-            said.append(f"positions are in {UNITS[self.metre]}: they have to be in m.")
-        if self.degrees:
-            said.append("headings are in degrees: they have to be in radians.")
-        if self.mirrored:
-            said.append("the frame is mirrored (of the left hand): exchange x and y, or negate y and the heading.")
-        if self.heading_offset:
-            said.append(
-                f"headings are {math.degrees(self.heading_offset):.0f} degrees too far: turn the body's x axis forward."
-            )
-        if self.ahead or self.left:
-            side = "left" if self.left > 0 else "right"
-            said.append(
-                f"the tracked point lies {1e3 * self.ahead:.0f} mm ahead of the turning centre and "
-                f"{1e3 * abs(self.left):.0f} mm to the {side} of it."
-            )
-        if self.lateness:
-            said.append(f"poses are {self.lateness:.2f} s older than their stamps say.")
-        return said
 
 
 class _Fit(NamedTuple):
@@ -109,7 +65,7 @@ def judged(path: Path, poses: Sequence[Pose], others: Mapping[int, Sequence[Pose
 
     Raises CannotTell.
     """
-    poses = _thinned(poses)
+    all_poses, poses = poses, _thinned(poses)
     if len(poses) < FEWEST and any(len(some) >= FEWEST for some in others.values()):
         raise CannotTell(_whose(path, others))
     if len(poses) < FEWEST:
@@ -130,28 +86,41 @@ def judged(path: Path, poses: Sequence[Pose], others: Mapping[int, Sequence[Pose
             "the positions of the poses turn one way and their headings the other. Negate the heading where the poses "
             "come from"
         )
-    return _found(best, headings)
+    late = lateness_of(path, _for_lateness(all_poses, best.mirrored, headings.unit), best.lateness)
+    if late is not None:
+        best = _fit(path, poses, best.mirrored, late.seconds) or best
+    return _found(best, headings, late)
 
 
-def _found(fit: _Fit, headings: _Headings) -> PosesFound:
+def _for_lateness(poses: Sequence[Pose], mirrored: bool, unit: float) -> list[Seen]:
+    thinned = _thinned(poses, MOST_FOR_LATENESS)
+    headings = _unwrapped([pose.theta / unit for pose in thinned])
+    places = [pose.place.conjugate() if mirrored else pose.place for pose in thinned]
+    return [Seen(pose.time, place, angle) for pose, place, angle in zip(thinned, places, headings, strict=True)]
+
+
+def _found(fit: _Fit, headings: _Headings, late: Lateness | None) -> PosesFound:
     metre = min(UNITS, key=lambda unit: abs(math.log(abs(fit.a) / unit)))
     offset = math.remainder(headings.begin - cmath.phase(fit.a), 2.0 * math.pi)
-    is_small = abs(fit.point) < SMALL_POINT
+    point = 0j if abs(fit.point) < SMALL_POINT else fit.point
+    is_late = late is None or abs(late.seconds) > SMALL_LATENESS
+    is_sure = late is not None and abs(late.seconds) > SURE * late.deviation
     return PosesFound(
         metre=metre,
         degrees=headings.unit == DEGREES,
         mirrored=fit.mirrored,
         heading_offset=0.0 if abs(offset) < SMALL_ANGLE else offset,
-        ahead=0.0 if is_small else fit.point.real,
-        left=0.0 if is_small else fit.point.imag,
-        lateness=0.0 if abs(fit.lateness) < SMALL_LATENESS else fit.lateness,
+        ahead=point.real,
+        left=point.imag,
+        lateness=fit.lateness if is_late and is_sure else 0.0,
+        unsure_lateness=fit.lateness if is_late and not is_sure else 0.0,
         length=abs(fit.a) / metre,
         turn=abs(headings.slope),
     )
 
 
-def _thinned(poses: Sequence[Pose]) -> list[Pose]:
-    return list(poses[:: max(1, len(poses) // MOST)])
+def _thinned(poses: Sequence[Pose], most: int = MOST) -> list[Pose]:
+    return list(poses[:: max(1, len(poses) // most)])
 
 
 def _whose(path: Path, others: Mapping[int, Sequence[Pose]]) -> str:

@@ -79,8 +79,9 @@ class Procedure:
                 self._guide.say(f"{step}.found", f"{step}: {text}.{self._changes(before)}")
             except (CannotTell, PortLost) as unknown:
                 self.known.driver = before
-                self.known.doubt(step)
-                text = f"not decided, because {str(unknown).rstrip('.')}"
+                for doubted in (step, *(unknown.doubts if isinstance(unknown, CannotTell) else ())):
+                    self.known.doubt(doubted)
+                text = f"cannot tell, because {str(unknown).rstrip('.')}"
                 results.append(Result(step, False, text))
                 self._guide.say(f"{step}.unknown", f"{step}: {text}.")
             self.known.save(self._settings)
@@ -170,9 +171,10 @@ class Procedure:
         scale = self.known.number("gyro_scale") if self.known.found.get("gyro") else 1.0
         wanted = ParametersFound(body.wheel_radius, found.base_width, found.motors, scale, found.poses)
         changes = write_parameters(self._parameters, self._robot, wanted)
-        todo = found.poses.sentences()
-        words = " ".join(f"To correct: {sentence}" for sentence in todo) or "The poses fit the wheels."
-        return f"{words} {self._parameters}: {changes}".rstrip(".")
+        todo = [f"To correct: {text}." for text in found.poses.corrections(self._robot)]
+        words = " ".join(todo) or "The poses fit the wheels."
+        unclear = f" But {found.poses.unclear}." if found.poses.unclear else ""
+        return f"{words}{unclear} {self._parameters}: {changes}".rstrip(".")
 
     def _body(self) -> Body:
         radius, width = self.known.number("wheel_radius"), self.known.number("base_width")

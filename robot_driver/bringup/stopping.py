@@ -4,13 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cmr.msg import motor_feedback_t
-from robot_driver.bringup.bench import SILENCE, ZERO_FIRST, Bench, CannotTell
+from robot_driver.bringup.bench import COASTING, SILENCE, ZERO_FIRST, Bench, CannotTell
 from robot_driver.guided import Guide, no_or_yes
 
-LONGEST = 15.0  # s that the wheels turn until the cable is out
+SECONDS, TRIES = 1.0, 15  # s of each motion; motions until the cable is out
+PAUSE = 1.0  # s between them
 BACK = 60.0  # s until it is in again
 STEADY = 0.3  # s before the last reading, over which the speed is taken
 GONE = 0.3  # s without feedback, after which the cable is out
+DRIVEN = 0.9  # share of the duty that the last reading has, where the cable was out before the motion ended
+ON_ITS_WAY = 0.05  # s in which a command may have arrived whose reply is lost
 FEWEST = 20  # ticks in that time; slower wheels measure nothing
 
 
@@ -25,21 +28,35 @@ class StopTime:
 def find_stop_time(bench: Bench, guide: Guide, duty: float) -> StopTime:
     """Have the cable pulled while both wheels turn, lifted. Raises CannotTell."""
     text = (
-        "The wheels must be off the floor. They turn for at most 15 s, with at most "
-        f"{duty:.0%} duty. Meanwhile pull the USB cable of the motor controller, and do not switch its battery off. "
-        "Do you want to measure how fast they stop?"
+        f"The wheels must be off the floor. Both turn for {SECONDS:g} s with {duty:.0%} duty, then rest for "
+        f"{PAUSE:g} s, at most {TRIES} times. Take the USB cable of the motor controller, and pull it while they turn; "
+        "do not switch the battery off. Do you want to measure how fast they stop?"
     )
     if guide.ask("stop.begin", text, no_or_yes("yes, turn the wheels", "no, leave this step out")) == "no":
         return StopTime(None, "left out")
     bench.limit = max(bench.limit, duty)
-    with bench.listening() as heard:
-        if not _turn_until_silent(bench, guide, duty):
-            return StopTime(None, "the cable was not pulled")
-        before = [message for message in heard.feedback if message.received_utime]
-        guide.say("stop.plug", "The cable is out. Wait until the wheels stand, then plug it in again.")
-        _wait(bench, lambda: bench.silent_for < GONE)
-        after = heard.feedback[-1]
-    return StopTime(bound(before, after))
+    for _ in range(TRIES):
+        with bench.listening() as heard:
+            turned = _turned(bench, guide, duty)
+            if turned is None:
+                return StopTime(None, "the cable was not pulled: ended by you")
+            if bench.silent_for < GONE:
+                bench.run(PAUSE)
+            if bench.silent_for < GONE:
+                continue
+            before = [message for message in heard.feedback if message.received_utime]
+            guide.say("stop.plug", "The cable is out. Wait until the wheels stand, then plug it in again.")
+            _wait(bench, lambda: bench.silent_for < GONE)
+            if was_driven(before[-1], duty, turned):
+                return StopTime(bound(before, heard.feedback[-1]))
+        guide.say("stop.repeat", "The cable was pulled while the wheels rested, which shows nothing. Once more.")
+    return StopTime(None, "the cable was not pulled while the wheels turned")
+
+
+def was_driven(last: motor_feedback_t, duty: float, until: int) -> bool:
+    """Return whether this duty was driven at the last reading, clearly before the motion ended (us)."""
+    applied = min(abs(last.applied_left), abs(last.applied_right))
+    return applied >= DRIVEN * duty and last.received_utime < until - ON_ITS_WAY * 1e6
 
 
 def bound(before: list[motor_feedback_t], after: motor_feedback_t) -> float:
@@ -64,24 +81,26 @@ def bound(before: list[motor_feedback_t], after: motor_feedback_t) -> float:
     return max(bounds)
 
 
-def _turn_until_silent(bench: Bench, guide: Guide, duty: float) -> bool:
-    """Turn both wheels; return whether the controller fell silent meanwhile."""
+def _turned(bench: Bench, guide: Guide, duty: float) -> int | None:
+    """Turn both wheels once; return when that ended (us), None where a key has ended it."""
     bench.want(0.0, 0.0)
     bench.run(ZERO_FIRST)
     bench.check()
     try:
-        with guide.motion("stop.turns", "Both wheels turn now. Pull the USB cable.", LONGEST) as motion:
+        with guide.motion("stop.turns", "Both wheels turn now, for 1 s. Pull the USB cable.", SECONDS) as motion:
             start = bench.host.monotonic()
             while not motion.ended(bench.host.monotonic() - start):
                 bench.want(duty, duty)
                 bench.turn()
-                if bench.silent_for > GONE:
-                    return True
                 if bench.silent_for < SILENCE:
                     bench.check()
-            return False
     finally:
         bench.want(0.0, 0.0)
+    ended = bench.host.utime()
+    if motion.by_person:
+        return None
+    bench.run(COASTING)
+    return ended
 
 
 def _wait(bench: Bench, until: Callable[[], bool]) -> None:

@@ -1,4 +1,4 @@
-"""Encoder counts per turn of a wheel, by ten turns by hand, and what the data sheet or usual encoders make of them."""
+"""Encoder counts per turn of a wheel, by ten turns by hand, then seven where no data sheet confirms them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,13 +7,14 @@ from robot_driver.bringup.bench import Bench, CannotTell
 from robot_driver.bringup.motors import Side
 from robot_driver.guided import Choice, Guide, no_or_yes
 
-TURNS = 10
-SAME = 0.02  # share by which two counts of ten turns differ that are of the same encoder; 7 degrees make 0.002
-NEAR = 0.012  # share by which ten turns by hand miss what an encoder has
+SAME = 0.02  # share by which two counts differ that are of the same encoder; 7 degrees in ten turns make 0.002
+NEAR = 0.012  # share by which turns by hand miss what an encoder has
 FACTORS = {1.0: "", 2.0: "twice", 4.0: "four times", 0.5: "half of", 0.25: "a quarter of"}
-MISCOUNTED = {9 / 10: "nine turns", 11 / 10: "eleven turns"}  # what ten turns were instead
+# How many turns are counted, in turn: where one is too many or too few each time, the results of both still differ.
+ROUNDS = (10, 7, 10, 7, 10, 7)
+WORDS = {6: "six", 7: "seven", 8: "eight", 9: "nine", 10: "ten", 11: "eleven"}
 FEWEST = 5.0  # counts per turn; no encoder has fewer
-ROUNDS = 6
+TRIES = 6  # of one wheel
 # Counts per turn of the wheel, four per pulse, of what robots of this kind often have.
 USUAL: dict[str, tuple[int, ...]] = {
     "mbot": (3744, 1560, 3120),
@@ -25,11 +26,19 @@ USUAL: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class Turns:
-    """The counts per turn, whether they are `exact` (not only measured by hand), and why they are these."""
+    """The counts per turn, and why they are these."""
 
     ticks_per_turn: int
-    exact: bool
     why: str
+
+
+@dataclass(frozen=True)
+class Count:
+    """What one wheel counted for a turn when it was turned so many times."""
+
+    side: Side
+    turns: int
+    per_turn: float
 
 
 def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: str) -> Turns:
@@ -42,34 +51,43 @@ def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: st
         0.0,
         1e7,
     )
-    before: float | None = None
-    for _ in range(ROUNDS):
-        counted = [_counted(bench, guide, side) for side in sides]
-        mean = sum(counted) / len(counted)
-        if problem := objection(counted, sides, stated, before):
-            before = mean if max(counted) - min(counted) < SAME * mean else before
-            guide.say("ticks.repeat", f"{problem} Please count once more.")
-            continue
-        return _made_of(mean, stated, controller, guide)
-    raise CannotTell(f"ten turns were counted differently {ROUNDS} times. Mark the wheel with tape, and count aloud")
+    counts: list[Count] = []
+    for turns in ROUNDS:
+        latest = [Count(side, turns, _counted(bench, guide, side, turns)) for side in sides]
+        counts += latest
+        if (mean := agreed(counts, sides, stated)) is not None:
+            return _made_of(mean, stated, controller, guide)
+        guide.say("ticks.repeat", f"{objection(latest, stated, first=len(counts) == len(latest))} Please count again.")
+    raise CannotTell(f"turns were counted differently {len(ROUNDS)} times. Mark the wheel with tape, and count aloud")
 
 
-def objection(counted: Sequence[float], sides: Sequence[Side], stated: float, before: float | None) -> str:
-    """Return why ten turns have to be counted again; "" if they need not."""
-    mean = sum(counted) / len(counted)
-    if max(counted) - min(counted) > SAME * mean:
-        values = " and ".join(f"{value:.0f} {side.value}" for value, side in zip(counted, sides, strict=True))
-        return f"The wheels differ: {values} counts for a turn. One of them was probably turned once too often or less."
-    if before is not None and abs(before - mean) < SAME * mean:
-        return ""  # counted twice, with the same result
+def agreed(counts: Sequence[Count], sides: Sequence[Side], stated: float) -> float | None:
+    """Return the counts per turn on which every wheel and two ways to know agree; None where none does.
+
+    Two ways are the data sheet and a count, or a count of ten turns and one of seven.
+    """
+    for one in counts:
+        same = [other for other in counts if abs(other.per_turn / one.per_turn - 1.0) < SAME]
+        mean = sum(count.per_turn for count in same) / len(same)
+        is_stated = bool(stated) and nearest(mean, stated) is not None
+        if {count.side for count in same} == set(sides) and (is_stated or len({count.turns for count in same}) > 1):
+            return mean
+    return None
+
+
+def objection(latest: Sequence[Count], stated: float, *, first: bool) -> str:
+    """Return why the counts of this round, the `first` one or a later one, decide nothing."""
+    values = [count.per_turn for count in latest]
+    mean, turns = sum(values) / len(values), latest[0].turns
+    if max(values) - min(values) > SAME * mean:
+        words = " and ".join(f"{count.per_turn:.0f} {count.side.value}" for count in latest)
+        return f"The wheels differ: {words} counts for a turn. One of them was probably turned once too often or less."
     if stated and nearest(mean, stated) is None:
-        ratio, words = miscounted(mean, stated)
-        hint = f" This is {ratio:.0%} of what {words} would be." if not words else f" It looks as if {words} were made."
+        ratio, words = miscounted(mean, stated, turns)
+        hint = f" It is {ratio:.0%} of that." if not words else f" It looks as if {words} turns were made."
         return f"A turn has {mean:.0f} counts by hand, which does not fit {stated:.0f} by the data sheet.{hint}"
-    if not stated:  # nor has the same been counted twice
-        other = "nothing to compare that with" if before is None else f"another count before, {before:.0f}"
-        return f"A turn has {mean:.0f} counts by hand; there is {other}."
-    return ""
+    other = "nothing to compare that with" if first else "no other count that agrees"
+    return f"A turn has {mean:.0f} counts by hand; there is {other}."
 
 
 def nearest(mean: float, stated: float) -> float | None:
@@ -77,12 +95,12 @@ def nearest(mean: float, stated: float) -> float | None:
     return next((factor for factor in FACTORS if abs(mean / (stated * factor) - 1.0) < NEAR), None)
 
 
-def miscounted(mean: float, stated: float) -> tuple[float, str]:
-    """Return how many turns were made in place of ten, in words, if that explains the difference; else ""."""
+def miscounted(mean: float, stated: float, turns: int) -> tuple[float, str]:
+    """Return which share of these turns was made, and how many turns that is in words, if it is one more or less."""
     for factor in FACTORS:
-        for share, words in MISCOUNTED.items():
-            if abs(mean / (stated * factor * share) - 1.0) < NEAR:
-                return share, words
+        for made in (turns - 1, turns + 1):
+            if abs(mean / (stated * factor * made / turns) - 1.0) < NEAR:
+                return made / turns, WORDS[made]
     return mean / stated, ""
 
 
@@ -93,39 +111,39 @@ def _made_of(mean: float, stated: float, controller: str, guide: Guide) -> Turns
         why = f"counted {mean:.0f} by hand; the data sheet's {stated:.0f} fits"
         if factor != 1.0:
             why = f"counted {mean:.0f} by hand: {FACTORS[factor]} the data sheet's {stated:.0f}; it may mean pulses"
-        return Turns(ticks, True, why)
+        return Turns(ticks, why)
     if stated:
         text = f"The data sheet says {stated:.0f} counts, but {mean:.0f} were counted twice. Is the count to be used?"
         if guide.ask("ticks.counted", text, no_or_yes("yes, use what was counted", "no")) == "no":
             raise CannotTell(f"the data sheet says {stated:.0f} counts for a turn, and by hand it has {mean:.0f}")
-        return Turns(round(mean), False, f"counted twice by hand; the data sheet's {stated:.0f} does not fit")
+        return Turns(round(mean), f"counted twice by hand; the data sheet's {stated:.0f} does not fit")
     usual = min(USUAL.get(controller, ()), key=lambda ticks: abs(ticks / mean - 1.0), default=0)
     if usual and abs(usual / mean - 1.0) < NEAR:
         text = f"By hand a turn has {mean:.0f} counts. {usual} would be usual with this controller. Is it {usual}?"
         choices = (*no_or_yes(f"yes, {usual}", "no, use what was counted"), Choice("unknown", "I do not know"))
         if guide.ask("ticks.usual", text, choices) == "yes":
-            return Turns(usual, True, f"counted {mean:.0f} by hand; {usual} is usual, and was confirmed")
-    return Turns(round(mean), False, "counted by hand")
+            return Turns(usual, f"counted {mean:.0f} by hand; {usual} is usual, and was confirmed")
+    return Turns(round(mean), "counted by hand")
 
 
-def _counted(bench: Bench, guide: Guide, side: Side) -> float:
-    """Have one wheel turned ten times; return counts per turn, positive."""
-    for _ in range(ROUNDS):
+def _counted(bench: Bench, guide: Guide, side: Side, turns: int) -> float:
+    """Have one wheel turned so many times; return counts per turn, positive."""
+    for _ in range(TRIES):
         bench.run(0.1)
         before = bench.ticks
         guide.ask(
-            f"ticks.{side.value}",
-            f"Turn the {side.value} wheel by hand, forward, exactly ten full turns. Mark it with tape, and end with "
-            "the mark where it began.",
-            (Choice("done", "it has made ten turns forward"),),
+            f"ticks.{side.value}.{WORDS[turns]}",
+            f"Turn the {side.value} wheel by hand, forward, exactly {WORDS[turns]} full turns. Mark it with tape, and "
+            "end with the mark where it began.",
+            (Choice("done", f"it has made {WORDS[turns]} turns forward"),),
         )
         bench.run(0.1)
         place = 0 if side is Side.LEFT else 1
-        counted = (bench.ticks[place] - before[place]) / TURNS
-        if counted >= FEWEST:
-            return counted
-        if abs(counted) < FEWEST:
-            guide.say("ticks.nothing", f"Its encoder counted {counted * TURNS:.0f}: too few for ten turns. Once more.")
+        counted = bench.ticks[place] - before[place]
+        if counted >= FEWEST * turns:
+            return counted / turns
+        if abs(counted) < FEWEST * turns:
+            guide.say("ticks.nothing", f"Its encoder counted {counted}: too few for {WORDS[turns]} turns. Once more.")
             continue
         text = f"The {side.value} wheel was counted backward. Which way did you turn it?"
         choices = Choice("forward", "forward, as if the robot drove forward"), Choice("backward", "backward")

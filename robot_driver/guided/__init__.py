@@ -5,6 +5,7 @@ a script in tests. None of them knows the procedure, so the same steps can be an
 """
 
 from robot_driver.guided.guide import Front, Guide, Left, Motion
+from robot_driver.guided.remote import Remote
 from robot_driver.guided.scripted import NotInTheScript, Scripted
 from robot_driver.guided.steps import Choice, Kind, Step, no_or_yes
 from robot_driver.guided.terminal import Terminal
@@ -17,6 +18,7 @@ __all__ = [
     "Left",
     "Motion",
     "NotInTheScript",
+    "Remote",
     "Scripted",
     "Step",
     "Terminal",

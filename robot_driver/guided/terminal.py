@@ -152,8 +152,9 @@ class Terminal:
 
 
 def _wrapped(text: str) -> str:
-    """Return text in lines that fit; its own line breaks stay."""
+    """Return text in lines that fit; its own line breaks stay, and paths and options are not broken."""
+    width = WIDTH
     with suppress(OSError, ValueError):
         width = min(os.get_terminal_size().columns, WIDTH)
-        return "\n".join(textwrap.fill(line, width) for line in text.split("\n"))
-    return "\n".join(textwrap.fill(line, WIDTH) for line in text.split("\n"))
+    lines = (textwrap.fill(line, width, break_long_words=False, break_on_hyphens=False) for line in text.split("\n"))
+    return "\n".join(lines)

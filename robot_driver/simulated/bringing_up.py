@@ -27,7 +27,7 @@ from robot_driver.simulated.usb import OwnUsb, UsbAdapter
 
 TURN = 0.02  # s of a turn of the driver's process
 SEEN = 0.005  # turns of a wheel that a person sees
-PULLING, PLUGGING = 1.5, 2.5  # s after which the cable is pulled, and plugged in again
+PULLING, PLUGGING = 0.6, 2.5  # s after which the cable is pulled, and plugged in again
 DIRECTLY = tuple(step for step in STEPS if step not in ("devices", "stop"))  # without ports and cables
 Action = Callable[[], None]
 
@@ -36,8 +36,8 @@ Action = Callable[[], None]
 class Person:
     """What the person knows and how well they do: ruler (m), data sheet (0: not known), battery, hands.
 
-    `miscounts` is how often ten turns become nine or eleven; `hand` the standard deviation (turns) with which a turn
-    by hand ends.
+    `miscounts` is how often a wheel is turned once too often or less; `hand` the standard deviation (turns) with which
+    a turn by hand ends.
     """
 
     wheel_radius: float
@@ -209,8 +209,10 @@ class _Hands(Scripted):
                 "motors.second.seen": self._seen,
                 "motors.more": self._allow,
                 "ticks.stated": str(person.ticks),
-                "ticks.left": lambda step: self._turned(step, "left", 10.0),
-                "ticks.right": lambda step: self._turned(step, "right", 10.0),
+                "ticks.left.ten": lambda step: self._turned(step, "left", 10.0),
+                "ticks.right.ten": lambda step: self._turned(step, "right", 10.0),
+                "ticks.left.seven": lambda step: self._turned(step, "left", 7.0),
+                "ticks.right.seven": lambda step: self._turned(step, "right", 7.0),
                 "ticks.direction": "forward",
                 "ticks.counted": "no",
                 "ticks.usual": "unknown",

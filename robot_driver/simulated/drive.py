@@ -40,7 +40,8 @@ class SimulatedDrive:
     """What is driven, and by what; names as on the command lines of cmr-driver, cmr-emulate and cmr-pilot.
 
     `believed` are the parameters that the pilot steers by; by default the true wheel radius, k2_over_k3, k1 and base
-    width. Lost and damaged bytes follow `faults`. `gyro` None: that of the board, or none.
+    width. Lost and damaged bytes follow `faults`. `gyro` None: that of the board, or none. `wired` are the settings of
+    cmr-driver, by default those of a robot that is wired as it should be.
     """
 
     settings: Settings = field(default_factory=load_settings)
@@ -55,6 +56,7 @@ class SimulatedDrive:
     faults: Faults = field(default_factory=Faults)
     believed: ParameterFile | None = None
     robot_id: int = 0
+    wired: DriverSettings | None = None
 
     def write_log(self, path: Path) -> None:
         """Drive, and write all messages to an LCM event log: the same bytes each time.
@@ -119,7 +121,7 @@ class SimulatedDrive:
 
     def _drive(self, host: SimulatedHost, bus: SimulatedBus, done: threading.Event) -> None:
         """Be cmr-driver."""
-        settings = DriverSettings(
+        settings = self.wired or DriverSettings(
             port=MOTOR,
             gyro_port=GYRO_PORT if self.gyro is not None else None,
             gyro=self.gyro,

@@ -1,5 +1,6 @@
 """Pictures of the page of cmr-view, as Chromium draws it."""
 
+import secrets
 import shutil
 import socket
 import subprocess
@@ -15,6 +16,8 @@ from cmr.view.camera import FREE, TOP
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 WIDE, HIGH = (1280, 800), (1180, 1010)  # pixels
 TALL = (1280, 1600)  # so that a tab shows all it has
+NARROW = (640, 620)
+LOOK = 50.0  # ms between looks at whether a motion has begun
 PATIENCE = 120e3  # ms; without a graphics card the page takes its time
 MARGIN = 5  # pixels
 READING, DRAWING = 8e3, 8e3  # ms until the log is read, and until the charts are drawn
@@ -43,10 +46,33 @@ def take_plots(log: Path, seconds: float, window: str, signals: Sequence[tuple[s
         page.screenshot(path=path)
 
 
+def take_bringup(folder: Path, path: Path) -> None:
+    """Write a picture of the page that brings up an emulated robot, while its first motor turns."""
+    robot = folder / "robot"
+    emulator = subprocess.Popen([our_command("cmr-emulate"), "--ports", robot, "--hands", "--ideal"])
+    ports = ["robot/motor", "robot/gyro"]  # in the folder in which cmr-view runs
+    token, url = secrets.token_urlsafe(12), "udpm://239.255.76.67:7698?ttl=0"
+    try:
+        with (
+            serving("--token", token, "--lcm-url", url, "--ports", *ports, folder=folder) as address,
+            browser(NARROW) as page,
+        ):
+            page.goto(f"{address}/bringup")
+            page.fill("#token", token)
+            page.fill("#steps", "devices motors")
+            page.click("text=begin")
+            page.click("#choices button")
+            page.wait_for_function("!document.getElementById('stop').hidden", polling=LOOK)  # for a second
+            page.screenshot(path=path)
+    finally:
+        emulator.terminate()
+        emulator.wait()
+
+
 @contextmanager
 def opened(log: Path, seconds: float, tab: str, size: tuple[int, int], room: tuple[str, ...] = ()) -> Iterator[Page]:
     """Open the page of a log, which stands still at a time, with a tab of the panel to the front."""
-    with serving(log, room) as address, browser(size) as page:
+    with serving(str(log), *room) as address, browser(size) as page:
         page.goto(address)
         page.get_by_role("tab", name=tab).click()
         page.wait_for_timeout(READING)
@@ -80,12 +106,13 @@ def _below_tabs(page: Page) -> FloatRect:
 
 
 @contextmanager
-def serving(log: Path, room: tuple[str, ...]) -> Iterator[str]:
-    """Serve the page of a log; return its address."""
+def serving(*options: str, folder: Path | None = None) -> Iterator[str]:
+    """Serve the page of cmr-view with these options, in a folder; return its address."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    process = subprocess.Popen([our_command("cmr-view"), str(log), "--port", str(port), *room], stderr=subprocess.PIPE)
+    command = [our_command("cmr-view"), "--port", str(port), *options]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, cwd=folder)
     try:
         assert process.stderr
         process.stderr.readline()  # it says so once the page can be had

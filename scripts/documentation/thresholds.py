@@ -48,7 +48,7 @@ SOURCES = {
     "WALKERS, STEPS, SETTLING": "walkers: one block of the compiled model",
     "JITTER": WALK,
     "JUMPS": WALK,
-    **dict.fromkeys(("RIDGE", "inflation.NOTHING", "localisation.NOTHING", "OWN"), NUMERICAL),
+    **dict.fromkeys(("RIDGE", "inflation.NOTHING", "localisation.NOTHING", "OWN", "command_timing.CLOSE"), NUMERICAL),
     **dict.fromkeys(("PROMISING", "FINALISTS", "BEST_PAIRS", "FITTED_INSTEAD", "MOST_STEPS", "MOST_SMALL"), EFFORT),
     **dict.fromkeys(("MOST_CELLS", "STARTS", "ROUNDS", "rivals.MOST", "SMALLEST_BLOCK", "AGES"), EFFORT),
 }

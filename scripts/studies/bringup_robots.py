@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -169,6 +168,8 @@ def verdict(case: Case, outcome: Outcome) -> tuple[str, list[str]]:
         return "wrong", wrong
     open_steps = [f"{one.step}: {one.text}" for one in outcome.results if not one.decided]
     surprising = [text for text in open_steps if not _expected(case, text)]
+    if outcome.of("floor").decided and outcome.known.found["poses_unsure_lateness"]:
+        surprising.append(outcome.of("floor").text)
     return ("unknown", surprising) if surprising else ("right", open_steps)
 
 
@@ -246,21 +247,7 @@ def _wrong_poses(case: Case, outcome: Outcome) -> list[str]:
     point = complex(number("poses_ahead"), number("poses_left")) - hidden.get("pose_offset", 0.0)
     if abs(point) > POINT:
         wrong.append(f"point {number('poses_ahead'):.3f} {number('poses_left'):.3f}")
-    if abs(number("poses_lateness") - hidden.get("pose_latency", 0.0)) > LATENESS:
+    late = number("poses_lateness") - hidden.get("pose_latency", 0.0)
+    if abs(late) > LATENESS and not found["poses_unsure_lateness"]:
         wrong.append(f"lateness {number('poses_lateness'):.3f}")
     return wrong
-
-
-def brought_up(case: Case, folder: Path, *, directly: bool) -> dict[str, object]:
-    """Return the row of a robot, brought up without driver and bytes if `directly`."""
-    mounting = case.settings.mounting
-    row: dict[str, object] = {"name": case.name, "controller": case.bringup.controller, "poses": "+".join(case.wrong)}
-    row["dead"] = mounting.left_encoder_dead or mounting.right_encoder_dead
-    try:
-        outcome = case.bringup.run_directly(folder) if directly else case.bringup.run(folder)
-    except Exception as error:  # a study of hundreds of robots goes on
-        text = f"{type(error).__name__}: {error}"
-        return row | {"verdict": "failed", "why": text, "before_yes": "", "before_floor": ""}
-    result, why = verdict(case, outcome)
-    largest = {"before_yes": outcome.largest_before_yes, "before_floor": outcome.largest_before_floor}
-    return row | {"verdict": result, "why": "; ".join(why)} | largest

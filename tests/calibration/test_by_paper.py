@@ -15,12 +15,15 @@ from cmr.calibration.grid import Grid, told_by_surface
 from cmr.calibration.paper import _radius_note
 from cmr.calibration.plots import figure_of
 from cmr.calibration.segments import segments_of
+from cmr.cli.errors import CommandError
 from cmr.commands.calibrate import main
-from cmr.estimation.estimates import Estimate
+from cmr.estimation.estimates import Estimate, EstimationError
 from cmr.model.parameters import RobotParameters
+from cmr.msg import calibration_status_t
 from cmr.parameters.file import Value, parse
 from cmr.recordings.recording import Recording
 from tests.calibration.test_alone import HIDDEN, NOMINAL, figure_eight
+from tests.hidden_effects.logs import write_log
 
 pytestmark = pytest.mark.slow
 
@@ -48,8 +51,16 @@ def test_the_minimum_of_the_surface_is_given_with_the_reason_not_to_trust_it(res
         assert result.values[name] == result.grid.best[name]
 
 
+def inside(result: CalibrationResult) -> CalibrationResult:
+    """Return the result as if its values were those of a least error inside the grid."""
+    assert result.grid is not None
+    around = np.array([0.9, 1.0, 1.1])
+    axes = [around * result.grid.best[name] for name in ("k2_over_k3", "k1", "base_width")]
+    return replace(result, grid=Grid(*axes, np.where(np.arange(27).reshape(3, 3, 3) == 13, 1.0, 2.0)))
+
+
 def test_its_file_is_one_robot_whose_path_error_is_the_stated_one(result: CalibrationResult) -> None:
-    file = parse(result.parameter_file({"log": "run.lcm"}).to_yaml())
+    file = parse(inside(result).parameter_file({"log": "run.lcm"}).to_yaml())
     parameters = RobotParameters.of({name: value.value for name, value in file.values.items()})
     (segment,) = result.segments
     path = segment.simulate(parameters)
@@ -58,6 +69,47 @@ def test_its_file_is_one_robot_whose_path_error_is_the_stated_one(result: Calibr
     assert set(result.estimates) | set(result.unidentified) == {"k2_over_k3", "k1", "base_width"}
     for name in result.unidentified:
         assert file.values[name].std is None
+
+
+def at_the_edge(result: CalibrationResult) -> CalibrationResult:
+    """Return the result as if the least error were at the largest k1 of the grid."""
+    grid = inside(result).grid
+    assert grid is not None
+    k1 = np.append(grid.k1[:1], grid.best["k1"])
+    return replace(result, grid=replace(grid, k1=k1, mean_square=grid.mean_square[:, :2]))
+
+
+def test_values_at_the_edge_of_the_grid_are_no_minimum_and_make_no_file(result: CalibrationResult) -> None:
+    """A robot with such values would be another one: nobody knows how far the error falls on beyond the edge."""
+    assert inside(result).why_no_file == ""
+    edge = at_the_edge(result)
+    assert edge.grid is not None
+    assert edge.grid.at_the_edge == ("k1",)
+    with pytest.raises(EstimationError, match=r"edge of the grid \(k1 .* s/rad\).*Leave out --method paper"):
+        edge.parameter_file({"log": "run.lcm"})
+
+
+def test_the_command_draws_such_a_surface_and_fails_without_a_file(
+    result: CalibrationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drive: Recording
+) -> None:
+    edge = at_the_edge(result)
+    monkeypatch.setattr("cmr.commands.calibrate.calibrate", lambda *_recordings, **_options: edge)
+    log, out, picture = write_log(tmp_path / "run.lcm", drive), tmp_path / "robot_0.yaml", tmp_path / "paper.svg"
+    with pytest.raises(CommandError, match="No file is written"):
+        main([str(log), "--method", "paper", "--out", str(out), "--picture", str(picture)])
+    assert picture.exists()
+    assert not out.exists()
+
+
+def test_a_live_calibration_fails_with_the_reason_where_there_is_no_minimum(
+    result: CalibrationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cmr.calibration.calibrator.calibrate", lambda *_recordings, **_options: at_the_edge(result))
+    calibrator = Calibrator(0, NOMINAL, method=PAPER)
+    assert calibrator.fit() is not None  # for its picture
+    status = calibrator.status()
+    assert status.state == calibration_status_t.FAILED
+    assert "edge of the grid" in status.message
 
 
 def test_its_picture_shows_the_surface_and_warns(result: CalibrationResult, tmp_path: Path) -> None:

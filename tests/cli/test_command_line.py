@@ -36,12 +36,14 @@ COMMANDS = sorted(
     if entry.group == "console_scripts" and entry.name != "cmr"  # which starts the others: test_umbrella.py
 )
 LOGS_ALONE = ("cmr-log", "cmr-plot")  # these need no LCM
-WITHOUT_BUS = ("cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")  # these end by themselves
+# These end by themselves.
+WITHOUT_BUS = ("cmr-export", "cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")
 SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
 NEEDED = {
     "cmr-agent": ["--insecure"],
     "cmr-camera": ["0"],
     "cmr-driver": ["--port", "/dev/null"],
+    "cmr-export": ["robot_0.yaml", "--to", "python"],
     "cmr-fidelity": ["line.yaml", "--out", "fidelity"],
     "cmr-log": ["info", "run.lcm"],
     "cmr-plot": ["run.lcm", "POSE_0.x"],

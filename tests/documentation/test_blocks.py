@@ -13,6 +13,7 @@ import yaml
 from setuptools.config.pyprojecttoml import read_configuration
 
 from cmr.commands import scenarios
+from cmr.exporting.command import main as export
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
 from cmr.tracker.profile import Profile
@@ -98,6 +99,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_log(folder / name, messages(IDEAL, seconds=2.0))
     values = {"wheel_radius": 0.04, "k2_over_k3": 100.0, "k1": 0.06, "base_width": 0.17}
     ParameterFile(0, {name: Value(value) for name, value in values.items()}).save(folder / "robot_0.yaml")
+    export([str(folder / "robot_0.yaml"), "--to", "python", "--out", str(folder / "robot_0.py")])
     write_turtlebot_bag(folder).rename(folder / "rosbag2_2026_11_22-14_00_00")
     return folder
 
@@ -165,6 +167,7 @@ def test_the_python_of_a_page_runs_from_its_first_block_to_its_last(
     page: str, bench: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(bench)
+    monkeypatch.syspath_prepend(str(bench))
     names: dict[str, object] = {"__name__": "page"}
     for block in blocks("python"):
         if block.page != page:
@@ -178,15 +181,14 @@ def test_the_python_of_a_page_runs_from_its_first_block_to_its_last(
 @pytest.mark.parametrize("block", blocks("yaml"), ids=str)
 def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path: Path) -> None:
     content = yaml.safe_load(block.text)
-    if "tracker" in content:  # a profile, which has robots and a schema, too
-        Profile.parse(block.text)
-        return
     readers: dict[str, Callable[[], object]] = {
         "robots": lambda: scenarios.parse(block.text, str(block), bench),
         "schema": lambda: parse_parameters(block.text, str(block)),
         "effects": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
         "mounting": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
     }
+    if "tracker" in content:
+        readers = {"tracker": lambda: Profile.parse(block.text)}
     used = [read() for key, read in readers.items() if key in content]
     assert used or block.page in (
         "cmr/tools/importing/mappings/README.md",

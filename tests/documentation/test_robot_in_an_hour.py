@@ -1,5 +1,6 @@
 """The page on bringing up a robot shows what bring-up says, and its badly wired robot is brought up."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from cmr.parameters.file import load as load_parameters
 from robot_driver.bringup import STEPS
 from robot_driver.bringup.motors import CHOICES
-from robot_driver.bringup.poses import PosesFound
+from robot_driver.bringup.poses_found import PosesFound
 from robot_driver.emulator.settings import load_settings
 from robot_driver.simulated.bringing_up import Person, SimulatedBringup
 from tests.support.documentation_blocks import DOCS, blocks_of
@@ -44,6 +45,6 @@ def test_the_robot_of_the_page_is_brought_up_and_says_what_the_page_shows(tmp_pa
 def test_the_page_has_every_step_and_every_correction() -> None:
     text = PAGE.read_text("utf-8")
     assert all(f"| `{step}` |" in text for step in STEPS)
-    wrong = PosesFound(1000.0, True, True, 1.57, 0.05, 0.0, 0.3)
-    for sentence in [*wrong.sentences(), *PosesFound(vertical="y").sentences()]:
-        assert f"| {sentence.split(' (')[0].split(':')[0].split(' of the turning')[0].rstrip('.')}" in text, sentence
+    wrong = PosesFound(1000.0, True, True, math.pi / 2, 0.05, 0.0, 0.3)
+    for sentence in [*wrong.corrections(0), *PosesFound(vertical="y").corrections(0)]:
+        assert f"| {sentence.split(' (')[0].split(':')[0].split(' and ')[0]}" in text, sentence

@@ -38,6 +38,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.files", "cmr.plain_text"},
     "cmr.parameters": {*BUS, "cmr.documents", "cmr.files", "cmr.model"},
     "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
+    "cmr.exporting": {*BUS, "cmr.files", "cmr.model", "cmr.parameters", "cmr.report"},
     # What is found out about robots, and the world in which they are.
     "cmr.camera": {"cmr.msg", "cmr.documents", "cmr.files"},
     "cmr.tracker": {*BUS, "cmr.distribution", "cmr.documents", "cmr.files"},
@@ -100,7 +101,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.commands": {
         *(*RECORDED, "cmr.documents", "cmr.files", "cmr.distribution", "cmr.priority", "cmr.threads", "cmr.geometry"),
         *("cmr.camera", "cmr.estimation", "cmr.calibration", "cmr.diagnosis", "cmr.world", "cmr.view"),
-        *("cmr.teleop", "cmr.tracker"),
+        *("cmr.teleop", "cmr.tracker", "cmr.exporting"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
         *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "cmr.tools", "cmr.processes"),

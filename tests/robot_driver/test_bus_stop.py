@@ -47,7 +47,10 @@ def test_the_first_who_engages_it_is_named_until_it_is_released(gate: CommandGat
     assert not is_held(gate)
 
 
-@pytest.mark.parametrize(("source", "reason"), [("", ""), ("Ada", ""), ("", "clear"), (" ", "clear"), ("Ada", "\n")])
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [("", ""), ("Ada", ""), ("", "clear"), (" ", "clear"), ("Ada", "\n"), ("??", "clear"), ("Ada", "...")],
+)
 def test_a_release_without_name_or_reason_releases_nothing_and_is_counted(
     gate: CommandGate, source: str, reason: str
 ) -> None:

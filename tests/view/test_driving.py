@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from http.client import HTTPConnection
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,8 +18,10 @@ from websockets.sync.connection import Connection
 from websockets.typing import Origin
 
 from cmr.view.curves import LiveCurves
-from cmr.view.driving.said import said
+from cmr.view.driving import DriveSessions
 from cmr.view.entrance.door import Address
+from cmr.view.entrance.guesses import Guesses
+from cmr.view.entrance.refusals import Refusals
 from cmr.view.orders import Orders
 from cmr.view.server import PageServer
 from cmr.view.visit import NO_ROOM
@@ -53,7 +56,8 @@ class Serving:
         def command(robot_id: int, takes_over: bool) -> list[str]:
             return [sys.executable, "-c", PROCESS, str(self.heard), str(robot_id), str(takes_over)]
 
-        self.server = PageServer(Address("127.0.0.1", 18280), TOKEN, NO_ROOM, live, command)
+        beside = [partial(DriveSessions, command)]
+        self.server = PageServer(Address("127.0.0.1", 18280), TOKEN, NO_ROOM, live, beside)
         self.port = int(self.server.url.rsplit(":", 1)[1])
 
     def connect(self, origin: str | None = None) -> ClientConnection:
@@ -148,5 +152,6 @@ def test_too_many_do_not_drive_at_once(page: Serving) -> None:
     ["", "[]", '{"robot": -1}', '{"forward": 2}', '{"forward": "1"}', '{"wish": "release"}', '{"x": 1}', "{" * 500],
 )
 def test_what_no_page_says_is_refused(text: str) -> None:
-    assert said(text) is None
-    assert said(text.encode()) is None
+    sessions = DriveSessions(lambda _robot, _takes_over: [], TOKEN, Guesses(Refusals()))
+    assert not sessions.takes(text)
+    assert not sessions.takes(text.encode())

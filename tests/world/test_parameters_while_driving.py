@@ -171,6 +171,35 @@ def test_what_is_withdrawn_waits_no_more() -> None:
     assert (caution.now, caution.waiting) == (1.0, None)
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1, 1.29])
+def test_many_small_changes_are_a_large_one(share: float) -> None:
+    caution = Caution[float](lambda value: (value,))
+    caution.offer(1.0)
+    caution.note_motion(EPOCH, 1.0, 1.0)
+    for step in range(1, 20):
+        caution.offer(share**step)
+        assert caution.now is not None
+        assert abs(caution.now - 1.0) <= LARGEST_CHANGE
+    assert caution.waiting == share**19
+    caution.note_motion(EPOCH + REST, 0.0, 0.0)
+    assert caution.now == share**19
+
+
+def test_after_a_rest_or_a_persons_word_changes_count_anew() -> None:
+    caution = Caution[float](lambda value: (value,))
+    caution.offer(1.0)
+    for now in range(1, 5):
+        caution.note_motion(EPOCH + 2 * now * REST, 1.0, 1.0)
+        caution.offer(1.25**now)
+        assert (caution.now, caution.waiting) == (1.25**now, None)
+        caution.note_motion(EPOCH + (2 * now + 1) * REST, 0.0, 0.0)
+    caution.note_motion(EPOCH + 12 * REST, 1.0, 1.0)
+    caution.offer(9.0)
+    caution.confirm()
+    caution.offer(9.0 * 1.25)
+    assert (caution.now, caution.waiting) == (9.0 * 1.25, None)
+
+
 def test_wheels_that_stand_for_a_moment_are_no_rest() -> None:
     caution = Caution[float](lambda value: (value,))
     caution.offer(1.0)

@@ -35,13 +35,15 @@ class Bins(NamedTuple):
         return float(np.nansum(self.samples * (self.mean**2 - self.error**2)))
 
 
-def binned(regressor: Floats, residual: Floats) -> Bins:
+def binned(regressor: Floats, residual: Floats, edges_of_all: Floats | None = None) -> Bins:
     """Return the means of a residual in bins of equal width of a regressor, both (n,), in order of time.
 
-    Bins with too few samples have no mean, and samples that are not finite do not count.
+    Bins with too few samples have no mean, and samples that are not finite do not count. `edges_of_all` are the borders
+    where all of the residual counts, if they are known: to find them takes longer than all else.
     """
-    usable = np.isfinite(regressor) & np.isfinite(residual)
-    edges = edges_of(regressor[usable])
+    known = np.isfinite(residual)
+    usable = np.isfinite(regressor) & known
+    edges = edges_of(regressor[usable]) if edges_of_all is None or not known.all() else edges_of_all
     if not len(edges):
         return Bins(*np.empty((4, 0)))
     usable[usable] = (regressor[usable] >= edges[0]) & (regressor[usable] <= edges[-1])

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from textwrap import dedent
 
 from cmr.diagnosis.report.estimate_text import estimate_text, interval_text
@@ -136,15 +137,19 @@ def evidence(tested: NamedEffect | Candidate) -> Html:
     return joined(*(paragraph(line) for line in lines))
 
 
-def tell_tales(diagnosis: Diagnosis) -> Section:
-    """Return for each effect the plot that shows it best, with and without it, and its equation."""
+def tell_tales(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Section:
+    """Return for each effect the plot that shows it best, with and without it, and its equation.
+
+    `pairs` are those of all residuals.
+    """
     parts: list[Html] = []
     for effect in diagnosis.effects:
         entry = CATALOGUE.get(effect.name)
         parts.append(tag("h3", code(effect.name), f": {typeset(effect.cause)}"))
         if entry:
             parts.append(paragraph(f"It shows in {entry.shows_in}."))
-        pair = tell_tale(pairs_without(diagnosis.evidence.residuals, effect.name), entry.shows_in if entry else "")
+        without = pairs_without(diagnosis.evidence.residuals, effect.name, pairs)
+        pair = tell_tale(without, entry.shows_in if entry else "")
         if pair:
             parts.append(tell_tale_figure(pair, _caption(effect, pair)))
         else:

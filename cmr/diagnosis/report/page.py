@@ -34,7 +34,7 @@ def _sections(diagnosis: Diagnosis) -> list[Section]:
         *((data, next_steps) if spoilt else ()),
         found.named(diagnosis),
         measured.paths(diagnosis),
-        found.tell_tales(diagnosis),
+        found.tell_tales(diagnosis, pairs),
         improvement.gain(diagnosis),
         found.runners_up(diagnosis),
         decisions(diagnosis),

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cmr.diagnosis.report.binned import MOST_SAMPLES, Bins, binned, thinned
+from cmr.diagnosis.report.binned import MOST_SAMPLES, Bins, binned, edges_of, thinned
 from cmr.diagnosis.report.terms import as_shown, place
 from cmr.diagnosis.result import Residual
 from cmr.recordings.signal import Floats
@@ -18,6 +18,7 @@ class Pair:
 
     `before` is what the simpler of two models leaves: the paper's, or the extended one without one of its effects.
     `removed` is the share of the mean square of `before` that is structure over the regressor and gone in `after`.
+    `same` is another pair with the same regressor and the same `after`, which knows their means already.
     """
 
     signal: str
@@ -26,16 +27,22 @@ class Pair:
     over: Floats
     before: Floats
     after: Floats
+    same: "Pair | None" = None
 
     @cached_property
     def means_before(self) -> Bins:
         """Binned means of what the simpler model leaves."""
-        return binned(self.over, self.before)
+        return binned(self.over, self.before, self._edges)
 
     @cached_property
     def means_after(self) -> Bins:
         """Binned means of what the extended model leaves."""
-        return binned(self.over, self.after)
+        return self.same.means_after if self.same else binned(self.over, self.after, self._edges)
+
+    @cached_property
+    def _edges(self) -> Floats:
+        """The borders of the bins of a residual that is finite throughout."""
+        return self.same._edges if self.same else edges_of(self.over[np.isfinite(self.over)])
 
     @cached_property
     def removed(self) -> float:
@@ -49,10 +56,15 @@ def pairs_of(residuals: Iterable[Residual]) -> tuple[Pair, ...]:
     return tuple(pair for residual in residuals for pair in _pairs(residual))
 
 
-def pairs_without(residuals: Iterable[Residual], effect: str) -> tuple[Pair, ...]:
-    """Return the pairs whose `before` is what the extended model leaves without one effect; none if that is unknown."""
+def pairs_without(residuals: Iterable[Residual], effect: str, pairs: Iterable[Pair] = ()) -> tuple[Pair, ...]:
+    """Return the pairs whose `before` is what the extended model leaves without one effect; none if that is unknown.
+
+    `pairs` are those of the same residuals, as far as they are there already.
+    """
     known = [residual for residual in residuals if effect in residual.without]
-    return pairs_of(replace(residual, before=residual.without[effect]) for residual in known)
+    same = {(pair.signal, pair.regressor): pair for pair in pairs}
+    without = pairs_of(replace(residual, before=residual.without[effect]) for residual in known)
+    return tuple(replace(pair, same=same.get((pair.signal, pair.regressor))) for pair in without)
 
 
 def _pairs(residual: Residual) -> list[Pair]:

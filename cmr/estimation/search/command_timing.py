@@ -43,6 +43,7 @@ SIDES = ("psi_left", "psi_right")
 SMALLEST_BLOCK = 32  # of a banded matrix that is worked off block by block
 AGES = 200  # at which the age of the command in force is reckoned
 MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
+CLOSE = 1e-13  # of the largest delay: it is found as exactly
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
 JITTER, LOSS = "command_jitter", "command_loss"
 
@@ -187,9 +188,12 @@ def largest_delay(mean: float, period: float) -> float:
 
     if 2.0 * mean <= period or missing(2.0 * mean) >= 0.0:
         return 2.0 * mean
-    from scipy.optimize import brentq  # takes longer to import than all the rest
-
-    return float(brentq(missing, mean, MOST_OVERTAKEN * mean))
+    # SciPy's `brentq` needs fewer steps, but a tenth of the time of a whole calibration to be imported.
+    low, high = 2.0 * mean, MOST_OVERTAKEN * mean
+    while high - low > CLOSE * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if missing(middle) < 0.0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 def _seeming_delay(largest: float, period: float) -> float:

@@ -1,15 +1,7 @@
 """Compose the extended model: Python source of one compiled step with the statements of all given effects.
 
-The step, for a robot on a span of constant commands:
-
-1. Commands become duties: stages `command` and `actuator`, with means over the step.
-2. Wheel speeds: an exponential predictor and corrector. The paper's motor is solved exactly; what effects add counts as
-   changing linearly from the step's beginning to its end (Cox and Matthews, J. Comput. Phys. 176, 2002, ETD2RK).
-3. Dry friction keeps its direction within a step. A wheel that would reverse comes to rest on the way; from there it
-   sticks, or sets off with what friction cannot hold.
-4. Wheels, ground and body at the two Gauss-Legendre points; heading and position by collocation.
-
-There is no branch in it: choices become selections, and the loops over LANES robots are vectorised.
+What the step is, `step_statements` says. There is no branch in it: choices become selections, and the loops over LANES
+robots are vectorised.
 
 Only this, and what else effects say, is composed: `step`, `begin` and `packet`. The loops around it are ordinary
 functions, in `stepping`; they know the rows that every robot has by the numbers below. The one over blocks is composed
@@ -22,17 +14,20 @@ from typing import NamedTuple
 from cmr.model.effect import Effect
 from cmr.model.extended.loops import loops
 from cmr.model.extended.statements import SIDES, Statements, memories
+from cmr.model.extended.step_statements import (
+    CHANGED,
+    COEFFICIENTS,
+    COLLOCATION,
+    HELD,
+    NOT_LATE,
+    step_parts,
+)
 from cmr.model.parameters import DEFINITIONS as _PAPER
 from cmr.model.parameters import ParameterDefinition
 
 LANES = 16  # robots side by side; the distance between rows is known to the compiler, so it sees that none overlap
 ABREAST = 8  # robots that a processor's widest registers take at once
-CHANGED = (
-    *("x", "y", "theta", "psi_left", "psi_right", "angle_left", "angle_right"),
-    *("domega_left", "domega_right", "time"),
-)
 COMMANDS = ("command_left", "command_right", "left_before", "right_before")
-COEFFICIENTS = tuple(f"{what}_{when}" for when in ("first", "second", "end") for what in ("kept", "gained", "grown"))
 # The rows that every robot has, whatever effects there are, before its memory: see `Layout`.
 ALWAYS = ("dt", *COEFFICIENTS, *_PAPER, *COMMANDS, *CHANGED)
 YAW_RATES = ("yaw_rate_first", "yaw_rate_second", "yaw_rate_end")  # what a step also leaves, behind all rows
@@ -43,7 +38,6 @@ COMMAND_LEFT, COMMAND_RIGHT, LEFT_BEFORE, RIGHT_BEFORE, X, Y, THETA = range(14 *
 PSI_LEFT, PSI_RIGHT, ANGLE_LEFT, ANGLE_RIGHT, DOMEGA_LEFT, DOMEGA_RIGHT, TIME = range(21 * LANES, 28 * LANES, LANES)
 COEFFICIENTS_END = WHEEL_RADIUS
 RECORDED = 7  # rows from X on that a drive records
-FIRST, SECOND = 0.21132486540518713, 0.7886751345948129  # Gauss-Legendre points, as shares of a step
 
 IMPORTS = f'''"""Composed by cmr.model.extended.compose: do not edit, it is written again whenever an effect changes."""
 
@@ -53,11 +47,7 @@ from cmr.model.compiled import compiled, select
 from cmr.model.elementary import cos, exp, expm1, sin, sincos
 from cmr.model.extended.step_helpers import after, random_number, share, sign
 
-FIRST, SECOND = {FIRST}, {SECOND}
-first_BY_FIRST, first_BY_SECOND = 0.25, -0.038675134594812866
-second_BY_FIRST, second_BY_SECOND = 0.5386751345948129, 0.25
-end_BY_FIRST, end_BY_SECOND = 0.5, 0.5
-'''
+{COLLOCATION}'''
 FUNCTIONS = '''
 
 @compiled("void(f8[::1], f8[::1], i8[::1], i8)")
@@ -129,7 +119,7 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
     """
     statements = Statements(effects, definitions)
     rows = [*rows_of(effects, definitions), *YAW_RATES]
-    body, extra = loops(_step(statements), rows, (*CHANGED, *memories(effects), "yaw_rate_end"))
+    body, extra = loops(step_parts(statements), rows, (*CHANGED, *memories(effects), "yaw_rate_end"))
     layout, functions = layout_of(effects, definitions), FUNCTIONS
     for place, lines, depth in (
         ("STEP", body, 8),
@@ -161,7 +151,7 @@ def _start(
     return [
         *(f"{name} = rows[{name.upper()} + i]" for name in ("psi_left", "psi_right", *definitions)),
         *(f"{name} = 0.0" for name in remembered),
-        *(f"duty_{side} = k1 * psi_{side}" for side in SIDES),
+        *HELD,
         *(f"rows[{side.upper()}_BEFORE + i] = duty_{side}" for side in SIDES),
         *statements.both("start"),
         *(f"rows[{name.upper()} + i] = {name}" for name in remembered),
@@ -173,167 +163,10 @@ def _packet(statements: Statements, effects: Sequence[Effect]) -> list[str]:
     own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
     return [
         *(f"{name} = rows[{name.upper()} + i]" for name in own),
-        "delay = 0.0",
-        "lost = False",
+        *NOT_LATE,
         *statements.of("packet"),
     ]
 
 
 def _indented(lines: Iterable[str], by: int) -> str:
     return "".join(" " * by + line + "\n" for line in lines)
-
-
-def _step(statements: Statements) -> list[list[str]]:
-    """Return the lines of one step, in the parts that are loops of their own."""
-    return [
-        [
-            "duty_left, duty_right = command_left, command_right",
-            *statements.of("command"),
-            *_both(_BEFORE),
-            *statements.both("actuator"),
-        ],
-        [*_AHEAD, *statements.of("place")],
-        [
-            *_evaluation(statements),
-            *_both(_DIRECTION),
-            *statements.of("coupling"),
-            *_both(_PREDICT),
-            "load_before = load_share",
-        ],
-        [
-            "sine, cosine = sine_ahead, cosine_ahead",
-            *_evaluation(statements),
-            *_both(_FRICTION),
-            *statements.of("coupling"),
-            "load_share = 0.5 * (load_before + load_share)",
-        ],
-        [*_both(_CORRECT), *statements.both("wheel")],
-        _point(statements, "first"),
-        _point(statements, "second"),
-        _POSE,
-        [*_both(("end_SIDE = after_SIDE",)), *_point(statements, "end")],
-        [
-            *_both(_AFTER),
-            *statements.both("memory"),
-            *statements.of("robot_memory"),
-            "time = time + dt",
-        ],
-    ]
-
-
-def _both(lines: Iterable[str]) -> list[str]:
-    return [line for side in SIDES for line in _each(lines, side)]
-
-
-def _each(lines: Iterable[str], side: str) -> list[str]:
-    return [line.replace("_SIDE", f"_{side}") for line in lines]
-
-
-def _evaluation(statements: Statements) -> list[str]:
-    """Return the lines that compute accelerations without friction, and friction, from the wheel speeds."""
-    lines = [
-        "load_share = max(0.0, duty_left * (duty_left - 0.8 * k1 * psi_left)) "
-        "+ max(0.0, duty_right * (duty_right - 0.8 * k1 * psi_right))"
-    ]
-    for before, stage in (
-        (["voltage_SIDE = duty_SIDE"], "voltage"),
-        (["current_SIDE = voltage_SIDE - back_emf_SIDE * psi_SIDE"], "current"),
-        (
-            ["acceleration_SIDE = gain_SIDE * current_SIDE", "friction_SIDE = 0.0", "break_away_SIDE = 0.0"],
-            "acceleration",
-        ),
-    ):
-        lines += [*_each(before, "left"), *_each(before, "right"), *statements.both(stage)]
-    return lines
-
-
-def _point(statements: Statements, point: str) -> list[str]:
-    """Return the lines that compute the body's motion at a Gauss point."""
-    sides = [line.replace("POINT", point) for side in SIDES for line in _each(_GROUND, side)]
-    return [
-        *sides,
-        *statements.both("ground"),
-        "difference = radius_right * rolling_right - radius_left * rolling_left",
-        "width = base_width",
-        *statements.of("width"),
-        "speed = 0.5 * (radius_left * rolling_left + radius_right * rolling_right)",
-        "sideways = 0.0",
-        "yaw_rate = difference / width",
-        *statements.of("body"),
-        f"speed_{point}, sideways_{point}, yaw_rate_{point} = speed, sideways, yaw_rate",
-    ]
-
-
-_BEFORE = (
-    "before_SIDE, angle_before_SIDE = psi_SIDE, angle_SIDE",
-    "duty_SIDE, gain_SIDE, back_emf_SIDE = duty_SIDE, k2_over_k3, k1",
-)
-_AHEAD = (
-    "rate = k1 * k2_over_k3",
-    "sine, cosine = sincos(theta)",
-    "turned_ahead = dt * wheel_radius * (psi_right - psi_left) / base_width",
-    "sine_ahead, cosine_ahead = sincos(theta + turned_ahead)",
-    "half_ahead = 0.25 * dt * wheel_radius * (psi_left + psi_right)",
-    "x_ahead = x + half_ahead * (cosine + cosine_ahead)",
-    "y_ahead = y + half_ahead * (sine + sine_ahead)",
-)
-_DIRECTION = (
-    "direction_SIDE = sign(acceleration_SIDE) if before_SIDE == 0.0 else sign(before_SIDE)",
-    "hold_SIDE = break_away_SIDE if before_SIDE == 0.0 else 0.0",
-    "free_SIDE = 0.0 if abs(acceleration_SIDE) <= hold_SIDE else 1.0",
-    # Without friction a wheel at rest is free although nothing drives it.
-    "free_SIDE = free_SIDE if break_away_SIDE > 0.0 else 1.0",
-    "acceleration_SIDE = free_SIDE * (acceleration_SIDE - direction_SIDE * friction_SIDE)",
-)
-_PREDICT = (
-    "source_SIDE = acceleration_SIDE + rate * before_SIDE",
-    "ahead_SIDE = kept_end * before_SIDE + gained_end * source_SIDE",
-    "psi_SIDE = ahead_SIDE",
-)
-_FRICTION = (
-    "driving_SIDE = acceleration_SIDE",
-    "acceleration_SIDE = free_SIDE * (acceleration_SIDE - direction_SIDE * friction_SIDE)",
-)
-_CORRECT = (
-    "change_SIDE = acceleration_SIDE + rate * ahead_SIDE - source_SIDE",
-    "after_SIDE = ahead_SIDE + grown_end * change_SIDE",
-    "first_SIDE = kept_first * before_SIDE + gained_first * source_SIDE + grown_first * change_SIDE",
-    "second_SIDE = kept_second * before_SIDE + gained_second * source_SIDE + grown_second * change_SIDE",
-    "domega_first_SIDE = source_SIDE + FIRST * change_SIDE - rate * first_SIDE",
-    "domega_second_SIDE = source_SIDE + SECOND * change_SIDE - rate * second_SIDE",
-    "domega_end_SIDE = source_SIDE + change_SIDE - rate * after_SIDE",
-    # A wheel that friction reverses: at rest after the share `until` of the step, then stuck, or off the other way.
-    "reverses_SIDE = direction_SIDE * after_SIDE < 0.0",
-    "reverses_SIDE = reverses_SIDE & (break_away_SIDE > 0.0)",
-    "until_SIDE = before_SIDE / (before_SIDE - after_SIDE)",
-    "onward_SIDE = driving_SIDE + direction_SIDE * break_away_SIDE",
-    "onward_SIDE = 0.0 if abs(driving_SIDE) <= break_away_SIDE else onward_SIDE",
-    "restart_SIDE = onward_SIDE * (1.0 - until_SIDE) * dt",
-    "mean_SIDE = 0.5 * (before_SIDE * until_SIDE + restart_SIDE * (1.0 - until_SIDE))",
-    "after_SIDE = restart_SIDE if reverses_SIDE else after_SIDE",
-    "first_SIDE = mean_SIDE if reverses_SIDE else first_SIDE",
-    "second_SIDE = mean_SIDE if reverses_SIDE else second_SIDE",
-    "slowing_SIDE = (restart_SIDE - before_SIDE) / dt",
-    "domega_first_SIDE = slowing_SIDE if reverses_SIDE else domega_first_SIDE",
-    "domega_second_SIDE = slowing_SIDE if reverses_SIDE else domega_second_SIDE",
-    "domega_end_SIDE = onward_SIDE if reverses_SIDE else domega_end_SIDE",
-    "turned_SIDE = 0.5 * dt * (first_SIDE + second_SIDE)",
-)
-_GROUND = (
-    "psi_SIDE, domega_SIDE = POINT_SIDE, domega_POINT_SIDE",
-    "angle_SIDE = angle_before_SIDE + dt * (POINT_BY_FIRST * first_SIDE + POINT_BY_SECOND * second_SIDE)",
-    "radius_SIDE, rolling_SIDE = wheel_radius, psi_SIDE",
-)
-_POSE = [
-    "sine_first, cosine_first = sincos(theta + dt * (0.25 * yaw_rate_first + first_BY_SECOND * yaw_rate_second))",
-    "sine_second, cosine_second = sincos(theta + dt * (second_BY_FIRST * yaw_rate_first + 0.25 * yaw_rate_second))",
-    "x = x + 0.5 * dt * (speed_first * cosine_first - sideways_first * sine_first "
-    "+ speed_second * cosine_second - sideways_second * sine_second)",
-    "y = y + 0.5 * dt * (speed_first * sine_first + sideways_first * cosine_first "
-    "+ speed_second * sine_second + sideways_second * cosine_second)",
-    "theta = theta + 0.5 * dt * (yaw_rate_first + yaw_rate_second)",
-]
-_AFTER = (
-    "psi_SIDE, domega_SIDE = after_SIDE, domega_end_SIDE",
-    "angle_SIDE = angle_before_SIDE + turned_SIDE",
-)

@@ -17,6 +17,7 @@ from cmr.model.cache import cache_folder
 from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, MODELLED
 from cmr.model.effect import Effect
 from cmr.model.extended.compose import LANES, RECORDED, compose, late, layout_of, rows_of
+from cmr.model.extended.step_statements import LONGEST_STEP
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 START = ("x", "y", "theta", "psi_left", "psi_right")
 CACHE_LINE = 64  # bytes
-LONGEST_STEP = 0.012  # s; longer spans are split into equal parts
 
 
 class ExtendedModel:

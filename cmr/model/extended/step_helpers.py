@@ -1,8 +1,19 @@
-"""What the statements of effects may call besides elementary functions."""
+"""What the statements of a step, and those of effects, may call besides elementary functions."""
 
 import numpy as np
 
 from cmr.model.compiled import inlined
+from cmr.model.elementary import expm1
+
+
+@inlined
+def coefficients(rate: float, t: float, dt: float) -> tuple[float, float, float]:
+    """Return how a wheel speed is kept over t [s], and how it responds to a constant and to a growing source."""
+    lost = expm1(-rate * t)
+    z = rate * t
+    gained = -lost / rate
+    series = t * t * (0.5 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z / 720)))) / dt
+    return 1.0 + lost, gained, series if z < 0.02 else (t - gained) / (rate * dt)
 
 
 @inlined

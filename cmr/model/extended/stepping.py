@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model.compiled import call, compiled, inlined, structure
-from cmr.model.elementary import expm1
 from cmr.model.extended.compose import (
     COMMAND_LEFT,
     COMMAND_RIGHT,
     DT,
-    FIRST,
     GAINED_END,
     GAINED_FIRST,
     GAINED_SECOND,
@@ -33,11 +31,12 @@ from cmr.model.extended.compose import (
     LEFT_BEFORE,
     RECORDED,
     RIGHT_BEFORE,
-    SECOND,
     TIME,
     Layout,
     X,
 )
+from cmr.model.extended.step_helpers import coefficients
+from cmr.model.extended.step_statements import FIRST, SECOND
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -78,23 +77,13 @@ SPANS = structure(Spans, "f8[::1]", "f8[::1]", "f8[::1]")
 
 
 @inlined
-def _coefficients(rate: float, t: float, dt: float) -> tuple[float, float, float]:
-    """Return how a wheel speed is kept over t [s], and how it responds to a constant and to a growing source."""
-    lost = expm1(-rate * t)
-    z = rate * t
-    gained = -lost / rate
-    series = t * t * (0.5 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z / 720)))) / dt
-    return 1.0 + lost, gained, series if z < 0.02 else (t - gained) / (rate * dt)
-
-
-@inlined
 def _prepare(rows: Floats, i: int, dt: float) -> None:
     """Compute the coefficients of the robot in place `i` for a step of dt [s]."""
     rate = rows[K1 + i] * rows[K2_OVER_K3 + i]
     rows[DT + i] = dt
-    rows[KEPT_FIRST + i], rows[GAINED_FIRST + i], rows[GROWN_FIRST + i] = _coefficients(rate, FIRST * dt, dt)
-    rows[KEPT_SECOND + i], rows[GAINED_SECOND + i], rows[GROWN_SECOND + i] = _coefficients(rate, SECOND * dt, dt)
-    rows[KEPT_END + i], rows[GAINED_END + i], rows[GROWN_END + i] = _coefficients(rate, dt, dt)
+    rows[KEPT_FIRST + i], rows[GAINED_FIRST + i], rows[GROWN_FIRST + i] = coefficients(rate, FIRST * dt, dt)
+    rows[KEPT_SECOND + i], rows[GAINED_SECOND + i], rows[GROWN_SECOND + i] = coefficients(rate, SECOND * dt, dt)
+    rows[KEPT_END + i], rows[GAINED_END + i], rows[GROWN_END + i] = coefficients(rate, dt, dt)
 
 
 @compiled("void(f8[::1], i8, f8)")

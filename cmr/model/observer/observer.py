@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
 from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
-from cmr.model.extended.compose import CHANGED, LANES
+from cmr.model.extended.compose import LANES
 from cmr.model.extended.evaluating import mean_radii, slip_time
 from cmr.model.extended.model import START, Candidates, aligned, composed_module, model_of
 from cmr.model.extended.statements import SIDES, Statements, memories
+from cmr.model.extended.step_statements import CHANGED
 from cmr.model.observer import helpers, loops
 from cmr.model.observer.drives import Drives
 from cmr.model.parameters import DEFINITIONS as PAPER

@@ -1,4 +1,5 @@
-"""The joystick: a page of its own beside viser's, made for phones, with which robots are driven by hand.
+"""The joystick: a page of its own beside viser's, made for phones, with which robots are driven by hand."""
 
-`sessions` relays what a visitor's page says to a process of cmr-teleop, and back; `said` is what such a page may say.
-"""
+from cmr.view.driving.sessions import DriveSessions
+
+__all__ = ["DriveSessions"]

@@ -11,7 +11,7 @@ import ipaddress
 import socket
 import ssl
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any, NamedTuple, Protocol
@@ -71,9 +71,10 @@ class Address(NamedTuple):
 
 
 class Beside(Protocol):
-    """A page beside viser's, at `page`, which connects to `connects_to`."""
+    """A page beside viser's, at `page`, which connects to `connects_to`; a link to it says its `title`."""
 
     page: str
+    title: str
     connects_to: str
     html: bytes
 
@@ -111,8 +112,8 @@ class Door(NamedTuple):
 
 
 @contextmanager
-def guarding(door: Door, beside: Beside | None = None) -> Iterator[None]:
-    """Put a door before the server that viser starts meanwhile, and have it serve another page, too.
+def guarding(door: Door, beside: Sequence[Beside] = ()) -> Iterator[None]:
+    """Put a door before the server that viser starts meanwhile, and have it serve other pages, too.
 
     Raises RuntimeError where viser has not started one in the way that is known: it would let in everybody.
     """
@@ -135,14 +136,14 @@ def guarding(door: Door, beside: Beside | None = None) -> Iterator[None]:
         )
 
 
-def _checking(door: Door, answer: Process, beside: Beside | None) -> Process:
+def _checking(door: Door, answer: Process, beside: Sequence[Beside]) -> Process:
     def process(connection: ServerConnection, request: Request) -> Response | None:
         reason = door.why_not(request, connection.local_address[0])
         if reason:
             door.refusals.count("requests under a foreign name or from a foreign page", connection.remote_address[0])
             return connection.respond(403, reason)
-        is_beside = beside is not None and request.path == beside.page
-        response = _page(beside.html) if beside is not None and is_beside else answer(connection, request)
+        html = next((one.html for one in beside if request.path == one.page), None)
+        response = _page(html) if html is not None else answer(connection, request)
         if response is not None:
             response.headers.update(HEADERS)
         return response
@@ -156,18 +157,20 @@ def _page(html: bytes) -> Response:
     return Response(HTTPStatus.OK, "OK", headers, html)
 
 
-def _parted(handler: Handler, beside: Beside | None) -> Handler:
-    """Return what hands the visitors of the page beside to it."""
+def _parted(handler: Handler, beside: Sequence[Beside]) -> Handler:
+    """Return what hands the visitors of each page beside to it."""
 
     async def handle(connection: ServerConnection) -> None:
-        await (beside.serve if beside is not None and _is_beside(connection, beside) else handler)(connection)
+        one = _of(connection, beside)
+        await (handler if one is None else one.serve)(connection)
 
     return handle
 
 
-def _is_beside(connection: ServerConnection, beside: Beside | None) -> bool:
-    """Return whether a visitor is of the page beside."""
-    return beside is not None and connection.request is not None and connection.request.path == beside.connects_to
+def _of(connection: ServerConnection, beside: Sequence[Beside]) -> Beside | None:
+    """Return the page beside that a visitor is of; None for viser's."""
+    path = connection.request.path if connection.request is not None else ""
+    return next((one for one in beside if path == one.connects_to), None)
 
 
 def _limited(handler: Handler) -> Handler:
@@ -187,7 +190,7 @@ def _limited(handler: Handler) -> Handler:
     return handle
 
 
-def _connections(refusals: Refusals, beside: Beside | None) -> type[ServerConnection]:
+def _connections(refusals: Refusals, beside: Sequence[Beside]) -> type[ServerConnection]:
     """Return connections that pass on only what a page sends, and that no faster than a page does."""
 
     class Screened(ServerConnection):
@@ -197,7 +200,8 @@ def _connections(refusals: Refusals, beside: Beside | None) -> type[ServerConnec
             while True:
                 data = await super().recv(decode)
                 await self._slow_down()
-                takes = beside.takes if beside is not None and _is_beside(self, beside) else is_from_a_page
+                one = _of(self, beside)
+                takes = is_from_a_page if one is None else one.takes
                 if takes(data):
                     return data
                 refusals.count("messages that no page sends", address_of(self))

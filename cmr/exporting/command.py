@@ -1,0 +1,94 @@
+"""cmr-export: take a calibrated robot to another simulator, or to a robot description."""
+
+import argparse
+import math
+from pathlib import Path
+
+from cmr.cli.command_line import add_json, check_writable, parser, print_json
+from cmr.exporting.carried import TARGETS, of_robot, what_is_carried
+from cmr.exporting.export import Description, export, name_of_file
+from cmr.exporting.robot import ExportedRobot, exported
+from cmr.files import write_atomically
+from cmr.parameters.file import load
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-export.
+
+    Raises CommandError where the robot cannot be exported, ParameterFileError where its file cannot be used.
+    """
+    options = command_parser().parse_args(arguments)
+    if options.prove:
+        from cmr.exporting.proof import check_provable  # imports what only proofs need
+
+        check_provable(options.to)
+    robot = exported(load(options.parameters))
+    path = options.out or Path(name_of_file(robot, options.to))
+    check_writable(path.parent)
+    remarks = export(robot, options.to, path, Description(options.wheel_separation, options.wheel_radius))
+    proof = _proven(robot, options.to, path) if options.prove else None
+    if options.json:
+        carried = {
+            name: {"carried": one.how.value, "why": one.why} for name, one in of_robot(options.to, robot).items()
+        }
+        print_json({"file": str(path), "target": options.to, "effects": carried, "remarks": remarks, "proof": proof})
+        return _code(proof)
+    print("\n".join([*what_is_carried(options.to, robot), *remarks, f"written: {path}"]))
+    if proof:
+        print(f"{proof['verdict']}\nwritten: {proof['page']}")
+    return _code(proof)
+
+
+def _code(proof: dict[str, object] | None) -> int:
+    return 0 if proof is None or proof["holds"] else 1
+
+
+def _proven(robot: ExportedRobot, target: str, path: Path) -> dict[str, object]:
+    """Run the file that was written beside CMR's own model, and write a page about it."""
+    from cmr.exporting.proof import prove
+    from cmr.exporting.proof_page import proof_page, verdict
+
+    proof = prove(robot, target, path)
+    page = path.with_name(f"{path.name}.html")
+    write_atomically(proof_page(robot, proof), page)
+    sizes = {"largest_distance": proof.off, "lost": proof.lost, "path_length": proof.length}
+    return {"verdict": verdict(proof), "holds": proof.holds, "page": str(page), **sizes}
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-export."""
+    result = parser(
+        "cmr-export",
+        "Write a calibrated robot for another program: a Python file or a functional mock-up unit (FMI 3.0) that step "
+        "the same equations, a MuJoCo model, parameters of ROS 2's diff_drive_controller, or Gazebo's plugin for an "
+        "SDF or a URDF. It says which effects the target carries exactly, which approximately, and which not.",
+        "cmr-export robot_0.yaml --to python\n"
+        "  cmr-export robot_0.yaml --to ros2_control --wheel-separation 0.16 --wheel-radius 0.033",
+    )
+    result.add_argument("parameters", type=Path, metavar="ROBOT.yaml", help="parameter file of the robot")
+    result.add_argument("--to", required=True, choices=TARGETS, help="what to write")
+    result.add_argument(
+        "--out", type=Path, metavar="FILE", help="file to write (default: robot_N and the target's ending)"
+    )
+    of_description = (
+        "as the robot description has it, for ros2_control, sdf and urdf (default: as the robot counts) [m]"
+    )
+    result.add_argument("--wheel-separation", type=_length, metavar="M", help=f"wheel separation {of_description}")
+    result.add_argument("--wheel-radius", type=_length, metavar="M", help=f"wheel radius {of_description}")
+    result.add_argument(
+        "--prove",
+        action="store_true",
+        help="run the file (python, fmu, mjcf) beside CMR's own model, and write a page beside it: FILE.html",
+    )
+    add_json(result)
+    return result
+
+
+def _length(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a length: a number greater than 0, in m")
+    return value

@@ -1,0 +1,187 @@
+"""Differential-drive controllers of others: ROS 2's diff_drive_controller and Gazebo's DiffDrive plugin.
+
+Such a controller turns (v, omega) into wheel speeds, and wheel angles into odometry, by the wheel separation S and the
+wheel radius R of a robot description. The calibrated robot of base width b and radii r_left, r_right turns by
+
+    omega (S / R) (r / b)
+
+when omega is commanded: multipliers b / S and r / R make that omega.
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+from cmr.exporting.carried import ROS2_CONTROL, SDF, URDF, what_is_carried
+from cmr.exporting.robot import ExportedRobot
+
+LEAST_SHARE = 1e-3  # by which wheels may miss a commanded speed unsaid
+
+
+@dataclass(frozen=True)
+class Described:
+    """What a robot description says: wheel separation and wheel radius [m]."""
+
+    separation: float
+    radius: float
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What the calibrated robot is: base width, radii [m], and the most it does, in m/s, rad/s and their rates."""
+
+    separation: float
+    radius_left: float
+    radius_right: float
+    speed: float
+    turn_rate: float
+    acceleration: float
+    turn_acceleration: float
+
+    @property
+    def radius(self) -> float:
+        """The mean radius [m]."""
+        return (self.radius_left + self.radius_right) / 2.0
+
+
+def calibrated(robot: ExportedRobot) -> Calibrated:
+    """Return what a differential-drive controller has to know of the robot."""
+    value = robot.value
+    radius = value("wheel_radius") * (1.0 + value("wheel_radius_scale"))
+    apart = value("wheel_radius_asymmetry")
+    width, fastest = value("base_width"), min(1.0, value("saturation")) / value("k1")
+    # From rest at full duty; the duty itself may rise slowly.
+    quickest = min(
+        value("k2_over_k3") * min(1.0, value("saturation"), value("current_limit")), value("slew_limit") / value("k1")
+    )
+    return Calibrated(
+        width,
+        radius * (1.0 + apart),
+        radius * (1.0 - apart),
+        radius * fastest,
+        min(2.0 * radius * fastest / width, value("turn_rate_limit")),
+        radius * quickest,
+        2.0 * radius * quickest / width,
+    )
+
+
+def described(robot: ExportedRobot, separation: float | None, radius: float | None) -> Described:
+    """Return what the robot description says; what is not given is what the robot's own controller counts with.
+
+    Robots without a controller have no such numbers: then they are those of the calibration.
+    """
+    if robot.controller is None:
+        known = calibrated(robot)
+        counted, counted_radius = known.separation, known.radius
+    else:
+        counted = robot.controller.base_width * (1.0 + robot.value("wheel_separation_error"))
+        counted_radius = robot.controller.wheel_radius
+    return Described(separation or counted, radius or counted_radius)
+
+
+def turned_before(robot: ExportedRobot, said: Described) -> float:
+    """Return by how many degrees the robot turns where the description alone would have it turn by 360."""
+    known = calibrated(robot)
+    return 360.0 * (said.separation / said.radius) * (known.radius / known.separation)
+
+
+def ros2_control(robot: ExportedRobot, said: Described) -> str:
+    """Return parameters of diff_drive_controller, ready to paste."""
+    known = calibrated(robot)
+    carried = "\n".join(f"# {line}" for line in what_is_carried(ROS2_CONTROL, robot))
+    return f"""\
+# Robot {robot.robot_id} of Calibrated Mixed Reality, as it was calibrated: written by cmr-export for
+# diff_drive_controller of ROS 2.
+#
+# A slow turn of 360 degrees, commanded with the wheel separation and radius of the description alone, is one of
+# {turned_before(robot, said):.1f} degrees. With these multipliers it is one of 360.
+{_reached(robot)}#
+# Controllers of ROS 2 Humble ignore limits without has_velocity_limits: true and has_acceleration_limits: true beside
+# them, under linear.x and angular.z.
+#
+{carried}
+diff_drive_controller:
+  ros__parameters:
+    wheel_separation: {said.separation:.6g}  # m, of the description
+    wheel_radius: {said.radius:.6g}  # m, of the description
+    wheel_separation_multiplier: {known.separation / said.separation:.6f}
+    left_wheel_radius_multiplier: {known.radius_left / said.radius:.6f}
+    right_wheel_radius_multiplier: {known.radius_right / said.radius:.6f}
+    linear:
+      x:
+        max_velocity: {known.speed:.6g}  # m/s
+        min_velocity: {-known.speed:.6g}
+        max_acceleration: {known.acceleration:.6g}  # m/s^2
+    angular:
+      z:
+        max_velocity: {known.turn_rate:.6g}  # rad/s
+        min_velocity: {-known.turn_rate:.6g}
+        max_acceleration: {known.turn_acceleration:.6g}  # rad/s^2
+"""
+
+
+def _reached(robot: ExportedRobot) -> str:
+    """Return what has to be known where wheels do not reach the speed that is commanded; empty where they do."""
+    if robot.controller is None:
+        return ""
+    share = 1.0 / (robot.value("k1") * robot.controller.top_wheel_speed)
+    if abs(share - 1.0) < LEAST_SHARE:
+        return ""
+    return (
+        f"# Its wheels reach {share:.1%} of the speed that is commanded. Odometry sees that; a turn that is commanded for\n"
+        "# a time is as much off.\n"
+    )
+
+
+def sdf(robot: ExportedRobot, said: Described) -> str:
+    """Return the DiffDrive plugin of Gazebo, to be pasted into the <model> of a robot."""
+    return f"{_comment(SDF, robot)}\n{_plugin(robot, said)}\n"
+
+
+def urdf(robot: ExportedRobot, said: Described) -> str:
+    """Return what a URDF needs, to be pasted into its <robot>: xacro properties, and the plugin for Gazebo."""
+    known = calibrated(robot)
+    plugin = "\n".join("  " + line for line in _plugin(robot, said).splitlines())
+    return f"""\
+{_comment(URDF, robot)}
+<xacro:property name="wheel_separation" value="{known.separation:.6g}"/>
+<xacro:property name="wheel_radius" value="{known.radius:.6g}"/>
+<gazebo>
+{plugin}
+</gazebo>
+"""
+
+
+def _comment(target: str, robot: ExportedRobot) -> str:
+    known = calibrated(robot)
+    carried = "\n".join(what_is_carried(target, robot)).replace("--", "- -")
+    return f"""\
+<!--
+Robot {robot.robot_id} of Calibrated Mixed Reality, as it was calibrated: written by cmr-export.
+In Gazebo the robot turns as its wheels roll: place them {known.separation:.6g} m apart, one on each side, with a radius
+of {known.radius:.6g} m, and let casters slide. The plugin counts with what the real robot's controller counts with.
+
+{carried}
+-->"""
+
+
+def _plugin(robot: ExportedRobot, said: Described) -> str:
+    known = calibrated(robot)
+    most = {
+        "linear_velocity": known.speed,
+        "angular_velocity": known.turn_rate,
+        "linear_acceleration": known.acceleration,
+        "angular_acceleration": known.turn_acceleration,
+    }
+    limits = "\n".join(
+        f"  <max_{what}>{value:.6g}</max_{what}>\n  <min_{what}>{-value:.6g}</min_{what}>"
+        for what, value in most.items()
+        if value < inf
+    )
+    return f"""\
+<plugin filename="gz-sim-diff-drive-system" name="gz::sim::systems::DiffDrive">
+  <left_joint>left_wheel_joint</left_joint>
+  <right_joint>right_wheel_joint</right_joint>
+  <wheel_separation>{said.separation:.6g}</wheel_separation>
+  <wheel_radius>{said.radius:.6g}</wheel_radius>
+{limits}
+</plugin>"""

@@ -1,0 +1,159 @@
+"""`cmr-export --to mjcf`: a MuJoCo robot whose wheels and body move as the calibrated ones.
+
+A body on two wheels, free in x, y and heading, and held upright. What the model says of each side, domega =
+(K2/K3) (duty - K1 psi), is MuJoCo's `dcmotor`: stall torque (K2/K3) I and no-load speed 1/K1, where I is what one side
+accelerates: the wheel, and its part of a body of mass m and yaw inertia J,
+
+    I = I_wheel + m r^2 / 4 + J r^2 / b^2.
+
+J is chosen so that one side pushes back the other by `motor_coupling` c, or not at all:
+
+    m r^2 / 4 - J r^2 / b^2 = c I.
+
+The mass itself makes no difference to the motion.
+"""
+
+from dataclasses import dataclass
+
+from cmr.exporting.carried import MJCF, what_is_carried
+from cmr.exporting.robot import ExportedRobot
+from cmr.model.extended.statements import SIDES
+
+MASS = 2.0  # kg
+WHEEL_INERTIA = 0.02  # of m r^2: small, so that any coupling has a body
+WHEEL_MASS = 1e-3  # kg; its inertia is that of the joint's armature
+LEAST_INERTIA = 1e-8  # kg m^2, as MuJoCo refuses none
+TIME_STEP = 0.002  # s
+STIFFNESS = 0.004  # s, time constant of contacts: as stiff as this time step allows
+GRAVITY = 9.81  # m/s^2
+
+
+@dataclass(frozen=True)
+class Side:
+    """A wheel and its motor: radius [m], what it accelerates [kg m^2], stall torque [N m], no-load speed [rad/s]."""
+
+    name: str
+    side: float
+    radius: float
+    inertia: float
+    stall_torque: float
+    no_load_speed: float
+
+
+def mjcf(robot: ExportedRobot) -> str:
+    """Return the MuJoCo model of a robot.
+
+    Raises ValueError where no body has the robot's coupling of both sides.
+    """
+    value = robot.value
+    radius = value("wheel_radius") * (1.0 + value("wheel_radius_scale"))
+    body = _yaw_inertia(robot)
+    sides = [_side(robot, name, side, body) for name, side in SIDES.items()]
+    inertia = body - 2.0 * WHEEL_MASS * (value("base_width") / 2.0) ** 2
+    mass = MASS - 2.0 * WHEEL_MASS
+    carried = "\n".join(what_is_carried(MJCF, robot)).replace("--", "- -")
+    wheels = "\n".join(_wheel(robot, side, radius) for side in sides)
+    motors = "\n".join(_motor(robot, side) for side in sides)
+    return f"""\
+<!--
+Robot {robot.robot_id} of Calibrated Mixed Reality, as it was calibrated: written by cmr-export.
+For MuJoCo 4 or later. ctrl is {_what_ctrl_is(robot)}, left and right.
+
+{carried}
+-->
+<mujoco model="robot_{robot.robot_id}">
+  <option timestep="{TIME_STEP}" integrator="implicitfast" cone="elliptic" impratio="10"
+      gravity="{_tilted(robot, sides, "slope_x")} {_tilted(robot, sides, "slope_y")} {-GRAVITY}"/>
+  <default>
+    <geom friction="2 0 0" condim="3" solref="{STIFFNESS} 1"/>
+  </default>
+  <worldbody>
+    <geom name="floor" type="plane" size="50 50 0.1" rgba="0.9 0.9 0.9 1"/>
+    <light pos="0 0 5"/>
+    <body name="robot" pos="0 0 {radius!r}">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <joint name="y" type="slide" axis="0 1 0"/>
+      <joint name="z" type="slide" axis="0 0 1"/>
+      <joint name="theta" type="hinge" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>
+      <geom name="body" type="box" size="{0.45 * value("base_width"):.4g} {0.4 * value("base_width"):.4g} 0.01"
+          contype="0" conaffinity="0" mass="0" rgba="0.3 0.5 0.8 1"/>
+      <site name="body"/>
+{wheels}
+    </body>
+  </worldbody>
+  <actuator>
+{motors}
+  </actuator>
+  <sensor>
+    <jointpos name="encoder_left" joint="left"/>
+    <jointpos name="encoder_right" joint="right"/>
+    <gyro name="gyro" site="body"/>
+    <framepos name="position" objtype="site" objname="body"/>
+    <framequat name="orientation" objtype="site" objname="body"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def _what_ctrl_is(robot: ExportedRobot) -> str:
+    return "the duty, -1 to 1" if robot.controller is None else "the commanded wheel speed [rad/s]"
+
+
+def _yaw_inertia(robot: ExportedRobot) -> float:
+    """Return the yaw inertia of the robot [kg m^2] that couples both sides as the robot's are."""
+    coupling, width = robot.value("motor_coupling"), robot.value("base_width")
+    inertia = width**2 * MASS * (0.25 * (1.0 - coupling) - coupling * WHEEL_INERTIA) / (1.0 + coupling)
+    if inertia <= 2.0 * WHEEL_MASS * (width / 2.0) ** 2:
+        raise ValueError(f"no body couples both sides by motor_coupling {coupling}: it would have no inertia")
+    return inertia
+
+
+def _side(robot: ExportedRobot, name: str, side: float, body: float) -> Side:
+    value = robot.value
+    radius = (
+        value("wheel_radius") * (1.0 + value("wheel_radius_scale")) * (1.0 + side * value("wheel_radius_asymmetry"))
+    )
+    inertia = radius**2 * (WHEEL_INERTIA * MASS + MASS / 4.0 + body / value("base_width") ** 2)
+    gain = 1.0 + side * value("motor_gain_asymmetry")
+    back_emf = value("k1") * (1.0 + side * value("back_emf_asymmetry"))
+    return Side(name, side, radius, inertia, value("k2_over_k3") * inertia * gain, gain / back_emf)
+
+
+def _wheel(robot: ExportedRobot, side: Side, mean_radius: float) -> str:
+    armature = WHEEL_INERTIA * MASS * side.radius**2 - LEAST_INERTIA
+    friction, drag = (robot.value(name) * side.inertia for name in ("coulomb_friction", "quadratic_drag"))
+    place = f"0 {side.side * robot.value('base_width') / 2.0!r} {side.radius - mean_radius!r}"
+    return f"""\
+      <body name="wheel_{side.name}" pos="{place}">
+        <joint name="{side.name}" type="hinge" axis="0 1 0" armature="{armature!r}"
+            frictionloss="{friction!r}" damping="0 {drag!r} 0"/>
+        <inertial pos="0 0 0" mass="{WHEEL_MASS}" diaginertia="{LEAST_INERTIA} {LEAST_INERTIA} {LEAST_INERTIA}"/>
+        <geom name="wheel_{side.name}" type="sphere" size="{side.radius!r}" rgba="0.2 0.2 0.2 1"/>
+      </body>"""
+
+
+def _motor(robot: ExportedRobot, side: Side) -> str:
+    value = robot.value
+    full = 1.0 if robot.controller is None else robot.controller.top_wheel_speed
+    highest = full * min(1.0, value("saturation"))
+    attributes = [
+        f'name="{side.name}" joint="{side.name}"',
+        f'nominal="{full!r} {side.stall_torque!r} {side.no_load_speed!r}" ctrlrange="{-highest!r} {highest!r}"',
+    ]
+    if value("current_limit") < float("inf"):
+        largest = value("current_limit") * value("k2_over_k3") * side.inertia
+        attributes.append(f'saturation="{largest!r} 0 0"')
+    if value("electrical_lag") > 0.0:
+        attributes.append(f'inductance="0 {value("electrical_lag")!r}"')
+    if value("command_delay") > 0.0:
+        steps = round(value("command_delay") / TIME_STEP)
+        attributes.append(f'delay="{steps * TIME_STEP!r}" nsample="{steps + 1}"')
+    return "\n        ".join(["    <dcmotor", *attributes]) + "/>"
+
+
+def _tilted(robot: ExportedRobot, sides: list[Side], slope: str) -> float:
+    """Return the gravity [m/s^2] along the floor that slows wheels as the slope does."""
+    inertia = sum(side.inertia for side in sides) / 2.0
+    radius = sum(side.radius for side in sides) / 2.0
+    return -2.0 * inertia * robot.value(slope) / (MASS * radius) + 0.0

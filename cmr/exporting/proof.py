@@ -1,0 +1,170 @@
+"""`cmr-export --prove`: run the exported robot where it can be run, beside CMR's own model, on one and the same drive.
+
+The drive is no recording, so nothing was fitted to it: curves of both directions, reversals, and rests.
+"""
+
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.cli.errors import CommandError
+from cmr.exporting.carried import FMU, MJCF, PYTHON, Carry, of_robot
+from cmr.exporting.robot import ExportedRobot
+from cmr.model.motion import RobotState, drive
+from cmr.model.parameters import RobotParameters
+
+Floats = NDArray[np.float64]
+STEP, SECONDS = 0.01, 60.0  # s
+ROUND, REST = 9.0, 1.0  # s; each round begins with a rest
+SEED = 1
+FAR = 0.01  # share of a path's length by which a target with physics of its own may be off
+SAME = 1e-6  # m, by which one that steps the model may be
+NEEDED = {FMU: "fmpy", MJCF: "mujoco"}
+
+
+class Proof(NamedTuple):
+    """The same drive by CMR and by the exported robot.
+
+    Each path is x, y [m] and the heading [rad] after each step, (n, 3): of CMR's robot, of the exported one, and of
+    CMR's robot without the effects that the target does not carry.
+    """
+
+    target: str
+    expected: Floats
+    found: Floats
+    carried: Floats
+
+    @property
+    def length(self) -> float:
+        """How long the path is [m]."""
+        return float(np.hypot(*np.diff(self.expected[:, :2], axis=0).T).sum())
+
+    @property
+    def off(self) -> float:
+        """The largest distance between the robot's path and the exported robot's [m]."""
+        return farthest(self.expected, self.found)
+
+    @property
+    def lost(self) -> float:
+        """How far the robot would be off without the effects that are not carried [m]."""
+        return farthest(self.expected, self.carried)
+
+    @property
+    def off_of_carried(self) -> float:
+        """The largest distance to the path of a robot that has only the effects that are carried [m]."""
+        return farthest(self.carried, self.found)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the exported robot moves as the effects that it carries say."""
+        return self.off_of_carried <= (FAR * self.length if self.target == MJCF else SAME)
+
+
+def farthest(one: Floats, other: Floats) -> float:
+    """Return the largest distance [m] between two paths, (n, 2 or more), at the same times."""
+    return float(np.max(np.hypot(*(one[:, :2] - other[:, :2]).T)))
+
+
+def check_provable(target: str) -> None:
+    """Refuse a target that cannot be run here, before anything takes long. Raises CommandError."""
+    if target not in RUN:
+        raise CommandError(f"{target} cannot be run here, so nothing can be proven; {', '.join(RUN)} can.")
+    library = NEEDED.get(target)
+    if library and find_spec(library) is None:
+        raise CommandError(f"To run {target}, install {library}: pip install {library}")
+
+
+def prove(robot: ExportedRobot, target: str, path: Path) -> Proof:
+    """Return what CMR's robot and the exported one in `path` do on the same drive.
+
+    Raises CommandError where the target cannot be run.
+    """
+    check_provable(target)
+    left, right = duties()
+    kept = {name for name, one in of_robot(target, robot).items() if one.how is not Carry.NOT}
+    return Proof(
+        target,
+        _driven(robot.parameters, left, right),
+        RUN[target](robot, path, left, right),
+        _driven(_with_only(robot, kept), left, right),
+    )
+
+
+def duties() -> tuple[Floats, Floats]:
+    """Return the duties of both sides for each step of the drive, within [-0.8, 0.8]."""
+    time = np.arange(0.0, SECONDS, STEP)
+    moves = time % ROUND >= REST
+    left = 0.45 * np.sin(0.9 * time) + 0.35 * np.sign(np.sin(0.5 * time))
+    right = 0.5 * np.sin(0.7 * time + 1.0) + 0.3
+    return np.where(moves, left, 0.0), np.where(moves, right, 0.0)
+
+
+def _with_only(robot: ExportedRobot, names: set[str]) -> RobotParameters:
+    """Return a robot's parameters without those of effects that are not among these names."""
+    off = {
+        parameter.name for effect in robot.effects if effect.name not in names for parameter in effect.all_parameters
+    }
+    return RobotParameters.of({name: value for name, value in robot.parameters.values.items() if name not in off})
+
+
+def _driven(parameters: RobotParameters, left: Floats, right: Floats) -> Floats:
+    motion = drive(left, right, np.full(len(left), STEP), parameters, RobotState.at_rest(), seed=SEED)
+    return np.stack([motion.x[1:], motion.y[1:], motion.theta[1:]], axis=1)
+
+
+def _in_python(_robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Floats:
+    names: dict[str, Any] = {"__name__": path.stem}
+    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
+    robot = names["Robot"](seed=SEED)
+    poses = np.empty((len(left), 3))
+    for number, command in enumerate(zip(left.tolist(), right.tolist(), strict=True)):
+        robot.command(*command)
+        robot.step(STEP)
+        poses[number] = robot.x, robot.y, robot.theta
+    return poses
+
+
+def _in_fmpy(robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Floats:
+    import fmpy
+
+    names, commands = ("duty_left", "duty_right"), (left, right)
+    if robot.controller is not None:
+        names, commands = ("v", "omega"), robot.controller.body_velocity(left, right)
+    time = np.arange(len(left)) * STEP
+    inputs = np.array(list(zip(time, *commands, strict=True)), dtype=[(name, float) for name in ("time", *names)])
+    found = fmpy.simulate_fmu(
+        str(path),
+        stop_time=len(left) * STEP,
+        step_size=STEP,
+        output_interval=STEP,
+        input=inputs,
+        start_values={"seed": SEED},
+        output=["x", "y", "theta"],
+    )
+    return np.stack([found[name][1:] for name in ("x", "y", "theta")], axis=1)
+
+
+def _in_mujoco(robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Floats:
+    import mujoco
+
+    model: Any = mujoco.MjModel.from_xml_path(str(path))
+    data: Any = mujoco.MjData(model)
+    full = 1.0 if robot.controller is None else robot.controller.top_wheel_speed
+    poses = np.empty((len(left), 3))
+    for number, command in enumerate(zip(full * left, full * right, strict=True)):
+        data.ctrl[:] = command
+        for _ in range(round(STEP / model.opt.timestep)):
+            mujoco.mj_step(model, data)
+        poses[number] = [data.joint(name).qpos[0] for name in ("x", "y", "theta")]
+    return poses
+
+
+RUN: Mapping[str, Callable[[ExportedRobot, Path, Floats, Floats], Floats]] = {
+    PYTHON: _in_python,
+    FMU: _in_fmpy,
+    MJCF: _in_mujoco,
+}

@@ -1,0 +1,86 @@
+"""The page of a proof: path beside path, and what the export lost."""
+
+import numpy as np
+
+from cmr.exporting.carried import Carry, of_robot
+from cmr.exporting.proof import SAME, SECONDS, Proof
+from cmr.exporting.robot import ExportedRobot
+from cmr.report.keys import keys, real_key, simulated_key
+from cmr.report.markup import Html, tag
+from cmr.report.numbers import number
+from cmr.report.page import page_of
+from cmr.report.section import paragraph, quiet, section
+from cmr.report.style import AFTER, REAL, REAL_OUTLINE
+from cmr.report.svg import Frame, line, plot
+from cmr.report.table import table
+
+MARGIN = 0.1  # m around the paths
+
+
+def verdict(proof: Proof) -> str:
+    """Return in a sentence whether the exported robot moves as the calibrated one."""
+    share = f"{100.0 * proof.off / proof.length:.2f} % of the path's {proof.length:.1f} m"
+    if not proof.holds:
+        return f"The exported robot is up to {proof.off:.3g} m off ({share}), more than the effects that it lacks make."
+    if proof.off <= SAME:
+        return f"The exported robot drives the same path: within {proof.off:.1g} m over {SECONDS:.0f} s."
+    lost = f", of which {proof.lost:.3g} m are effects that it does not carry" if proof.lost > SAME else ""
+    return f"The exported robot is up to {proof.off:.3g} m off after {SECONDS:.0f} s, {share}{lost}."
+
+
+def proof_page(robot: ExportedRobot, proof: Proof) -> str:
+    """Return the page."""
+    title = f"Robot {robot.robot_id} in {proof.target}"
+    header = tag("header", tag("h1", title), paragraph(verdict(proof)))
+    sections = [
+        section("Path beside path", _paths(proof), keys(real_key("CMR"), simulated_key(proof.target))),
+        section("How far off", _numbers(proof)),
+        section("What the export carries", _effects(robot, proof)),
+    ]
+    lead = quiet(
+        f"The drive of {SECONDS:.0f} s is no recording, so nothing was fitted to it: curves both ways, reversals and "
+        "rests. CMR's own model drives it, and the file that was written, in the program that it is for."
+    )
+    return page_of(title, header, lead, sections)
+
+
+def _paths(proof: Proof) -> Html:
+    both = np.concatenate([proof.expected[:, :2], proof.found[:, :2]])
+    low, high = both.min(axis=0) - MARGIN, both.max(axis=0) + MARGIN
+    half, middle = float(np.max(high - low)) / 2.0, (low + high) / 2.0
+    frame = Frame(
+        x=(float(middle[0]) - half, float(middle[0]) + half),
+        y=(float(middle[1]) - half, float(middle[1]) + half),
+        height=360.0,
+    )
+    return plot(
+        frame,
+        line(frame, proof.expected[:, 0], proof.expected[:, 1], REAL, 4.0, under=REAL_OUTLINE),
+        line(frame, proof.found[:, 0], proof.found[:, 1], AFTER, 1.8),
+        x_label="x [m]",
+        y_label="y [m]",
+        alt=f"the path of CMR's robot and that of the exported one; {verdict(proof)}",
+    )
+
+
+def _numbers(proof: Proof) -> Html:
+    heading = float(np.max(np.abs(proof.found[:, 2] - proof.expected[:, 2])))
+    rows = [
+        ["largest distance between the paths", number(proof.off), "m"],
+        ["the same at the end", number(float(np.hypot(*(proof.found[-1, :2] - proof.expected[-1, :2])))), "m"],
+        ["largest difference of headings", number(heading), "rad"],
+        ["lost with effects that are not carried", number(proof.lost), "m"],
+        ["largest distance to a robot with the effects that are", number(proof.off_of_carried), "m"],
+        ["length of the path", number(proof.length), "m"],
+    ]
+    return table(["what", "size", "unit"], rows, numbers=[1])
+
+
+def _effects(robot: ExportedRobot, proof: Proof) -> Html:
+    found = of_robot(proof.target, robot)
+    if not found:
+        return paragraph("The robot has no effects: it moves by the model of the paper.")
+    sentences = dict(zip(found, robot.sentences, strict=True))
+    in_order = sorted(found.items(), key=lambda entry: [*Carry].index(entry[1].how))
+    rows = [[name, one.how.value, one.why, sentences[name]] for name, one in in_order]
+    return table(["effect", "carried", "how, or why not", "of this robot"], rows)

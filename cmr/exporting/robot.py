@@ -1,0 +1,59 @@
+"""The robot that is exported: what its parameter file says, as every target needs it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from cmr.model.command_kinds import DUTY, VELOCITY
+from cmr.model.effect import Effect
+from cmr.model.extended.program import Program, program_of
+from cmr.model.parameters import RobotParameters
+from cmr.model.velocity_controller import VelocityController
+from cmr.parameters.file import ParameterFile
+
+
+@dataclass(frozen=True)
+class ExportedRobot:
+    """One robot with its parameters; `controller` is None where it takes duties."""
+
+    robot_id: int
+    parameters: RobotParameters
+    controller: VelocityController | None = None
+
+    @property
+    def takes(self) -> str:
+        """What the robot is commanded: DUTY or VELOCITY."""
+        return DUTY if self.controller is None else VELOCITY
+
+    @cached_property
+    def program(self) -> Program:
+        """The statements of the robot's model."""
+        return program_of(self.parameters)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that are on."""
+        return self.program.effects
+
+    def value(self, name: str) -> float:
+        """Return a parameter's value; that of an effect that is off is neutral."""
+        from cmr.model.catalogue import definition
+
+        neutral = definition(name).neutral
+        return float(self.parameters.values.get(name, 0.0 if neutral is None else neutral))
+
+    @property
+    def sentences(self) -> list[str]:
+        """What each effect that is on does, in a sentence with its size."""
+        values = {name: constant.value for name, constant in self.program.constants.items()}
+        if self.controller is None:
+            return [effect.sentence(values) for effect in self.effects]
+        top, gain = self.controller.top_wheel_speed, values["k2_over_k3"]
+        return [effect.sentence_of_speed(values, top, gain) for effect in self.effects]
+
+
+def exported(file: ParameterFile) -> ExportedRobot:
+    """Return the robot of a parameter file.
+
+    Raises ParameterFileError naming the first of the parameters that is missing for a simulation.
+    """
+    return ExportedRobot(file.robot_id, file.robot_parameters, file.velocity_controller)
