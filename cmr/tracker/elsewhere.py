@@ -1,7 +1,8 @@
 """Whether another program publishes poses of the same robots: of two trackers at once, the one that came later yields.
 
-Who listens to all poses all the time decodes its own, too, which takes as long as making them. So the bus is listened
-to for a moment now and then, on a connection of its own.
+Who listens to all poses all the time decodes its own, too, which takes as long as making them. So at first, while none
+are published here, the bus is listened to for a while; later for a moment now and then, to the poses of one robot after
+another, on a connection of its own.
 """
 
 from collections.abc import Callable, Iterable
@@ -9,7 +10,7 @@ from collections.abc import Callable, Iterable
 from cmr.bus.bus import Bus
 from cmr.bus.streams import POSE
 
-PERIOD, LOOK = 5.0, 0.4  # s between two looks, and of a look
+PERIOD, LOOK = 1.0, 0.4  # s between two looks, and of a look
 FIRST_LOOK = 1.0  # s; others that send 5 poses a second are surely heard
 
 
@@ -23,9 +24,10 @@ class Elsewhere:
         self.others: frozenset[int] = frozenset()
         self.yielded: frozenset[int] = frozenset()
         self.is_decided = False  # whether the first look is over; before, nothing is published
-        self._open_bus, self._robots = open_bus, frozenset(robots)
+        self._open_bus, self._robots = open_bus, sorted(robots)
         self._bus: Bus | None = None
         self._sent: set[tuple[int, int]] = set()
+        self._looked_at: list[int] = []
         self._found: set[int] = set()
         self._due = self._end = 0.0
 
@@ -38,7 +40,10 @@ class Elsewhere:
         """Begin or go on to listen, if it is time: called some times a second, with the monotonic time [s]."""
         if self._bus is None and now >= self._due:
             self._bus = self._open_bus()
-            for robot_id in self._robots:
+            self._looked_at = self._robots[:1] if self.is_decided else self._robots
+            if self.is_decided:
+                self._robots = [*self._robots[1:], *self._robots[:1]]
+            for robot_id in self._looked_at:
                 self._bus.subscribe(POSE, robot_id, every=True)
             self._sent.clear()
             self._found.clear()
@@ -61,7 +66,7 @@ class Elsewhere:
         return f"Another program publishes poses of robot {named}: only one may{yields}."
 
     def _decide(self, now: float) -> None:
-        self.others = frozenset(self._found)
+        self.others = (self.others - {*self._looked_at}) | self._found
         self.yielded = self.others & self.yielded if self.is_decided else self.others
         self.is_decided = True
         self._bus, self._due = None, now + PERIOD

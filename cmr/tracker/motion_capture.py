@@ -29,9 +29,7 @@ RESTART = 2.0  # s after which a process that ended is started again
 class MotionCapture:
     """A tracker behind the package `motioncapture`, whose frames have no other time than that of their arrival."""
 
-    uncertainty = (
-        "the whole time from the exposure to the arrival, beyond the profile's lag: this package has no stamps"
-    )
+    uncertainty = "the whole time from the exposure to the arrival, beyond the profile's lag: this package reports none"
 
     def __init__(self, tracker: Tracker, clock: Clock) -> None:
         if find_spec("motioncapture") is None:

@@ -33,8 +33,8 @@ LATENESS = 0.002  # s
 def misbehaviour(kinds: Sequence[str], seconds: float) -> int:
     """Run each misbehaviour with all bodies robots, and a good tracker with few robots."""
     print(
-        "| tracker | misbehaviour | poses published | wrong | good withheld | all robots back after | silence "
-        "reported after | largest error of a stamp | of a core | a frame takes, 99 % |\n"
+        "| tracker | misbehaviour | poses published | wrong | good withheld | all robots back after | silence reported "
+        "after | largest error of a stamp | of a core | a frame takes, 99 % |\n"
         f"{'|---' * 10}|",
         flush=True,
     )

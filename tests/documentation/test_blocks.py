@@ -181,9 +181,6 @@ def test_the_python_of_a_page_runs_from_its_first_block_to_its_last(
 @pytest.mark.parametrize("block", blocks("yaml"), ids=str)
 def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path: Path) -> None:
     content = yaml.safe_load(block.text)
-    if "tracker" in content:  # a profile, which has robots and a schema, too
-        Profile.parse(block.text)
-        return
     readers: dict[str, Callable[[], object]] = {
         "robots": lambda: scenarios.parse(block.text, str(block), bench),
         "schema": lambda: parse_parameters(block.text, str(block)),

@@ -37,7 +37,9 @@ def test_robots_that_have_poses_already_are_left_to_the_other_program_until_it_s
     assert elsewhere.problem() == (
         "Another program publishes poses of robot 1: only one may; these are not published here."
     )
-    look(elsewhere, FIRST_LOOK + PERIOD, LOOK, other, [])
+    look(elsewhere, FIRST_LOOK + PERIOD, LOOK, other, [])  # at robot 0
+    assert elsewhere.yielded == {1}
+    look(elsewhere, FIRST_LOOK + 3.0 * PERIOD, LOOK, other, [])
     assert elsewhere.yielded == set()
     assert elsewhere.problem() == ""
 
@@ -47,12 +49,12 @@ def test_a_program_that_comes_later_is_reported_and_own_poses_are_not_taken_for_
     other = Bus(url)
     elsewhere = Elsewhere(lambda: Bus(url), [0, 1])
     look(elsewhere, 0.0, FIRST_LOOK, other, [])
-    begin = FIRST_LOOK + PERIOD
-    elsewhere.look(begin)
-    elsewhere.note(0, 200)
-    send(other, 0, 200)  # as if sent here
-    send(other, 1, 201)
-    elsewhere.look(begin + LOOK)
-    assert elsewhere.others == {1}
+    for robot_id, begin in ((0, FIRST_LOOK + PERIOD), (1, FIRST_LOOK + 3.0 * PERIOD)):
+        elsewhere.look(begin)
+        elsewhere.note(0, 200)
+        send(other, 0, 200)  # as if sent here
+        send(other, 1, 201)
+        elsewhere.look(begin + LOOK)
+        assert elsewhere.others == {*range(1, robot_id + 1)}
     assert elsewhere.yielded == set()
     assert "Another program publishes poses of robot 1" in elsewhere.problem()
