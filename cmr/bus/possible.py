@@ -42,6 +42,7 @@ SPEED = within(100.0)  # m/s
 SENT_DUTY, CURRENT, VOLTAGE = Bound(-1.0, 1.0, True), Bound(-500.0, 500.0, True), Bound(-1.0, 1e3, True)  # duty, A, V
 TEMPERATURE = Bound(-100.0, 500.0, True)  # deg C
 COUNT = within(2.0**53)  # ticks; where a number with a fraction no longer has each of them
+RATE, TURNS = Bound(0.0, 1e6), Bound(0.0, 2.0**53)  # Hz of a loop, and how many of its turns were late
 STATE = {
     "x": POSITION,
     "y": POSITION,
@@ -73,6 +74,7 @@ BOUNDS: Mapping[type[Message], Mapping[str, Bound]] = {
     msg.motor_command_t: {"left": DUTY, "right": DUTY},
     msg.wheel_speed_command_t: {"psi_left": WHEEL_SPEED, "psi_right": WHEEL_SPEED},
     msg.velocity_command_t: {"v": SPEED, "omega": YAW_RATE},
+    msg.process_status_t: {"loop_rate_hz": RATE, "loop_overruns": TURNS},
 }
 # Stamps beside that of the message, with what stands for one that cannot be: None for the message's own, 0 for unknown.
 STAMPS: Mapping[type[Message], Mapping[str, int | None]] = {

@@ -106,9 +106,12 @@ class Life:
             self._check()
 
     def end(self) -> None:
-        """Send SIGTERM, and see it end."""
-        if self.is_over:
-            return
+        """Send SIGTERM unless it has ended by itself, and see it end."""
+        if not self.is_over:
+            self._terminate()
+        self.network.close()
+
+    def _terminate(self) -> None:
         handler = self._handlers.get(signal.SIGTERM)
         if handler is not None:
             handler(signal.SIGTERM, None)
@@ -120,7 +123,6 @@ class Life:
             self._find("does not end", self._where(), f"{ENDING} s after SIGTERM")
             self.time.end()
             self._thread.join(PATIENCE)
-        self.network.close()
 
     _ending = False
 

@@ -278,7 +278,8 @@ def without_glib(tmp_path: Path) -> Path:
     return package.parent
 
 
-@pytest.mark.parametrize("name", sorted({*COMMANDS} - {*LOGS_ALONE, "cmr-import"}))  # it writes logs without LCM
+# The last two write logs and exports without LCM.
+@pytest.mark.parametrize("name", sorted({*COMMANDS} - {*LOGS_ALONE, "cmr-import", "cmr-export"}))
 def test_without_glib_a_command_says_in_one_line_what_to_install(name: str, without_glib: Path) -> None:
     # The help of a sweep needs no LCM, its plan does.
     arguments = [str(PROJECT / "cmr/experiments/scenario/shipped/line.yaml")] if name == "cmr-sweep" else ["--help"]

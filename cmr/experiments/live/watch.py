@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cmr.bus.channel_statistics import per_second
 from cmr.bus.message import Message
+from cmr.bus.possible import screened
 from cmr.bus.senders import keep
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.experiments.live.track import Track
@@ -70,14 +71,15 @@ class TeamWatch:
         self._anchor = np.full((2, count), np.nan)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take WORLD_STATE or PROCESS_STATUS."""
-        if channel == WORLD_STATE.name and isinstance(message, world_state_t):
-            self._take_world(utime, message)
-        elif channel == PROCESS_STATUS.name and isinstance(message, process_status_t):
-            if message.host == self._host:
-                self._take_status(message)
+        """Take WORLD_STATE or PROCESS_STATUS, as far as its numbers can be."""
+        usable = screened(message).message
+        if channel == WORLD_STATE.name and isinstance(usable, world_state_t):
+            self._take_world(utime, usable)
+        elif channel == PROCESS_STATUS.name and isinstance(usable, process_status_t):
+            if usable.host == self._host:
+                self._take_status(usable)
             else:
-                keep(self.statuses_elsewhere, (message.host, message.pid), message)
+                keep(self.statuses_elsewhere, (usable.host, usable.pid), usable)
 
     def missing(self) -> list[int]:
         """Return the robots that are not in the world, or not any more."""

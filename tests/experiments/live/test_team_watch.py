@@ -1,5 +1,6 @@
 """What is said of a team in the report is what its robots did."""
 
+import math
 import socket
 import tracemalloc
 from typing import Any
@@ -158,6 +159,21 @@ def test_late_turns_of_all_processes_are_added_up_and_a_doubt_is_known() -> None
     watched.handle(EPOCH, PROCESS_STATUS.name, status(8, process_status_t.DEGRADED, 2.0))
     assert watched.overruns == 5
     assert [watched.is_degraded(pid) for pid in (7, 8, 9)] == [False, True, False]
+
+
+@pytest.mark.parametrize("overruns", [math.nan, math.inf, -1.0, 1e300])
+def test_a_status_with_numbers_that_cannot_be_is_passed_over(overruns: float) -> None:
+    watched = watch()
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(7, process_status_t.RUNNING, 3.0))
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(7, process_status_t.RUNNING, overruns))
+    watched.handle(EPOCH, PROCESS_STATUS.name, status(8, process_status_t.RUNNING, overruns))
+    assert (watched.overruns, watched.late_turns(8)) == (3, None)
+
+
+def test_a_robot_whose_place_cannot_be_is_not_seen() -> None:
+    watched = watch()
+    see(watched, 0, (0, VIRTUAL, math.nan, 0.0), (1, VIRTUAL, 1.0, 0.0))
+    assert watched.missing() == [0]
 
 
 def test_what_came_late_while_processes_started_up_does_not_count() -> None:
