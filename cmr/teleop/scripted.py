@@ -16,6 +16,9 @@ WORDS = {
 }
 
 
+LONGEST = 3600.0  # s; of a step
+
+
 class Step(NamedTuple):
     """What is asked for, and for how long [s]."""
 
@@ -31,8 +34,8 @@ def steps(text: str) -> list[Step]:
         if word not in WORDS:
             raise ValueError(f"{word!r} is none of {', '.join(WORDS)}")
         duration = float(seconds)
-        if not 0.0 < duration <= 3600.0:
-            raise ValueError(f"{seconds} s is no duration")
+        if not 0.0 < duration <= LONGEST:
+            raise ValueError(f"a step takes up to {LONGEST:g} s, not {seconds} s")
         found.append(Step(WORDS[word], duration))
     return found
 

@@ -94,6 +94,9 @@ def _fuzz(plan: Plan, process: str, only: str) -> bool:
     if not (plan.has_atheris or only or (folder / NOTED).exists()):
         _run(plan, process, EVERY, folder)
     streams = [stream for stream in pairs_of(process, plan.out) if not only or stream == only]
+    if not streams:
+        print(f"Not fuzzed: {process}, which subscribed to nothing: {_noted(process, plan.out)['found']}", flush=True)
+        return True
     missing = [stream for stream in streams if not _is_done(folder / stream, plan.seconds)]
     if plan.has_atheris:
         for stream in missing:

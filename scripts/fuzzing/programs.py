@@ -201,14 +201,14 @@ PROGRAMS = {
     "demo": Program("cmr.commands.demo", lambda at: ["--out", str(at / "demo")], _childless, ANYTHING),
     "demo lead": Program(
         "cmr.commands.demo",
-        lambda at: ["--lead", "--script", "ahead 9000", "--out", str(at / "lead")],
+        lambda at: ["--lead", "--script", "ahead 3600", "--out", str(at / "lead")],
         _childless,
         ANYTHING,
         more=("cmr/experiments/live/leading.py",),
     ),
     "teleop": Program(
         "cmr.commands.by_hand.teleop",
-        lambda at: ["--parameters", _own(at), "--script", "ahead 9000"],
+        lambda at: ["--parameters", _own(at), "--script", "ahead 3600"],
         may_end="took over robot",
     ),
     "tracker": Program(

@@ -6,6 +6,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
+from weakref import ReferenceType, ref
 
 Handler = Callable[[str, bytes], object]
 LOOK = 0.001  # s
@@ -27,7 +28,7 @@ class Network:
 
     def __init__(self, sleep: Callable[[float], None]) -> None:
         self.sleep = sleep
-        self.buses: dict[str, list[SteppedLcm]] = {}
+        self._buses: dict[str, list[ReferenceType[SteppedLcm]]] = {}  # some are opened and given up again and again
         self.subscribed: dict[tuple[str, str], tuple[str, int]] = {}
         self.published: deque[tuple[str, bytes]] = deque(maxlen=10_000)
         self.ready, write = os.pipe()  # always has something to be read
@@ -37,13 +38,16 @@ class Network:
     def LCM(self, url: str) -> "SteppedLcm":  # noqa: N802 - the name is LCM's
         """Return a connection to the bus at a URL."""
         bus = SteppedLcm(self, url)
-        self.buses.setdefault(url, []).append(bus)
+        others = self._buses.get(url, [])
+        self._buses[url] = [*(one for one in others if one() is not None), ref(bus)]
         return bus
 
     def bring(self, url: str, channel: str, data: bytes) -> None:
         """Have a message arrive at all that are on a bus."""
-        for bus in self.buses.get(url, ()):
-            bus.arrive(channel, data)
+        for one in self._buses.get(url, ()):
+            bus = one()
+            if bus is not None:
+                bus.arrive(channel, data)
 
     def close(self) -> None:
         """Give up what the system gave."""
