@@ -6,10 +6,8 @@ gives the same numbers as the drive itself.
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cmr.bus.message import Message
 from cmr.bus.messages import make, now_utime
@@ -21,24 +19,22 @@ from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.result import CalibrationResult
 from cmr.calibration.running import RunningFit
 from cmr.estimation.estimates import Estimate, EstimationError
-from cmr.estimation.segments import HELD_AT_REST, REST_AFTER
 from cmr.model.velocity_controller import Q, VelocityController
 from cmr.msg import calibration_status_t, motor_feedback_t
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.arrivals import COMMAND_SIGNALS, KEPT, LAST_NUMBER, RobotMessages
 from cmr.recordings.commanding import COMMANDS, asked_by
 from cmr.recordings.recording import Recorder, Recording
-from cmr.recordings.signal import SECONDS, Floats, Mask
+from cmr.recordings.signal import SECONDS
 
-REST = round(REST_AFTER / SECONDS)  # us at rest that end the manoeuvre;
+REST = 1_000_000  # us at rest that end the manoeuvre;
 LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
-# us before the first motion that are kept, more than is used; and after how long what is older is forgotten of a robot
-# that has not moved yet.
-BEFORE, FORGET = 14_000_000, 15_000_000
+# us before the first motion that are kept: more than the rest that is used, as a motor may be driven before it turns.
+BEFORE = 12_000_000
+FORGET = 20_000_000  # us; so often, what is older than BEFORE is forgotten of a robot that has not moved yet
 LONGEST = 1_200_000_000  # us of a drive that does not become covered; then it is forgotten, as memory has an end
 HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # all that a recording has
-UNKNOWN = (math.nan, math.nan)
 LAP = 30.0  # s, of a usual figure-eight
 FIRST_LOOK = 3.0  # s of motion that tell something
 ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
@@ -74,10 +70,9 @@ class Calibrator:
         self._recorder = Recorder(robot_id)
         self._log: RobotMessages | None = None
         self._coverage = Coverage()
-        self._has_wheels, self._has_duties = False, False
+        self._has_wheels = False
         self._onset: int | None = None
         self._last_motion: int | None = None
-        self._last_driven = 0
         self._end: int | None = None
         self._latest = 0
         self._forgotten = 0
@@ -100,14 +95,10 @@ class Calibrator:
             self._running, self.preview = self._running_fit(self._nominal), None
             self.state, self._is_second = calibration_status_t.WAITING, True
         if isinstance(message, motor_feedback_t):
-            applied = message.applied_left, message.applied_right
-            known = all(map(math.isfinite, applied))
-            self._has_wheels, self._has_duties = True, self._has_duties or known
-            self._watch(utime, message.psi_left, message.psi_right, driven=known and any(applied))
-        elif isinstance(message, COMMANDS) and not self._has_duties:
-            asked = self._asked(stream, *asked_by(message))
-            driven = all(map(math.isfinite, asked)) and any(asked)
-            self._watch(utime, *(UNKNOWN if self._has_wheels else asked), driven=driven)
+            self._has_wheels = True
+            self._watch(utime, message.psi_left, message.psi_right)
+        elif isinstance(message, COMMANDS) and not self._has_wheels:
+            self._watch(utime, *self._asked(stream, *asked_by(message)))
 
     def _forget(self) -> None:
         self._recorder.forget(self._latest - BEFORE)
@@ -124,8 +115,8 @@ class Calibrator:
         calibrator._log = messages
         number, latest = messages.latest_utime()
         calibrator._latest = int(latest[-1]) if len(latest) else 0
-        for utime, left, right, driven in calibrator._motion(messages):
-            calibrator._watch(utime, left, right, driven=driven)
+        for utime, left, right in calibrator._motion(messages):
+            calibrator._watch(utime, left, right)
         if calibrator._end is not None and calibrator._in_short_pieces(Recording.of(messages)):
             calibrator._end, calibrator.state = None, calibration_status_t.COLLECTING
         if calibrator._end is not None:
@@ -258,26 +249,19 @@ class Calibrator:
             return 1.0
         return 1.0 + (LAP / max(self._coverage.seconds[MOVING_AT_ALL], FIRST_LOOK)) ** 2
 
-    def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float, bool]]:
-        """Yield utime, speeds of both sides, and whether a motor is driven, in order; NaN where no speeds are told.
-
-        Speeds and duties are those that the wheels report; before there are any, what is commanded.
-        """
+    def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float]]:
+        """Yield what tells of the motion of both sides, in order: commands until wheels are heard, then these."""
         wheels = messages.arrivals["wheels"]
-        applied = np.stack([wheels.columns["applied_left"], wheels.columns["applied_right"]])
-        tells = np.flatnonzero(np.isfinite(applied).all(axis=0))
-        first = wheels.number[0] if len(wheels.number) else LAST_NUMBER
-        first_applied = wheels.number[tells[0]] if len(tells) else LAST_NUMBER
-        psi = wheels.columns["psi_left"], wheels.columns["psi_right"]
-        columns: list[tuple[NDArray[Any], ...]] = [(wheels.number, wheels.utime, *psi, _drives(applied))]
+        first_wheels = wheels.number[0] if len(wheels.number) else LAST_NUMBER
+        rows: list[tuple[int, int, float, float]] = []
         for name in COMMAND_SIGNALS:
-            before = messages.arrivals[name].where(messages.arrivals[name].number < first_applied)
-            asked = self._asked(KEPT[name].stream, *(before.columns[field] for field in KEPT[name].fields))
-            speeds = (np.where(before.number < first, one, math.nan) for one in asked)
-            columns.append((before.number, before.utime, *speeds, _drives(np.stack(asked))))
-        number, *rest = (np.concatenate(column) for column in zip(*columns, strict=True))
-        order = np.argsort(number)
-        yield from zip(*(column[order].tolist() for column in rest), strict=True)
+            before = messages.arrivals[name].where(messages.arrivals[name].number < first_wheels)
+            left, right = self._asked(KEPT[name].stream, *(before.columns[field] for field in KEPT[name].fields))
+            rows += zip(*(column.tolist() for column in (before.number, before.utime, left, right)), strict=True)
+        for _, utime, at_left, at_right in sorted(rows):
+            yield utime, at_left, at_right
+        columns = (wheels.utime, wheels.columns["psi_left"], wheels.columns["psi_right"])
+        yield from zip(*(column.tolist() for column in columns), strict=True)
 
     def _asked(self, stream: Stream[Message], first: Q, second: Q) -> tuple[Q, Q]:
         """Return what commands ask of the wheels of both sides: duties, or speeds.
@@ -289,10 +273,8 @@ class Calibrator:
         width = self._known.counted_width if self._known else math.nan
         return VelocityController(1.0, width, math.nan).wheels_of_body(first, second)  # m/s serve as well as rad/s
 
-    def _watch(self, utime: int, left: float, right: float, *, driven: bool) -> None:
-        """Follow the speeds of both sides, NaN where unknown, and whether a motor is driven; decide when it is over."""
-        if driven:
-            self._last_driven = utime
+    def _watch(self, utime: int, left: float, right: float) -> None:
+        """Follow the motion; decide when it is over."""
         if self._end is not None or not (math.isfinite(left) and math.isfinite(right)):
             return
         if self._coverage.add(utime, left, right):
@@ -300,10 +282,7 @@ class Calibrator:
             if self._onset is None:
                 self._onset = utime
                 self.state = calibration_status_t.COLLECTING
-        rested = 0
-        if self._last_motion is not None:
-            held_until = min(self._last_driven, self._last_motion + round(HELD_AT_REST / SECONDS))
-            rested = utime - max(self._last_motion, held_until)
+        rested = 0 if self._last_motion is None else utime - self._last_motion
         if (self._coverage.complete and self._ends(rested)) or self._coverage.exceeds(ENOUGH):
             self._end = utime
             self.state = calibration_status_t.FITTING
@@ -340,8 +319,3 @@ class Calibrator:
             return self.failure
         skipped = "; ".join(f"{name} not identifiable: {why}" for name, why in self.result.unidentified.items())
         return " ".join(["Parameters found.", *([skipped + "."] if skipped else []), *self.result.notes])
-
-
-def _drives(duties: Floats) -> Mask:
-    """Return where one of the duties of both sides (2, n), which are known, is not zero."""
-    return np.asarray(np.isfinite(duties).all(axis=0) & (duties != 0.0).any(axis=0))

@@ -7,20 +7,12 @@ import numpy as np
 
 from cmr.estimation.estimates import EstimationError
 from cmr.estimation.free_runs import LEAST, WINDOW, windows_of
-from cmr.estimation.segments import (
-    LONGEST_SILENCE,
-    REST_BEFORE,
-    SHORTEST_PIECE,
-    Segment,
-    drive_of,
-    segments_of,
-)
+from cmr.estimation.segments import LONGEST_SILENCE, SHORTEST_PIECE, Segment, segments_of
 from cmr.estimation.signs import require_consistent_signs
 from cmr.recordings.arrivals import NOT_FINITE
 from cmr.recordings.faults.checks import CLOCK, check, lag_sentence, late_wheels_in_all
 from cmr.recordings.faults.findings import Finding, Findings, counted
 from cmr.recordings.faults.late_wheels import together, with_wheels_in_time
-from cmr.recordings.faults.wheel_checks import LATE, motion_findings
 from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
@@ -37,7 +29,6 @@ TOO_LATE = "By its time stamps, a wheel follows its command {lag:.2f} s late"
 MOVED = (
     "The commands' times were moved {by:.2f} s {where}, so that the wheels follow them after the usual {usual:.1f} s."
 )
-USED = f"Of that the last {REST_BEFORE:.0f} s are used, and times count from there on."
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
 REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
 FEWEST = 2  # readings of a sensor from which on it shows a motion
@@ -80,32 +71,24 @@ def looked_at(
     otherwise: str = "recording",
     wheels_late: Lag | None = None,
 ) -> list[Checked]:
-    """Look at the drives within recordings of one robot; without `names` they are numbered.
+    """Look at recordings of one robot; without `names` they are numbered.
 
     `wheels_late` says how late its wheels report, if that is known (see `check`); else it is found, the same for all.
     """
     names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
-    drives = [drive_of(recording) for recording in recordings]
-    found = [check(drive, wheels_late) for drive in drives]
+    found = [check(recording, wheels_late) for recording in recordings]
     if wheels_late is None and len(recordings) > 1:
         late = together(one.wheels_late for one in found)
         if not any(one.lag("gyro") for one in found):
-            late = late_wheels_in_all([one.cleaned(one.stamped(each)) for one, each in zip(found, drives, strict=True)])
+            late = late_wheels_in_all(
+                [one.cleaned(one.stamped(each)) for one, each in zip(found, recordings, strict=True)]
+            )
         if late is not None:
-            found = [check(drive, late) for drive in drives]
-    found = [_with_rest(one, *both) for one, *both in zip(found, recordings, drives, strict=True)]
+            found = [check(recording, late) for recording in recordings]
     return [
-        _looked_at(drive, findings, number, name)
-        for number, (drive, findings, name) in enumerate(zip(drives, found, names, strict=True))
+        _looked_at(recording, findings, number, name)
+        for number, (recording, findings, name) in enumerate(zip(recordings, found, names, strict=True))
     ]
-
-
-def _with_rest(findings: Findings, whole: Recording, drive: Recording) -> Findings:
-    """Return the findings of a drive with what the whole recording tells of the rest before it."""
-    rest = next(finding for finding in motion_findings(whole) if finding.check == LATE)
-    if rest.found and drive.pieces.first[0] > whole.pieces.first[0]:
-        rest = replace(rest, sentence=f"{rest.sentence} {USED}")
-    return replace(findings, all=tuple(rest if one.check == LATE else one for one in findings.all))
 
 
 def _looked_at(recording: Recording, findings: Findings, number: int, name: str) -> Checked:

@@ -1,9 +1,4 @@
-"""Recordings on the observer's raster: what was sent, what was observations, and how well each reading is known.
-
-Of a recording, the drive is used: all of the motion, with some of the rest before and after it. A log may begin minutes
-before the robot moves and go on for minutes after it. How many would otherwise change the numbers, and `cmr-calibrate`,
-which ends when the robot has stopped, would find others than `cmr-diagnose` does.
-"""
+"""Recordings on the observer's raster: what was sent, what was observations, and how well each reading is known."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,13 +21,8 @@ LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing
 LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
 SHORTEST_PIECE = 1.0  # s
-# s of rest that are used. Those before tell the gyro's bias as well as its drift lets. A calibration ends after one
-# second of rest.
-REST_BEFORE, REST_AFTER = 10.0, 1.0
-# Duties that are driving whatever the wheels say, of which an encoder may be broken. With smaller ones a controller may
-# hold a robot that rests, for any time; they count within so many s of the motion: motors that do not turn tell of
-# friction.
-DRIVING, HELD_AT_REST = 0.05, 3.0
+# s before anything happens and after it that are used: they tell the gyro's bias as well as its drift lets.
+LONGEST_STAND = 10.0
 EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
 # The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
@@ -73,32 +63,6 @@ class Segment:
         return replace(self, observations=replace(self.observations, commands=commands))
 
 
-def drive_of(recording: Recording) -> Recording:
-    """Return the drive within a recording: without longer rests before its first motion and after its last.
-
-    A recording in which nothing moves and no motor is driven is returned as it is; `drive_of` a drive is the drive.
-    """
-    times = moments_of(recording)
-    if not len(times):
-        return recording
-    before, after = round(REST_BEFORE / SECONDS), round(REST_AFTER / SECONDS)
-    return recording.between(int(times[0]) - before, int(times[-1]) + after)
-
-
-def moments_of(recording: Recording) -> Times:
-    """Return the first and the last moment [us] of what the motors do, shape (2,); empty where they do nothing."""
-    duty = recording.duty
-    size = np.maximum(np.abs(duty["left"]), np.abs(duty["right"]))
-    motion = np.array(motion_of(recording) or (), np.int64)
-    driven = size > 0.0
-    if len(motion):
-        longest = round(HELD_AT_REST / SECONDS)
-        near = (duty.utime >= motion[0] - longest) & (duty.utime <= motion[1] + longest)
-        driven = (driven & near) | (size > DRIVING)
-    times = np.concatenate([motion, duty.utime[driven]])
-    return np.array([times.min(), times.max()], np.int64) if len(times) else times
-
-
 def continued(segments: Sequence[Segment]) -> list[bool]:
     """Tell of each segment whether it goes on with the recording of the one before, after a gap."""
     before = [None, *(one.recording for one in segments[:-1])]
@@ -108,15 +72,19 @@ def continued(segments: Sequence[Segment]) -> list[bool]:
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
     """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins again.
 
-    Of long rests at the beginning and at the end only a part is used; see `drive_of`.
+    Of a rest without commands at the beginning or at the end only LONGEST_STAND is used.
     """
-    recording = drive_of(replace(recording, wheels=_with_angles(recording.wheels)))
+    recording = replace(recording, wheels=_with_angles(recording.wheels))
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]
     if not sources:
         return []
     first = max(int(signal.utime[0]) for signal in sources)
     last = min(int(signal.utime[-1]) for signal in sources)
     borders = np.array([first, *(time for gap in _breaks(recording, sources) for time in gap), last])
+    times = _eventful(recording)
+    if len(times):
+        stand = round(LONGEST_STAND / SECONDS)
+        borders = np.clip(borders, times.min() - stand, times.max() + stand)
     spans = [
         (begin, end) for begin, end in borders.reshape(-1, 2).tolist() if (end - begin) * SECONDS >= SHORTEST_PIECE
     ]
@@ -142,6 +110,16 @@ def _turned(wheels: Signal, times: Sequence[int]) -> list[tuple[float, float]]:
         return [(0.0, 0.0)] * len(times)
     left, right = (np.interp(times, wheels.utime, wheels[name]) for name in ANGLES)
     return list(zip(left.tolist(), right.tolist(), strict=True))
+
+
+def _eventful(recording: Recording) -> Times:
+    """Return times [us] between which all motion lies, and all of the motors' work.
+
+    Motors that are driven, and do not turn, tell of friction.
+    """
+    duty = recording.duty
+    driven = duty.utime[(duty["left"] != 0.0) | (duty["right"] != 0.0)]
+    return np.concatenate([np.array(motion_of(recording) or (), np.int64), driven])
 
 
 def _breaks(recording: Recording, sources: Sequence[Signal]) -> list[tuple[int, int]]:

@@ -10,10 +10,8 @@ import pytest
 from cmr.bus.messages import make
 from cmr.calibration.calibrator import HEARD, LONGEST, Calibrator
 from cmr.calibration.coverage import Coverage
-from cmr.estimation.segments import drive_of
 from cmr.msg import calibration_status_t, motor_duty_t, motor_feedback_t
 from cmr.recordings.arrivals import KEPT
-from cmr.recordings.recording import Recorder
 from tests.support.emulated_drive import DEFAULT, EPOCH, IDEAL, TRUTH, Message, messages, straight
 
 pytestmark = pytest.mark.slow
@@ -181,22 +179,6 @@ def test_a_robot_that_does_not_stop_is_calibrated_all_the_same() -> None:
 
     endless = [m for m in messages(DEFAULT, seconds=150.0, duties=laps) if m[1].utime < EPOCH + 152_000_000]
     assert fed(endless).complete
-
-
-def test_the_drive_is_the_one_that_is_found_in_the_whole_log() -> None:
-    """cmr-diagnose is given all of a log; what both estimate from is the same, so that they find the same."""
-    parked = messages(DEFAULT, seed=4, seconds=20.0, duties=lambda _share: (0.0, 0.0))
-    for _channel, message in parked:
-        message.utime -= 23_000_000
-    entries = [*parked, *messages(DEFAULT, rest=REST)]
-    recorder = Recorder(0)
-    for channel, message in entries:
-        recorder.handle(message.utime, channel, message)
-    ours, whole = drive_of(fed(entries).recording()), recorder.recording()
-    theirs = drive_of(whole)
-    assert len(theirs.wheels) < len(whole.wheels)
-    for name in KEPT:
-        assert (getattr(ours, name).utime == getattr(theirs, name).utime).all(), name
 
 
 def test_messages_that_arrive_out_of_step_do_not_change_the_numbers(drive: list[Message]) -> None:

@@ -22,7 +22,6 @@ AT_REST = 0.5  # of the readings of a wheel that rests may differ from 0 at most
 MOVED, TURNED = 0.1, 0.5  # m, rad; a path that extends less far may be noise
 PATH_HALF = 5  # neighbours on either side, of which the median is taken for that
 LATE_START = 5.0  # s of rest at the beginning
-LATE = "late_start"  # the check for it
 RESTS = "The robot rests for the first {rest:.1f} s."
 ENDING = 0.3  # s at the beginning and the end over which speed is averaged
 STILL_DRIVING = 0.2  # of fast driving; a recording that ends faster was cut off
@@ -107,7 +106,7 @@ def motion_findings(recording: Recording) -> list[Finding]:
     cut = cut and not _told_to_stop(recording.duty)  # a robot that is slow to stop still rolls
     return [
         Finding("never_moved", int(never), "The robot never moves in this recording."),
-        Finding(LATE, int(rest > LATE_START), RESTS.format(rest=rest)),
+        Finding("late_start", int(rest > LATE_START), RESTS.format(rest=rest)),
         Finding("cut_off", int(cut), "The recording ends while the robot still moves."),
     ]
 
