@@ -12,7 +12,7 @@ BLOCK = 0.5  # s; of its messages only the earliest one counts
 WINDOW = 60  # blocks that the line is fitted to
 DRIFT = 100e-6  # s/s by which two quartzes differ at most
 FIRST_SIGHT = 0.5  # s of messages of which some are surely in time
-STEP = 0.5  # s by which the other clock is set anew, seen in one message
+STEP = 0.5  # s by which the other clock was set, seen in one message
 LATE, LATE_BLOCKS = 0.005, 8  # s by which all messages of so many blocks are late where that clock was set back by less
 
 
@@ -43,7 +43,7 @@ class ClockMap:
         return self._spread
 
     def add(self, sent: float, arrival: float) -> bool:
-        """Take a message that was sent at a time there and arrived at a time here; False if the clock was set anew."""
+        """Take a message that was sent at a time there and arrived at a time here; False if the clock was set."""
         difference = arrival - sent
         was_set = not self._is_new and abs(difference - self._line(sent)) > STEP and not self._is_old(sent, difference)
         if was_set:

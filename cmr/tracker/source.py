@@ -10,7 +10,7 @@ from cmr.tracker.frames import Sample
 Clock: TypeAlias = Callable[[], int]  # monotonic time [ns]
 RETRY = 1.0  # s between two attempts to reach a tracker
 CONNECT_TIMEOUT = 0.4  # s
-SILENT = 2.0  # s without a byte after which a connection is made anew
+SILENT = 2.0  # s without a byte after which a connection is made again
 
 
 class SourceError(Exception):
@@ -37,7 +37,7 @@ class Source(Protocol):
 
 
 class Stream:
-    """A TCP connection to a server, which is made anew when it breaks; `problem` says why there is none."""
+    """A TCP connection to a server, which is made again when it breaks; `problem` says why there is none."""
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
         self.problem = f"Not connected to {host}:{port} yet."

@@ -17,7 +17,7 @@ MAY_BE = 16.0  # by how much two assignments of bodies must differ in -2 log lik
 DRIFT, DRIFT_TURN = 0.3, 2.0  # m/s^2, rad/s^2: standard deviations of what robots do when nobody sees them
 SIGMA, SIGMA_TURN = 0.02, 0.06  # m, rad; standard deviations of where an unseen robot is, at first
 ANY_HEADING = math.pi / math.sqrt(3.0)  # rad; standard deviation of a heading that can be any
-ASK_AGAIN = 0.05  # s between two looks whether robots can be told apart
+ASK_AGAIN = 0.05  # s between two looks whether robots can be distinguished
 DETAIL = re.compile(" by | with ")  # what follows in a reason is not counted apart
 
 
@@ -47,7 +47,7 @@ class Supervisor:
         self._identity.handle(utime / 1e6, message)
 
     def begin_anew(self) -> None:
-        """Forget the last moments, as the tracker's clock was set anew."""
+        """Forget the last moments, as the tracker's clock was set."""
         self._doubts.clear()
         self._newest = -math.inf
         for track in self._tracks.values():

@@ -50,7 +50,7 @@ class Course:
         self.way = 0.0
 
     def extend(self, pose: Pose) -> None:
-        """Add a pose; the course begins anew where it has become long."""
+        """Add a pose; a new course begins where it has become long."""
         if pose.t - self.begin.t > LONGEST_COURSE:
             self.begin, self.way = self.end, 0.0
         heading = self.end.theta + math.remainder(pose.theta - self.end.theta, 2.0 * math.pi) / 2.0
@@ -173,7 +173,7 @@ class Track:
         self.segment = Segment(self.segment.last, 0.0, "")
 
     def forget(self) -> None:
-        """Forget what came, as the tracker begins anew; the last believed pose stays known."""
+        """Forget what came, as the tracker starts again; the last believed pose stays known."""
         self.segment = self.before = None
         self.is_believed = self.frozen = False
 

@@ -15,7 +15,7 @@ MOTION = Step("m", Kind.MOTION, "It turns now.", seconds=1.0)
 
 
 class Page:
-    """The other end of a front, with a clock that goes on when it is told."""
+    """The other end of a front, with a clock that the test advances."""
 
     def __init__(self) -> None:
         source, self.to_front = os.pipe()

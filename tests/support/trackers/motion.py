@@ -67,7 +67,7 @@ class Fault:
 
 
 def faults() -> list[Fault]:
-    """Return each kind of misbehaviour once; its memory begins anew with each call."""
+    """Return each kind of misbehaviour once; each call begins with an empty memory."""
     return [
         Fault("lost", change=_lost),
         Fault("frozen", change=_Frozen(), end=7.0),
