@@ -25,7 +25,9 @@ LONGEST_QUOTE = 60  # characters of a wrong value that an error repeats
 LONGEST_KEYS = 200  # characters of keys that an error names
 LONGEST_NUMBER = 1000  # characters; YAML 1.1 has numbers that take the square of their length to be read
 MOST_NUMBER_KEYS = 200  # of a mapping; numbers can be chosen so that each is compared with all before it
-LONGEST_IN_PLAIN_WORDS = 5_000  # characters; the loader that is not in C takes a second for ten times as many
+# The loader that is not in C takes a second for ten times as many characters; and for each bracket it looks at all that
+# are open.
+LONGEST_IN_PLAIN_WORDS, MOST_BRACKETS = 5_000, 200
 KINDS = {yaml.MappingNode: "a mapping", yaml.SequenceNode: "a list", yaml.ScalarNode: "a single value"}
 NULL, BOOL, MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:bool", "tag:yaml.org,2002:merge"
 NUMBERS = frozenset({"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"})
@@ -321,7 +323,7 @@ def read(text: str, source: str, kind: type[DocumentError], *, may_be_empty: boo
 
 def _in_plain_words(text: str) -> yaml.MarkedYAMLError | None:
     """Return what the loader that is not in C finds wrong with a text; it names the character and what it expected."""
-    if len(text) > LONGEST_IN_PLAIN_WORDS:
+    if len(text) > LONGEST_IN_PLAIN_WORDS or text.count("[") + text.count("{") > MOST_BRACKETS:
         return None
     try:
         for _ in yaml.parse(text, Loader=yaml.SafeLoader):
