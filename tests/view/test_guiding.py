@@ -2,37 +2,25 @@
 
 import json
 import shutil
-import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, sync_playwright
-from websockets.sync.client import connect
 
-from cmr.view.curves import LiveCurves
-from cmr.view.entrance.door import Address
 from cmr.view.entrance.guesses import Guesses
 from cmr.view.entrance.refusals import Refusals
 from cmr.view.guiding import GuideSessions
-from cmr.view.orders import Orders
-from cmr.view.server import PageServer
-from cmr.view.visit import NO_ROOM
-from tests.support.view_states import NOW, showing, three
+from tests.view.serving import PATIENCE, TOKEN, Serving
 
 CHROMIUM = shutil.which("chromium")
 in_browser = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium; apt-get install chromium")
 pytestmark = pytest.mark.waits
 
-TOKEN = "a secret of the test"
-PATIENCE = 60.0  # s
-# Guides through four steps, as cmr bringup does, and writes down what was answered. A busy computer may be slow.
+STEPS = "/bringup/steps"
+# Guides through four steps, as cmr bringup does, and writes down what was answered.
 PROCESS = """
 import sys, time
 from robot_driver.guided import Choice, Guide, Left, Remote
@@ -56,38 +44,9 @@ with open(sys.argv[1], "a", buffering=1) as heard:
 """
 
 
-class Serving:
-    """A server with the page, whose process is the one above."""
-
-    def __init__(self, folder: Path) -> None:
-        self.heard = folder / "heard.txt"
-        live: Any = SimpleNamespace(
-            **{"state": showing(three(NOW)), "orders": Orders(), "name": "live", "curves": LiveCurves()},
-            **{"panel": lambda: None, "head": lambda: "", "sources": list},
-        )
-
-        def command(robot_id: int, steps: Sequence[str]) -> list[str]:
-            return [sys.executable, "-c", PROCESS, str(self.heard), str(robot_id), *steps]
-
-        beside = [partial(GuideSessions, command)]
-        self.server = PageServer(Address("127.0.0.1", 18380), TOKEN, NO_ROOM, live, beside)
-        self.port = int(self.server.url.rsplit(":", 1)[1])
-
-    def text(self) -> str:
-        with suppress(FileNotFoundError):
-            return self.heard.read_text()
-        return ""
-
-    def until(self, is_true: Callable[[], bool]) -> None:
-        end = time.monotonic() + PATIENCE
-        while not is_true():
-            assert time.monotonic() < end, self.text()
-            time.sleep(0.01)
-
-
 @pytest.fixture
 def serving(tmp_path: Path) -> Iterator[Serving]:
-    serving = Serving(tmp_path)
+    serving = Serving(tmp_path, GuideSessions, PROCESS, 18380)
     yield serving
     serving.server.stop()
 
@@ -100,7 +59,7 @@ def test_nobody_brings_up_without_the_token_and_a_page_that_closes_ends_it(servi
         told: dict[str, Any] = json.loads(page.recv(PATIENCE))
         return told
 
-    with connect(f"ws://127.0.0.1:{serving.port}/bringup/steps", compression=None) as page:
+    with serving.connect(STEPS) as page:
         say(robot=7)
         say(token="a guess")
         assert hear()["granted"] is False
@@ -109,7 +68,7 @@ def test_nobody_brings_up_without_the_token_and_a_page_that_closes_ends_it(servi
         assert hear()["granted"] is True
         say(robot=7, steps=["gyro", "floor"])
         assert hear()["text"] == "Is it lifted?"
-        with connect(f"ws://127.0.0.1:{serving.port}/bringup/steps", compression=None) as second:
+        with serving.connect(STEPS) as second:
             second.send(json.dumps({"token": TOKEN}))
             second.recv(PATIENCE)
             second.send(json.dumps({"robot": 8}))
