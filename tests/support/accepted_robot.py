@@ -15,7 +15,7 @@ from robot_driver.acceptance.bench import Setup
 from robot_driver.acceptance.findings import PROMISES
 from robot_driver.acceptance.protocol import run_protocol
 from robot_driver.acceptance.report import Report
-from robot_driver.acceptance.running import SHORT
+from robot_driver.acceptance.running import SHORT, Pace
 from robot_driver.emulator.dsp3000_device import Dsp3000Device
 from robot_driver.emulator.engine import Engine
 from robot_driver.emulator.faults import Faults, FaultyLine
@@ -136,15 +136,16 @@ def accept(
     wanted: Sequence[int] = tuple(PROMISES),
     break_device: Breaking | None = None,
     hands: bool = True,
+    pace: Pace = SHORT,
 ) -> Report:
-    """Run the short form against an emulated robot, with a driver that is `broken` in that way."""
+    """Run the protocol against an emulated robot, with a driver that is `broken` in that way."""
     robot = AcceptedRobot(folder, break_device)
     settings = Settings(port=str(folder / STABLE), gyro_port=str(folder / PORTS[1]))
     setup = Setup(settings, folder / "bench", private_url(), command=(sys.executable, "-c", START, broken))
     person = Hand(robot).person()
     with numbered_ports():
         try:
-            return run_protocol(setup, lambda wait: Guide(person, wait), pace=SHORT, wanted=wanted, hands=hands)
+            return run_protocol(setup, lambda wait: Guide(person, wait), pace=pace, wanted=wanted, hands=hands)
         finally:
             robot.unplug()
 

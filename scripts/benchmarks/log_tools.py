@@ -1,0 +1,52 @@
+"""The rows of the log tools: memory and time of each, by the log of ten minutes in a laboratory."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks import long_log
+from benchmarks.report import Row
+
+MINUTES = 10
+LONGER = 4  # times as long is the second log, which shows whether memory grows
+TOOLS = {  # what is put behind the tool's name; {log} and {out} are filled in
+    "cmr-log info": "{log}",
+    "cmr-log cut": "{log} --start 30 --out {out}.lcm",
+    "cmr-log merge": "{log} {log} --out {out}.lcm",
+    "cmr-log csv": "{log} --out {out}",
+    "cmr-log parquet": "{log} --out {out}",
+    "cmr-log mcap": "{log} --out {out}.mcap",
+    "cmr-plot": "{log} GYRO_0.yaw_rate MOTOR_FEEDBACK_0.psi_left --out {out}.png",
+    "cmr-replay": "{log} --speed max --lcm-url udpm://239.255.76.67:7691?ttl=0",
+}
+GROWN = ("cmr-log info", "cmr-log cut", "cmr-replay")  # tried with the longer log, too
+
+
+def log_tools() -> Iterator[Row]:
+    """Measure what each tool takes of a processor and of memory."""
+    with tempfile.TemporaryDirectory() as name:
+        log, longer = Path(name) / "log.lcm", Path(name) / "longer.lcm"
+        long_log.write(log, 60 * MINUTES)
+        long_log.write(longer, 60 * MINUTES * LONGER)
+        size = log.stat().st_size / 1e6
+        for tool in TOOLS:
+            processor, memory = _spent(tool, log)
+            grown = f"{_spent(tool, longer)[1] / memory:.2f} times the memory" if tool in GROWN else "-"
+            yield Row(f"{tool}, {MINUTES} minutes, {size:.0f} MB", f"{processor:.1f} s, {memory:.0f} MB", grown)
+
+
+def _spent(tool: str, log: Path) -> tuple[float, float]:
+    """Return the CPU time [s] and the largest memory [MB] of a tool. Raises RuntimeError where it failed."""
+    name, *subcommand = tool.split()
+    with tempfile.TemporaryDirectory(dir=log.parent) as folder:
+        options = TOOLS[tool].format(log=log, out=Path(folder) / "out").split()
+        command = [str(Path(sys.executable).parent / name), *subcommand, "--quiet", *options]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{tool} ended with {process.returncode}")
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3
