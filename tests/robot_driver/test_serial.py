@@ -1,6 +1,7 @@
 """Promises 1 to 5 and 17: a bad line costs time, but never a wrong datum, the rhythm, or the process."""
 
 import os
+import re
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -269,11 +270,17 @@ def test_13_a_device_that_was_reset_in_a_silence_goes_on_from_the_total(tmp_path
 
 def test_17_rate_and_latency_are_measured(tmp_path: Path) -> None:
     with bench(tmp_path, Faults(latency=0.016), rate_hz=16.0) as run:
-        run.motors.rhythm.round_trips.clear()
+        rhythm, begin = run.motors.rhythm, time.monotonic()
+        rhythm.round_trips.clear()
+        rhythm.periods.clear()
         run.until_transactions(40)
-        assert 0.016 < quantile(list(run.motors.rhythm.round_trips), 0.5) < 0.021
-        assert " at 1" in run.motors.rhythm.sentence()
-        assert run.motors.rhythm.sentence().count("ms") == 3
+        turns, seconds, sentence = len(rhythm.periods), time.monotonic() - begin, rhythm.sentence()
+        assert 0.016 < quantile(list(rhythm.round_trips), 0.5) < 0.021
+        measured = re.search(r" at ([0-9.]+) Hz", sentence)
+        assert measured
+        # A turn is under way at the begin and at the end.
+        assert (turns - 1.0) / seconds < float(measured[1]) < (turns + 1.0) / max(seconds - 2.0 / 16.0, 0.1)
+        assert sentence.count("ms") == 3
 
 
 def test_17_nothing_is_told_before_anything_was_measured() -> None:

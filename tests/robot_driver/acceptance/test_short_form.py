@@ -11,7 +11,7 @@ from robot_driver.acceptance.findings import PASSED, PROMISES
 from tests.support.accepted_robot import accept
 from tests.support.sabotage import ALL, DEVICES, promise_of
 
-pytestmark = pytest.mark.real_time
+pytestmark = pytest.mark.waits  # and makes a step again for which the computer was too busy
 
 
 @pytest.mark.longest
