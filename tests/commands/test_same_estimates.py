@@ -15,6 +15,7 @@ from cmr.estimation.estimates import EstimationError
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.logs import write_log
 from tests.hidden_effects.messy import messy
+from tests.support.lanes import further
 from tests.support.resting import one_after_another, with_rests
 
 pytestmark = pytest.mark.slow
@@ -50,8 +51,8 @@ def two_drives() -> Recording:
 
 @pytest.mark.parametrize(
     ("driven", "options", "limit"),
-    [(at_rest_for_long, (), CLOSE), (in_motion, (), SAME), (two_drives, ("--whole-log",), SAME)],
-    ids=["at rest for long", "in motion", "two drives"],
+    [(at_rest_for_long, (), CLOSE), (two_drives, ("--whole-log",), SAME), *further((in_motion, (), SAME))],
+    ids=["at rest for long", "two drives", "in motion"],
 )
 def test_both_commands_give_the_same_estimates(
     driven: Callable[[], Recording],

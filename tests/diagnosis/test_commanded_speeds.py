@@ -54,7 +54,7 @@ def without(recording: Recording, *signals: str) -> Recording:
     return replace(recording, **parts)
 
 
-@pytest.mark.parametrize("wheel_speeds", [False, True], ids=["body", "wheels"])
+@pytest.mark.parametrize("wheel_speeds", [False, *further(True)], ids=["body", "wheels"])
 def test_response_and_delay_of_a_slow_robot_are_found_and_nothing_else_is_named(wheel_speeds: bool) -> None:
     found = diagnose(driven(SLOW, seed=1, wheel_speeds=wheel_speeds))
     assert found.verdict == EFFECTS_FOUND
@@ -84,7 +84,10 @@ def test_a_robot_that_takes_its_time_is_no_wrong_clock() -> None:
 
 @pytest.mark.parametrize(
     ("effect", "size", "said"),
-    [("turn_rate_limit", 0.4, "Commanded turns are limited to 0.4"), ("saturation", 0.18, "wheel speeds stop at 2.")],
+    [
+        ("turn_rate_limit", 0.4, "Commanded turns are limited to 0.4"),
+        *further(("saturation", 0.18, "wheel speeds stop at 2.")),
+    ],
 )
 def test_limits_of_what_is_commanded_are_found_and_told_as_speeds(effect: str, size: float, said: str) -> None:
     limit: dict[str, Any] = {effect: size}
@@ -104,7 +107,7 @@ def test_an_acceleration_limit_leads_to_no_other_name() -> None:
 
 
 @pytest.mark.further  # such a limit, where duties are commanded: tests/estimation/test_search.py
-@pytest.mark.parametrize(("response_time", "seed"), [(0.3, 3), (0.1, 2)])
+@pytest.mark.parametrize(("response_time", "seed"), [(0.3, 3), *further((0.1, 2))])
 def test_a_limit_of_the_wheels_acceleration_is_not_taken_for_one_of_the_commands(
     response_time: float, seed: int
 ) -> None:

@@ -37,8 +37,8 @@ MORE = [Case((effect,), BEGINNING, SEED) for effect in MORE_EFFECTS]
 ON_RICH_DRIVES = [Case((effect,), RICH, SEED) for effect in ("coulomb_friction", *EFFECTS, *MORE_EFFECTS)]
 # Some that a figure-eight shows, some that it hides, and some that it cannot tell from others.
 EIGHTS: Cases = [
-    *(Case((effect,), EIGHT, SEED) for effect in ("wheel_radius_asymmetry", "deadband")),
-    *further(*(Case((effect,), EIGHT, SEED) for effect in ("gyro_bias", "command_delay"))),
+    Case(("wheel_radius_asymmetry",), EIGHT, SEED),
+    *further(*(Case((effect,), EIGHT, SEED) for effect in ("deadband", "gyro_bias", "command_delay"))),
 ]
 LOUD = "threefold_slow"
 NULLS: Cases = [
