@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cmr.diagnosis.against_file import compared, with_given_baseline
 from cmr.diagnosis.against_nominal import dimension_notes, worse_than_nominal
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
@@ -25,6 +26,7 @@ from cmr.diagnosis.result import (
     GENERIC,
     NO_EFFECT,
     UNEXPLAINED,
+    Against,
     Candidate,
     Diagnosis,
     Evidence,
@@ -74,6 +76,7 @@ def diagnose(
     recordings: Recording | Sequence[Recording],
     nominal: ParameterFile | None = None,
     *,
+    against: Against | None = None,
     held_out: Sequence[Recording] = (),
     sources: Sequence[str] = (),
     held_out_sources: Sequence[str] = (),
@@ -81,7 +84,8 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one robot from one or more of its recordings.
 
-    `nominal` gives at least wheel_radius; by default it is what the first recording announces. On `held_out` the gain
+    `nominal` gives at least wheel_radius; by default it is what the first recording announces. With `against`, which
+    says what file it is, it is a whole robot, effects included, from which departures are named. On `held_out` the gain
     is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` receives, in a sentence,
     what is being done.
     Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
@@ -96,9 +100,12 @@ def diagnose(
         held_out=[as_duties(recording, controller) for recording in held_out],
         sources=sources,
         held_out_sources=held_out_sources,
+        departing=against is not None,
         progress=progress,
     )
     estimation = replace(estimation, controller=controller)
+    if against is not None:
+        estimation = with_given_baseline(estimation)
     robot_id = recordings[0].robot_id
     if estimation.whole is None:
         return _refused(robot_id, estimation.ready, tuple(sources))
@@ -108,6 +115,8 @@ def diagnose(
     lateness = {name: one for name, one in found_lateness.items() if one is not None}
     driver = _driver(recordings, estimation, evidence, nominal)
     found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
+    if against is not None:
+        return compared(found, estimation, nominal, against)
     return replace(found, notes=(*found.notes, *_against(nominal, found)))
 
 
@@ -159,7 +168,7 @@ def _evidence(estimation: Estimation) -> Evidence:
         window=WINDOW,
         paths=most_telling(paths),
         pieces=len(paths),
-        residuals=residuals_of(segments, *models),
+        residuals=residuals_of(segments, *models, estimation.found.problem.excitation.given),
     )
 
 
