@@ -14,13 +14,12 @@ from cmr.diagnosis.result import (
     Diagnosis,
     NamedEffect,
 )
-from cmr.estimation.candidates import SMALLEST, SURE, Excitation, size
+from cmr.estimation.candidates import RANDOM, SENSED, SMALLEST, SURE, Excitation, size
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation
 from cmr.estimation.gain import JITTER, Gain
 from cmr.estimation.search.measures import with_unit
-from cmr.model.catalogue import CATALOGUE, definition
-from cmr.model.effect import Effect
+from cmr.model.catalogue import definition
 from cmr.parameters.file import ParameterFile
 
 DELAY = "command_delay"
@@ -77,23 +76,17 @@ def _is_known(
     Effects that act by chance, or are read off the data, are in no fit, and so are found again whatever the file says.
     So is the mean delay of jitter where its spread cannot be distinguished from a delay.
     """
-    effect = CATALOGUE.get(one.name)
-    if effect is None:
-        return False
-    if one.name == DELAY and JITTER in one.indistinguishable_from and not any(other.name == JITTER for other in named):
+    if one.name == DELAY and JITTER in one.indistinguishable_from and JITTER not in {other.name for other in named}:
         given = {**given, DELAY: given.get(DELAY, 0.0) + 0.5 * given.get(JITTER, 0.0)}
-    return bool(set(one.estimates) & set(given)) and not any(
-        _differs(effect, name, estimate, given, excitation) for name, estimate in one.estimates.items()
-    )
-
-
-def _differs(effect: Effect, name: str, estimate: Estimate, given: Mapping[str, float], excitation: Excitation) -> bool:
-    """Return whether the size of an effect is surely another than in the file, by more than is worth a name."""
-    parameter = next(one for one in effect.parameters if one.name == name)
-    if not parameter.switches:
+    elif one.name not in (*RANDOM, *SENSED):
         return False
-    change = abs(estimate.value - given.get(name, float(parameter.neutral or 0.0)))
-    return change > max(SMALLEST * size(parameter, excitation), SURE * estimate.std)
+    return all(name in given and _is_as_given(name, of, given[name], excitation) for name, of in one.estimates.items())
+
+
+def _is_as_given(name: str, estimate: Estimate, given: float, excitation: Excitation) -> bool:
+    """Return whether a size is surely no other than that in the file by more than is worth a name."""
+    least = SMALLEST * size(definition(name), excitation)
+    return abs(estimate.value - given) <= max(least, SURE * estimate.std)
 
 
 def _with_given(one: NamedEffect, given: Mapping[str, float], against: Against) -> NamedEffect:

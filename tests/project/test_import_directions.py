@@ -38,12 +38,12 @@ KNOWN: dict[str, set[str]] = {
     "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.files", "cmr.plain_text"},
     "cmr.parameters": {*BUS, "cmr.documents", "cmr.files", "cmr.model"},
     "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
-    "cmr.exporting": {*BUS, "cmr.files", "cmr.model", "cmr.parameters", "cmr.report"},
     # What is found out about robots, and the world in which they are.
     "cmr.camera": {"cmr.msg", "cmr.documents", "cmr.files"},
     "cmr.tracker": {*BUS, "cmr.distribution", "cmr.documents", "cmr.files"},
     "cmr.estimation": {*RECORDED, "cmr.geometry"},
     "cmr.calibration": {*RECORDED, "cmr.report", "cmr.geometry", "cmr.estimation"},
+    "cmr.exporting": {*RECORDED, "cmr.plant", "cmr.report", "cmr.estimation", "cmr.diagnosis"},
     "cmr.diagnosis": {
         *RECORDED,
         *("cmr.report", "cmr.distribution", "cmr.files", "cmr.workers", "cmr.geometry", "cmr.estimation"),
