@@ -39,9 +39,9 @@ def main(arguments: list[str]) -> int:
     print("\n".join([*what_is_carried(options.to, robot), *remarks, f"written: {path}"]))
     if proof:
         found = cast("dict[str, object]", proof["diagnosis"])
-        print(
-            f"{proof['verdict']}\nDiagnosed as if it were a real robot: {found['sentence']}\nwritten: {proof['page']}"
-        )
+        print(proof["verdict"])
+        print(f"Diagnosed as if it were a real robot: {found['sentence']}")
+        print(f"written: {proof['page']}")
     return _code(proof)
 
 
@@ -63,8 +63,8 @@ def _proven(robot: ExportedRobot, target: str, path: Path, parameters: Path) -> 
     page = path.with_name(f"{path.name}.html")
     write_atomically(proof_page(robot, proof, diagnosis), page)
     sizes = {"largest_distance": proof.off, "lost": proof.lost, "path_length": proof.length}
-    found = {"verdict": diagnosis.verdict, "sentence": diagnosis.sentence}
-    found |= {"departing": [one.name for one in diagnosis.effects]}
+    departing = [one.name for one in diagnosis.effects]
+    found = {"verdict": diagnosis.verdict, "sentence": diagnosis.sentence, "departing": departing}
     return {"verdict": verdict(proof), "holds": proof.holds, "page": str(page), **sizes, "diagnosis": found}
 
 

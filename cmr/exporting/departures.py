@@ -41,8 +41,8 @@ def recording_of(readings: Floats, robot: ExportedRobot, left: Floats, right: Fl
     """
     random = np.random.default_rng(seed)
     neutral = plant_parameters({name: robot.value(name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")})
-    sent = STEP * np.arange(len(left))
-    time = sent + STEP
+    sent = np.arange(len(left)) * np.float64(STEP)
+    time = np.asarray(sent + STEP, np.float64)
     ticks = [
         np.floor(angle / TURN * TICKS + phase)  # no wheel begins on an edge of its encoder
         for angle, phase in zip(readings[:, :2].T, random.random(2), strict=True)

@@ -43,11 +43,11 @@ KNOWN: dict[str, set[str]] = {
     "cmr.tracker": {*BUS, "cmr.distribution", "cmr.documents", "cmr.files"},
     "cmr.estimation": {*RECORDED, "cmr.geometry"},
     "cmr.calibration": {*RECORDED, "cmr.report", "cmr.geometry", "cmr.estimation"},
-    "cmr.exporting": {*RECORDED, "cmr.plant", "cmr.report", "cmr.estimation", "cmr.diagnosis"},
     "cmr.diagnosis": {
         *RECORDED,
         *("cmr.report", "cmr.distribution", "cmr.files", "cmr.workers", "cmr.geometry", "cmr.estimation"),
     },
+    "cmr.exporting": {*RECORDED, "cmr.files", "cmr.plant", "cmr.report", "cmr.estimation", "cmr.diagnosis"},
     "cmr.world": {*RECORDED, "cmr.report", "cmr.geometry"},
     "cmr.view": {*RECORDED, "cmr.litter", "cmr.report", "cmr.geometry"},
     "cmr.teleop": {*RECORDED, "cmr.geometry", "cmr.world"},
