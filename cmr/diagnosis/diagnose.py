@@ -1,13 +1,13 @@
 """Find out what the paper's model gets wrong about a robot, and why."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from cmr.diagnosis.against_file import compared, with_given_baseline
-from cmr.diagnosis.against_nominal import dimension_notes, worse_than_nominal
+from cmr.diagnosis.against_nominal import notes_on_nominal
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
     AnyDriver,
@@ -117,17 +117,7 @@ def diagnose(
     found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
     if against is not None:
         return compared(found, estimation, nominal, against)
-    return replace(found, notes=(*found.notes, *_against(nominal, found)))
-
-
-def _against(nominal: ParameterFile, found: Diagnosis) -> Iterator[str]:
-    """Yield sentences on how the fitted models compare with the robot as it was given."""
-    assert found.baseline is not None
-    assert found.extended is not None
-    given = {name: value.value for name, value in nominal.values.items()}
-    yield from dimension_notes(given, found.baseline, found.extended)
-    if found.nominal is not None and found.gain_over_nominal is not None:
-        yield from worse_than_nominal(found.nominal, found.baseline, found.extended, found.gain_over_nominal)
+    return replace(found, notes=(*found.notes, *notes_on_nominal(nominal, found)))
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:

@@ -1,6 +1,7 @@
 """A ROS 2 robot turns as it is told, and its odometry says so, once the exported parameters are pasted."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ PERIOD, TURNING, RATE = 0.02, 20.0, 0.6  # s; s of turning; rad/s
 SECONDS = TURNING + 4.0
 DESCRIBED = {"wheel_separation": 0.2, "wheel_radius": 0.033}  # as somebody measured it with a ruler
 LEAST_BEFORE, MOST_AFTER = 0.05, 0.01  # of a turn
+HELD = replace(REALISTIC, torque=0.0)  # a controller of each wheel holds its speed; the ground is as uneven as usual
 
 
 def turn_errors(parameters: dict[str, Any], robot: dict[str, float], seed: int) -> tuple[float, float]:
@@ -34,7 +36,7 @@ def turn_errors(parameters: dict[str, Any], robot: dict[str, float], seed: int) 
     omega = np.where(time < TURNING, RATE, 0.0)
     wheels = controller.wheel_speeds(np.zeros(len(time)), omega, PERIOD)
     commands = Commands(time, *(robot["k1"] * speed for speed in wheels))
-    truth = drive(commands, robot, SECONDS, REALISTIC, seed).truth
+    truth = drive(commands, robot, SECONDS, HELD, seed).truth
     turned = float(truth["theta"][-1])
     said = float(controller.odometry(truth["phi_left"], truth["phi_right"])[2][-1])
     return turned / (RATE * TURNING) - 1.0, said / turned - 1.0
