@@ -171,8 +171,9 @@ def _rows(path: Path) -> Iterator[Found]:
     with path.open(newline="", encoding="utf-8") as stream:
         for cells in list(csv.reader(stream))[1:]:
             try:
-                values = [json.loads(cell) for cell in cells]
-                yield Found(*(tuple(one) if isinstance(one, list) else one for one in values))
+                values: list[Any] = [json.loads(cell) for cell in cells]
+                values = [tuple(one) if isinstance(one, list) else one for one in values]
+                yield Found(*values)
             except (ValueError, TypeError):
                 continue
 
