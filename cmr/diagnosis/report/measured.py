@@ -39,8 +39,8 @@ def paths(diagnosis: Diagnosis) -> Section:
     causes: list[str] = [code(effect.name) for effect in diagnosis.effects]
     causes += ["the generic term"] if diagnosis.unexplained.generic else []
     window = diagnosis.evidence.window
-    words = diagnosis.baseline_words
-    figures = [path_figure(path, words, changed=changed, causes=causes, window=window) for path in drawn]
+    baseline = diagnosis.baseline_words
+    figures = [path_figure(path, baseline, changed=changed, causes=causes, window=window) for path in drawn]
     others = f"{len(figures) - 1} more piece{'s' if len(figures) > 2 else ''}"
     more = folded(others, *figures[1:]) if len(figures) > 1 else Html("")
     return section("The path", *([paragraph(words)] if pieces > len(drawn) else []), *figures[:1], more)
