@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from cmr.diagnosis.result import (
-    BAD_DATA,
     EFFECTS_FOUND,
     NO_EFFECT,
     PARAMETERS_DIFFER,
@@ -44,8 +43,7 @@ def compared(diagnosis: Diagnosis, estimation: Estimation, file: ParameterFile, 
     The errors of the file's robot are those of the baseline, and the gain is over them. Where nothing departs, the
     file's robot is also the extended one.
     """
-    if diagnosis.verdict == BAD_DATA or diagnosis.extended is None:
-        return replace(diagnosis, against=against)
+    assert diagnosis.extended is not None
     given = {name: value.value for name, value in file.values.items()}
     excitation = estimation.found.problem.excitation
     effects = tuple(

@@ -103,21 +103,23 @@ def diagnose(
         departing=against is not None,
         progress=progress,
     )
-    estimation = replace(estimation, controller=controller)
-    if against is not None:
-        estimation = with_given_baseline(estimation)
+    estimation = replace(with_given_baseline(estimation) if against else estimation, controller=controller)
     robot_id = recordings[0].robot_id
     if estimation.whole is None:
-        return _refused(robot_id, estimation.ready, tuple(sources))
+        return replace(_refused(robot_id, estimation.ready, tuple(sources)), against=against)
     evidence = _evidence(estimation)
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
-    found_lateness = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
-    lateness = {name: one for name, one in found_lateness.items() if one is not None}
     driver = _driver(recordings, estimation, evidence, nominal)
-    found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
+    found = _diagnosis(robot_id, estimation, evidence, fitted, _lateness(estimation), driver)
     if against is not None:
         return compared(found, estimation, nominal, against)
     return replace(found, notes=(*found.notes, *notes_on_nominal(nominal, found)))
+
+
+def _lateness(estimation: Estimation) -> dict[str, Lateness]:
+    """Return how late commands took effect in each recording, by name, in which that was measured."""
+    found = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:
