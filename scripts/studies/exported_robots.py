@@ -5,8 +5,8 @@ import json
 import tempfile
 import time
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,13 @@ import numpy as np
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import NO_EFFECT, Against, Diagnosis
-from cmr.exporting.carried import BY_TARGET, FMU, MJCF, PYTHON
+from cmr.exporting.carried import BY_TARGET, FMU, MJCF, PYTHON, Carry, of_robot
 from cmr.exporting.departures import recording_of
 from cmr.exporting.export import export, name_of_file
 from cmr.exporting.proof import RUN, STEP, Floats
 from cmr.exporting.robot import exported
 from cmr.model.catalogue import effects_on
+from cmr.model.effect import Effect
 from cmr.parameters.file import ParameterFile, Value
 from tests.hidden_effects.cases import RICH, Case
 from tests.hidden_effects.driving import commands_of
@@ -110,6 +111,7 @@ def studied(task: Task) -> Found:
 
 def _found(task: Task, effects: tuple[str, ...], planted: str, folder: Path) -> dict[str, Any]:
     truth = truth_of(Case(effects, RICH, task.seed))
+    truth = replace(truth, parameters=_as_carried(task.target, truth.robot, truth.parameters))
     own = {name for effect in effects_on(truth.parameters) if effect.name == planted for name in _parameters(effect)}
     known = {name: value for name, value in truth.parameters.items() if name not in own}
     robot = exported(_file(truth.robot, truth.parameters))
@@ -123,17 +125,26 @@ def _found(task: Task, effects: tuple[str, ...], planted: str, folder: Path) -> 
     return {**_said(diagnose(recording, _file(truth.robot, known), against=against)), "sizes": dict(truth.parameters)}
 
 
+def _as_carried(target: str, robot: Mapping[str, float], parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return parameters with the other sign for what the target does not carry: readings younger than their stamps."""
+    found = of_robot(target, exported(_file(robot, parameters)))
+    lost = {
+        name for effect in effects_on(parameters) if found[effect.name].how is Carry.NOT for name in _parameters(effect)
+    }
+    return {name: -value if name in lost else value for name, value in parameters.items()}
+
+
 def held(times: Floats, duties: Floats, seconds: float) -> Floats:
     """Return the duty that is in force in each step of a drive: each holds from its time [s] until the next."""
     steps = STEP * np.arange(round(seconds / STEP)) + 0.5 * STEP
     return duties[np.maximum(np.searchsorted(times, steps, side="right") - 1, 0)]
 
 
-def _parameters(effect: Any) -> list[str]:
+def _parameters(effect: Effect) -> list[str]:
     return [parameter.name for parameter in effect.all_parameters]
 
 
-def _file(robot: Any, parameters: Any) -> ParameterFile:
+def _file(robot: Mapping[str, float], parameters: Mapping[str, float]) -> ParameterFile:
     values = {name: Value(float(value)) for name, value in {**robot, **parameters}.items()}
     return ParameterFile(0, values, tuple(effect.name for effect in effects_on(parameters)))
 
