@@ -190,16 +190,19 @@ def _rows(path: Path) -> Iterator[Found]:
 
 
 def report(rows: Sequence[Found]) -> str:
-    """Return a table of what was found, and each robot for which it is not right."""
-    lines = ["| asked | target | robots | right | time of a core each |", "|---|---|---|---|---|"]
+    """Return a table of what was found, and each robot for which it is not right.
+
+    "Also named" counts effects and parameters that depart from the file beside what was planted.
+    """
+    lines = ["| asked | target | robots | right | also named | time of a core each |", "|---|---|---|---|---|---|"]
     for kind in KINDS:
         for target in TARGETS:
             own = [row for row in rows if (row.kind, row.target) == (kind, target)]
             if own:
                 right, cpu = sum(row.right for row in own), float(np.mean([row.cpu_seconds for row in own]))
-                lines.append(
-                    f"| {kind} | {target} | {len(own)} | {right} ({100.0 * right / len(own):.0f} %) | {cpu:.1f} s |"
-                )
+                share = f"{right} ({100.0 * right / len(own):.0f} %)"
+                further = sum(len({*row.names} - {row.planted}) + len(row.parameters) for row in own)
+                lines.append(f"| {kind} | {target} | {len(own)} | {share} | {further} | {cpu:.1f} s |")
     lines.append("")
     for row in (row for row in rows if not row.right):
         found = row.error or f"{row.verdict} {', '.join((*row.names, *row.parameters))}".strip()
