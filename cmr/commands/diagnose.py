@@ -20,8 +20,9 @@ from cmr.cli.progress import Progress
 from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
 from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform, robots_in
 from cmr.diagnosis.many import Pool, jobs_of
+from cmr.diagnosis.result import Against
 from cmr.msg import process_status_t
-from cmr.parameters.file import ParameterFile, ParameterFileError, load
+from cmr.parameters.file import ParameterFile, ParameterFileError, load, sha256_of
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.recordings.recording import RecordingError, choose_robot
@@ -34,7 +35,9 @@ LIVE = "live.txt"
 def main(arguments: list[str]) -> int:
     """Run cmr-diagnose."""
     options = _options(arguments)
-    nominal = _nominal(options.parameters)
+    nominal, against = _nominal(options.parameters), None
+    if options.against is not None:
+        nominal, against = _baseline(options.against)
     if options.out is not None:
         check_writable(options.out)
     if options.live:
@@ -46,6 +49,7 @@ def main(arguments: list[str]) -> int:
         robot_id=options.robot,
         folder=options.out,
         nominal=nominal,
+        against=against,
         held_out=tuple(options.held_out),
         report=not options.no_report,
     )
@@ -108,6 +112,13 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
         help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
     )
     options.add_argument(
+        "--against",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="name only what departs from the robot of this parameter file, its effects included",
+    )
+    options.add_argument(
         "--held-out",
         type=Path,
         nargs="+",
@@ -128,6 +139,8 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
 
 def _contradiction(chosen: argparse.Namespace) -> str:
     """Return what is wrong with the options together; empty if nothing is."""
+    if chosen.against is not None and (chosen.live or chosen.parameters is not None):
+        return "--against gives all of a robot's parameters; it goes neither with --parameters nor with --live"
     if chosen.live:
         if chosen.logs or chosen.held_out:
             return "--live listens to the bus; it takes no logs"
@@ -156,6 +169,19 @@ def _nominal(path: Path | None) -> ParameterFile | None:
         return load(path) if path else None
     except ParameterFileError as error:
         raise CommandError(str(error)) from error
+
+
+def _baseline(path: Path) -> tuple[ParameterFile, Against]:
+    """Return the robot with which another is compared, and what file it is from.
+
+    Raises CommandError where the file is missing, wrong, or lacks a parameter that a simulation needs.
+    """
+    try:
+        file = load(path)
+        file.robot_parameters  # noqa: B018 - says what is missing
+    except ParameterFileError as error:
+        raise CommandError(str(error)) from error
+    return file, Against(source=str(path), sha256=sha256_of(path.read_text(encoding="utf-8")))
 
 
 def _one(job: Job, tell_why: bool, as_json: bool) -> int:

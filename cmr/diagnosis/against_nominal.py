@@ -3,9 +3,10 @@
 import math
 from collections.abc import Iterator, Mapping
 
-from cmr.diagnosis.result import Fitted
+from cmr.diagnosis.result import Diagnosis, Fitted
 from cmr.estimation.gain import Gain
 from cmr.model.catalogue import definition
+from cmr.parameters.file import ParameterFile
 
 FAR = 0.1  # share of a nominal dimension; a fit that differs by more is reported
 MUCH_WORSE = 1.1  # times the nominal robot's error; less than that may be chance
@@ -18,6 +19,16 @@ SKIDDING = (
     "A skid-steer robot's wheels slip sideways in turns, which counts as base width: one and a half to two times the "
     "geometric one is usual."
 )
+
+
+def notes_on_nominal(nominal: ParameterFile, found: Diagnosis) -> Iterator[str]:
+    """Yield sentences on how the fitted models compare with the robot as it was given."""
+    assert found.baseline is not None
+    assert found.extended is not None
+    given = {name: value.value for name, value in nominal.values.items()}
+    yield from dimension_notes(given, found.baseline, found.extended)
+    if found.nominal is not None and found.gain_over_nominal is not None:
+        yield from worse_than_nominal(found.nominal, found.baseline, found.extended, found.gain_over_nominal)
 
 
 def dimension_notes(given: Mapping[str, float], baseline: Fitted, extended: Fitted) -> Iterator[str]:

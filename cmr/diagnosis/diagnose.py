@@ -1,12 +1,13 @@
 """Find out what the paper's model gets wrong about a robot, and why."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from cmr.diagnosis.against_nominal import dimension_notes, worse_than_nominal
+from cmr.diagnosis.against_file import compared, with_given_baseline
+from cmr.diagnosis.against_nominal import notes_on_nominal
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
     AnyDriver,
@@ -25,6 +26,7 @@ from cmr.diagnosis.result import (
     GENERIC,
     NO_EFFECT,
     UNEXPLAINED,
+    Against,
     Candidate,
     Diagnosis,
     Evidence,
@@ -74,6 +76,7 @@ def diagnose(
     recordings: Recording | Sequence[Recording],
     nominal: ParameterFile | None = None,
     *,
+    against: Against | None = None,
     held_out: Sequence[Recording] = (),
     sources: Sequence[str] = (),
     held_out_sources: Sequence[str] = (),
@@ -81,7 +84,8 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one robot from one or more of its recordings.
 
-    `nominal` gives at least wheel_radius; by default it is what the first recording announces. On `held_out` the gain
+    `nominal` gives at least wheel_radius; by default it is what the first recording announces. With `against`, which
+    says what file it is, it is a whole robot, effects included, from which departures are named. On `held_out` the gain
     is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` receives, in a sentence,
     what is being done.
     Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
@@ -96,29 +100,26 @@ def diagnose(
         held_out=[as_duties(recording, controller) for recording in held_out],
         sources=sources,
         held_out_sources=held_out_sources,
+        departing=against is not None,
         progress=progress,
     )
-    estimation = replace(estimation, controller=controller)
+    estimation = replace(with_given_baseline(estimation) if against else estimation, controller=controller)
     robot_id = recordings[0].robot_id
     if estimation.whole is None:
-        return _refused(robot_id, estimation.ready, tuple(sources))
+        return replace(_refused(robot_id, estimation.ready, tuple(sources)), against=against)
     evidence = _evidence(estimation)
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
-    found_lateness = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
-    lateness = {name: one for name, one in found_lateness.items() if one is not None}
     driver = _driver(recordings, estimation, evidence, nominal)
-    found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
-    return replace(found, notes=(*found.notes, *_against(nominal, found)))
+    found = _diagnosis(robot_id, estimation, evidence, fitted, _lateness(estimation), driver)
+    if against is not None:
+        return compared(found, estimation, nominal, against)
+    return replace(found, notes=(*found.notes, *notes_on_nominal(nominal, found)))
 
 
-def _against(nominal: ParameterFile, found: Diagnosis) -> Iterator[str]:
-    """Yield sentences on how the fitted models compare with the robot as it was given."""
-    assert found.baseline is not None
-    assert found.extended is not None
-    given = {name: value.value for name, value in nominal.values.items()}
-    yield from dimension_notes(given, found.baseline, found.extended)
-    if found.nominal is not None and found.gain_over_nominal is not None:
-        yield from worse_than_nominal(found.nominal, found.baseline, found.extended, found.gain_over_nominal)
+def _lateness(estimation: Estimation) -> dict[str, Lateness]:
+    """Return how late commands took effect in each recording, by name, in which that was measured."""
+    found = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:
@@ -159,7 +160,7 @@ def _evidence(estimation: Estimation) -> Evidence:
         window=WINDOW,
         paths=most_telling(paths),
         pieces=len(paths),
-        residuals=residuals_of(segments, *models),
+        residuals=residuals_of(segments, *models, estimation.found.problem.excitation.given),
     )
 
 

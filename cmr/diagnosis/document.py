@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cmr.diagnosis.result import GENERIC, Candidate, Diagnosis, Fitted, NamedEffect
+from cmr.diagnosis.result import GENERIC, Against, Candidate, Departure, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
 from cmr.estimation.search.trace import Decision, Measure
@@ -43,7 +43,9 @@ def document(diagnosis: Diagnosis) -> Document:
     data check; `command_lateness`, measured in each recording whose driver reports what it applied; `decisions`, the
     steps of the search with the `measures` that decided; and `generic_term`, which extends the model without naming a
     cause, or null. Its `shift` and those of all effects add up to the difference between `baseline` and the fit with
-    all of them. Parameters without a standard deviation were given, not fitted.
+    all of them. Parameters without a standard deviation were given, not fitted. `against`, else null, is the parameter
+    file whose robot is the baseline, and the parameters beside those of effects that depart from it; `in_file` are the
+    parameters of an effect there, empty where it lacks the effect.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {
@@ -52,6 +54,7 @@ def document(diagnosis: Diagnosis) -> Document:
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
         "baseline": _fitted(diagnosis.baseline),
+        "against": _against(diagnosis.against) if diagnosis.against else None,
         "effects": [_effect(rank, effect) for rank, effect in enumerate(diagnosis.effects, start=1)],
         "extended": _fitted(diagnosis.extended, diagnosis.parameters),
         "gain": _gain(diagnosis.gain),
@@ -128,12 +131,26 @@ def _fitted(fitted: Fitted | None, given: Mapping[str, float] | None = None) -> 
     }
 
 
+def _against(against: Against) -> Document:
+    return {
+        "file": against.source,
+        "sha256": against.sha256,
+        "effects": list(against.effects),
+        "departures": [_departure(one) for one in against.departures],
+    }
+
+
+def _departure(one: Departure) -> Document:
+    return {"name": one.name, "in_file": _finite(one.given), **_with_intervals({one.name: one.estimate})[one.name]}
+
+
 def _effect(rank: int, effect: NamedEffect) -> Document:
     return {
         "name": effect.name,
         "cause": effect.cause,
         "rank": rank,
         "parameters": _with_intervals(effect.estimates),
+        "in_file": _numbers(effect.given),
         "evidence": _evidence(effect),
         "shift": _numbers(effect.shift),
         "indistinguishable_from": list(effect.indistinguishable_from),

@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from cmr.bus.streams import identify
-from cmr.diagnosis.result import Diagnosis
+from cmr.diagnosis.result import Against, Diagnosis
 from cmr.estimation.estimates import EstimationError
 from cmr.estimation.search.trace import Decision
 from cmr.files import folder_for_results
@@ -32,14 +32,16 @@ class JobError(Exception):
 class Job:
     """The logs of one robot that are diagnosed together, and the folder for the results.
 
-    `robot_id` None stands for the only robot of the logs, `nominal` None for what they announce. On `held_out` the
-    gain is measured. `report` says whether to write report.html.
+    `robot_id` None stands for the only robot of the logs, `nominal` None for what they announce. With `against`, which
+    says what file `nominal` is, departures from it are named. On `held_out` the gain is measured. `report` says whether
+    to write report.html.
     """
 
     logs: tuple[Path, ...]
     robot_id: int | None
     folder: Path
     nominal: ParameterFile | None = None
+    against: Against | None = None
     held_out: tuple[Path, ...] = ()
     report: bool = True
 
@@ -106,10 +108,12 @@ def _perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
         for log in (*job.logs, *job.held_out):
             _filled(log)
         recordings = [Recording.read(log, job.robot_id) for log in job.logs]
+        _check_against(job, recordings[0].robot_id)
         held_out = [Recording.read(log, recordings[0].robot_id) for log in job.held_out]
         diagnosis = diagnose(
             recordings,
             job.nominal,
+            against=job.against,
             held_out=held_out,
             sources=[str(log) for log in job.logs],
             held_out_sources=[str(log) for log in job.held_out],
@@ -120,6 +124,15 @@ def _perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
         raise JobError(str(error)) from error
     with _writing(job.folder):
         return diagnosis, _write(diagnosis, job, provenance, tell)
+
+
+def _check_against(job: Job, robot_id: int) -> None:
+    """Raise JobError where a robot is to be compared with the file of another one."""
+    if job.against is not None and job.nominal is not None and job.nominal.robot_id != robot_id:
+        raise JobError(
+            f"{job.against.source} is of robot {job.nominal.robot_id}, the log of robot {robot_id}: departures are "
+            "those of one and the same robot. Choose the robot's own file, or correct robot_id in it."
+        )
 
 
 def attempt(job: Job, tell: Telling) -> Outcome:

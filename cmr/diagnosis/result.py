@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
+from pathlib import PurePath
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
@@ -14,8 +15,9 @@ from cmr.recordings.lateness import Lateness
 from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
+PARAMETERS_DIFFER = "parameters_differ"  # only against a parameter file: no effect departs from it, parameters do
 GENERIC = "a generic term, no physical cause"  # how such a term is labelled everywhere
-VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
+VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA, PARAMETERS_DIFFER)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +31,8 @@ class NamedEffect:
     it. All shifts together, and that of a generic term, are what lies between the baseline and the fit with all of
     them; the average over what may be hidden besides lies a little beside that fit.
     `indistinguishable_from` are effects that explain these data as well, `next_experiment` the manoeuvre that would
-    distinguish them, or sharpen the estimate; None if nothing is left to find out.
+    distinguish them, or sharpen the estimate; None if nothing is left to find out. `given` are its parameters in the
+    parameter file that the robot is compared with, by name: empty without such a file, and where it lacks the effect.
     """
 
     name: str
@@ -41,6 +44,34 @@ class NamedEffect:
     shift: Mapping[str, float] = field(default_factory=dict)
     indistinguishable_from: tuple[str, ...] = ()
     next_experiment: str | None = None
+    given: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Departure:
+    """A parameter of the paper's model, or of a velocity controller, that is another than in a file: `given` there."""
+
+    name: str
+    given: float
+    estimate: Estimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Against:
+    """The parameter file whose robot, effects included, is the baseline: where it is, its SHA-256, its effects.
+
+    `departures` are the parameters that are others than in the file, beside those of the effects named.
+    """
+
+    source: str
+    sha256: str
+    effects: tuple[str, ...] = ()
+    departures: tuple[Departure, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The name of the file, without its folder."""
+        return PurePath(self.source).name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +180,8 @@ class Diagnosis:
     what the models were fitted to. `nominal` is the robot as it was given, and
     `gain_over_nominal` what the extended model gains over it; both are None where too little of it was given.
     `lateness` says how late commands took effect, by the name of the recording in which it was measured. `decisions`
-    are the steps of the search, in their order.
+    are the steps of the search, in their order. `against` is the parameter file whose robot is the `baseline`, and
+    from which the effects named depart; None where that is the paper's model.
     """
 
     robot_id: int
@@ -173,6 +205,7 @@ class Diagnosis:
     samples: int = 0
     decisions: tuple[Decision, ...] = ()
     lateness: Mapping[str, Lateness] = field(default_factory=dict)
+    against: Against | None = None
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.effects) or self.verdict
@@ -197,5 +230,11 @@ class Diagnosis:
 
     @property
     def is_extended(self) -> bool:
-        """Whether the extended model is another than the paper's."""
-        return bool(self.effects) or self.unexplained.generic is not None
+        """Whether the extended model is another than the baseline."""
+        departs = self.against is not None and bool(self.against.departures)
+        return bool(self.effects) or self.unexplained.generic is not None or departs
+
+    @property
+    def baseline_words(self) -> str:
+        """What the baseline is called."""
+        return "the paper's model" if self.against is None else f"the robot of {self.against.name}"

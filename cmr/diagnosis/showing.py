@@ -89,26 +89,36 @@ class _Sampled(NamedTuple):
     regressors: dict[str, Floats]
 
 
-def residuals_of(segments: Sequence[Segment], before: Values, after: Values) -> tuple[Residual, ...]:
+def residuals_of(
+    segments: Sequence[Segment], before: Values, after: Values, given: Values | None = None
+) -> tuple[Residual, ...]:
     """Return the residuals of all signals that were recorded, over all segments.
 
     Speeds are means over SPAN. Errors of the pose have grown over GROWN from the real pose on, and are in the frame of
     the robot. `command_change` is by how much the mean command that drives the signal changed from as long a time
     before; for the yaw rate, the sideways position and the heading that is right minus left.
     """
-    effects = without_each(after)
+    effects = without_each(after, given or {})
     sampled = _sampled([segment.observations for segment in segments], (after, before, *effects.values()))
     found = [(name, [one[name] for one in sampled if len(one[name].averages.begin)]) for name in UNITS]
     return tuple(_residual(name, parts, list(effects)) for name, parts in found if parts)
 
 
-def without_each(values: Values) -> dict[str, Values]:
-    """Return by effect that these values switch on the values with that one switched off, and nothing else changed."""
+def without_each(values: Values, given: Values) -> dict[str, Values]:
+    """Return by effect that these values switch on the values with that one switched off, and nothing else changed.
+
+    One that the robot is known to have is as it is `given` instead; where it is, nothing is shown of it.
+    """
     switches = {
-        effect.name: {one.name: one.neutral for one in effect.parameters if one.switches and one.neutral is not None}
+        effect.name: {
+            one.name: given.get(one.name, one.neutral)
+            for one in effect.parameters
+            if one.switches and one.neutral is not None
+        }
         for effect in effects_on(values)
     }
-    return {name: {**values, **off} for name, off in switches.items()}
+    without = {name: {**values, **off} for name, off in switches.items()}
+    return {name: one for name, one in without.items() if one != values}
 
 
 def _residual(name: str, parts: Sequence[_Sampled], effects: Sequence[str]) -> Residual:

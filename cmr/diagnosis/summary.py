@@ -91,7 +91,7 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
         return []
     if not math.isfinite(diagnosis.baseline.held_out_path_rmse):
         return _without_path(diagnosis)
-    before = f"Path error on held-out data: {_error(diagnosis.baseline)} with the paper's model"
+    before = f"Path error on held-out data: {_error(diagnosis.baseline)} with {diagnosis.baseline_words}"
     if not diagnosis.is_extended:
         return [f"{before}.", *_over_nominal(diagnosis)]
     errors = f"{before}, {_error(diagnosis.extended)} with {_added(diagnosis)}"
@@ -103,7 +103,7 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
 def _without_path(diagnosis: Diagnosis) -> list[str]:
     """Return sentences on the errors of other signals, where no path error is known."""
     compared = (
-        ("the paper's model", diagnosis.gain if diagnosis.is_extended else None),
+        (diagnosis.baseline_words, diagnosis.gain if diagnosis.is_extended else None),
         ("the nominal parameters", diagnosis.gain_over_nominal),
     )
     errors = [
@@ -136,7 +136,7 @@ def _known_errors(diagnosis: Diagnosis) -> list[tuple[str, Fitted]]:
     """Return the models whose path errors on held-out data are known, each with what it is called."""
     models = (
         ("nominal parameters", diagnosis.nominal),
-        ("paper's model, fitted", diagnosis.baseline),
+        ("paper's model, fitted" if diagnosis.against is None else diagnosis.baseline_words, diagnosis.baseline),
         (f"with {_added(diagnosis)}", diagnosis.extended if diagnosis.is_extended else None),
     )
     return [(name, model) for name, model in models if model and math.isfinite(model.held_out_path_rmse)]
@@ -164,7 +164,9 @@ def _error_table(window: float, models: Sequence[tuple[str, Fitted]]) -> str:
 def _added(diagnosis: Diagnosis) -> str:
     """Return what the extended model has beyond the paper's."""
     generic = [GENERIC] if diagnosis.unexplained.generic else []
-    return " and ".join([*(["the effects"] if diagnosis.effects else []), *generic])
+    departs = diagnosis.against is not None and bool(diagnosis.against.departures)
+    parameters = ["the parameters found"] if departs and not diagnosis.effects else []
+    return " and ".join([*(["the effects"] if diagnosis.effects else []), *parameters, *generic])
 
 
 def _error(fitted: Fitted) -> str:

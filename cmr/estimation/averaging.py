@@ -76,7 +76,8 @@ class Posterior:
 
     def _is_sure(self, effect: str) -> bool:
         sizes = [parameter.name for parameter in CATALOGUE[effect].parameters if parameter.switches]
-        return any(abs(self.values[name]) > SURE * self.std(name) for name in sizes)
+        changes = {name: abs(self.values[name] - self.averaging.neutral(name)) for name in sizes}
+        return any(change > SURE * self.std(name) for name, change in changes.items())
 
     def values_without(self, left_out: Mask) -> Mapping[str, float]:
         """Return the means that there would be without some white errors, shape (n,)."""
@@ -115,7 +116,7 @@ class Averaging:
         self._flat = tuple(name for name in fit.names if name not in sized)
         self._names = (*self._flat, *(parameter.name for parameter in self._sizes.parameters))
         self._start = {
-            **{parameter.name: float(parameter.neutral or 0.0) for parameter in self._sizes.parameters},
+            **{parameter.name: problem.excitation.neutral(parameter.name) for parameter in self._sizes.parameters},
             **fit.values,
         }
         self._rest, self._slopes = _linear(problem, self._start, self._names, self._noise)
@@ -184,13 +185,19 @@ class Averaging:
     def _with(self, sizes: Floats, step: Floats) -> dict[str, float]:
         """Return the values with these sizes, and the flat parameters moved by a step."""
         values = dict(self._start)
-        values.update(zip((parameter.name for parameter in self._sizes.parameters), sizes.tolist(), strict=True))
+        sized = zip(self._sizes.parameters, sizes.tolist(), strict=True)
+        values.update({one.name: self.neutral(one.name) + change for one, change in sized})
         values.update({n: values[n] + change for n, change in zip(self._flat, step.tolist(), strict=True)})
         return {name: _bounded(name, value) for name, value in values.items()}
 
     def _of_sizes(self, values: Mapping[str, float]) -> Floats:
-        """Return the sizes (p,) that some values have."""
-        return np.array([values.get(one.name, one.neutral or 0.0) for one in self._sizes.parameters])
+        """Return the sizes (p,) that some values have: by how much they depart from what is given, else neutral."""
+        neutral = {one.name: self.neutral(one.name) for one in self._sizes.parameters}
+        return np.array([values.get(name, value) - value for name, value in neutral.items()])
+
+    def neutral(self, name: str) -> float:
+        """Return the value of a parameter with which its effect is as it is given, or off."""
+        return self._problem.excitation.neutral(name)
 
     def _slabs(self, normal: Floats, seen: Floats) -> Floats:
         """Return the standard deviations (p,) of sizes that are present, where sizes (p,) are seen.
@@ -239,8 +246,8 @@ def _inverse(normal: Floats) -> Floats:
 
 
 def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:
-    """Return the effects that some values switch on."""
-    return [effect.name for effect in problem.effects if effect.is_on(values)]
+    """Return the effects that some values switch on, or make others than they are given."""
+    return [effect.name for effect in problem.effects if problem.excitation.departs(effect, values)]
 
 
 def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:

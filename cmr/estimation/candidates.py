@@ -2,8 +2,8 @@
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
 
@@ -22,6 +22,7 @@ USUAL_INTERVAL = 0.04  # s between poses
 OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # matter as far as poses follow one another closely
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tested
 THRESHOLDS = (0.4, 1.0, 1.8)
+CHANGED = (0.4, 0.7, 0.9, 1.1, 1.4, 2.0)  # multiples of a limit or threshold that the robot is known to have
 # A pose seen at p (1 + k |p|^2) goes back where k |p|^2 is below -1/3. From other k no fit gets there: with the fold
 # elsewhere, the model is worse than without.
 FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  # times the typical k, tested negative
@@ -63,7 +64,8 @@ RARE: Mapping[str, float] = {
 # Of the typical size: standard deviation of what sizes may be. Other sizes must explain so much more.
 SPREAD, SPREAD_OF_RARE = 5.0, 1.0
 SURE = 3.0  # standard deviations
-SMALLEST = 0.3  # of the typical size: less is not worth a name
+SMALLEST = 0.3  # of the typical size: less is not worth a name,
+SMALLEST_OF_A_LIMIT = 0.1  # nor is a limit that has changed by less than this share
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,8 @@ class Excitation:
     These are the robot's parameters, a usual yaw rate `turning` [rad/s], how far from the origin of the poses it
     usually was, `extent` [m], a yaw rate that it was seen to exceed, `fastest` [rad/s], and the usual time between
     poses, `interval` [s]. `controlled` says that a velocity controller in the robot is commanded, `poses_late` [s] by
-    how much poses seem late before any model is fitted.
+    how much poses seem late before any model is fitted. `given` are the parameters, by name, of effects that the robot
+    is known to have: what is looked for are departures from them.
     """
 
     parameters: Mapping[str, float]
@@ -83,6 +86,27 @@ class Excitation:
     interval: float = USUAL_INTERVAL
     controlled: bool = False
     poses_late: float = 0.0
+    given: Mapping[str, float] = field(default_factory=dict)
+
+    def neutral(self, name: str) -> float:
+        """Return the value of a parameter of an effect from which nothing departs: as it is given, else neutral."""
+        return self.given.get(name, float(definition(name).neutral or 0.0))
+
+    def gives(self, effect: Effect) -> bool:
+        """Return whether the robot is known to have an effect."""
+        return effect.is_on(self.given)
+
+    def departs(self, effect: Effect, values: Mapping[str, float]) -> bool:
+        """Return whether values make an effect another than it is given; on, where it is not given."""
+        if not self.gives(effect):
+            return effect.is_on(values)
+        own = [one.name for one in effect.parameters if one.switches and one.name in values]
+        return any(values[name] != self.neutral(name) for name in own)
+
+    def without(self, values: Mapping[str, float], names: Collection[str]) -> dict[str, float]:
+        """Return the values without parameters `names` of effects; those that are given are then as given."""
+        kept = {name: value for name, value in values.items() if name not in names}
+        return {**kept, **{name: self.given[name] for name in names if name in self.given}}
 
 
 @dataclass(frozen=True)
@@ -91,7 +115,8 @@ class Trial:
 
     An effect that begins at a moment is tested as if it had begun with the drive, one of a place as if it were
     everywhere; `local` says which of the two ("time", "place", or "" for neither) is then to be looked for. A `spare`
-    trial is one of many that say much the same. `portion` is the size tested as a share of the typical one.
+    trial is one of many that say much the same. `portion` is the size tested as a share of the typical one. `origin`
+    are the values that the trial changes where the robot is known to have the effect.
     """
 
     effect: str
@@ -100,6 +125,7 @@ class Trial:
     local: str = ""
     spare: bool = False
     portion: float = 1.0
+    origin: Mapping[str, float] = field(default_factory=dict)
 
 
 def size(parameter: ParameterDefinition, excitation: Excitation) -> float:
@@ -130,6 +156,9 @@ def trials(excitation: Excitation, effects: Iterable[Effect] = CATALOGUE.values(
     for effect in effects:
         if effect.name in RANDOM or effect.name in SENSED:
             continue
+        if excitation.gives(effect):
+            result += _changes(effect, excitation)
+            continue
         local = locality(effect)
         for others in _others(effect):
             sizes = _sizes(effect, excitation)
@@ -140,6 +169,26 @@ def trials(excitation: Excitation, effects: Iterable[Effect] = CATALOGUE.values(
         result += [*_folds(effect), *_turned(effect)]
         if effect.name == LATE_POSES and excitation.poses_late > FAR * size(effect.parameters[0], excitation):
             result.append(Trial(effect.name, {LATE_POSES: excitation.poses_late}, threshold=True, spare=True))
+    return result
+
+
+def _changes(effect: Effect, excitation: Excitation) -> list[Trial]:
+    """Return trials of an effect that the robot is known to have: each of its sizes larger, a limit smaller, too."""
+    origin = {parameter.name: excitation.neutral(parameter.name) for parameter in effect.parameters}
+    portion = PORTION_OF_LATENCY if set(effect.equations) <= LATE else 1.0
+    result = []
+    for parameter in (one for one in effect.parameters if one.switches):
+        at = origin[parameter.name]
+        if is_limit(parameter) or parameter.unit == "duty":
+            changed, threshold = [at * share for share in CHANGED if math.isfinite(at)], True
+        else:
+            change = portion * size(parameter, excitation)
+            changed, threshold = [at + change if parameter.allows(at + change) else at - change], False
+        result += [
+            Trial(effect.name, {**origin, parameter.name: value}, threshold, portion=portion, origin=origin)
+            for value in changed
+            if value != at and parameter.allows(value)
+        ]
     return result
 
 
@@ -303,20 +352,28 @@ def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
     """
     total = 0.0
     for effect in CATALOGUE.values():
-        if can_be_small(effect) and effect.is_on(values):
+        if can_be_small(effect) and excitation.departs(effect, values):
             spread = SPREAD_OF_RARE if effect.name in RARE else SPREAD
-            usual = [(values.get(one.name, 0.0), spread * size(one, excitation)) for one in effect.parameters]
-            total += sum((value / most) ** 2 for value, most in usual)
+            usual = [(one.name, spread * size(one, excitation)) for one in effect.parameters]
+            total += sum(
+                ((values.get(name, 0.0) - excitation.given.get(name, 0.0)) / most) ** 2 for name, most in usual
+            )
     return total
 
 
 def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], excitation: Excitation) -> bool:
     """Return whether an effect is large enough to matter: some parameter of it a fair share of its typical size."""
-    switches = [definition(name) for name in values if definition(name).switches]
-    if any(is_limit(parameter) for parameter in switches):
-        return True
-    sizes = {parameter.name: SMALLEST * size(parameter, excitation) for parameter in switches}
-    return any(abs(values[name]) > max(least, SURE * stds.get(name, 0.0)) for name, least in sizes.items())
+    sizes = {name: least_worth_naming(definition(name), excitation) for name in values if definition(name).switches}
+    changes = {name: abs(values[name] - excitation.given.get(name, 0.0)) for name in sizes}
+    return any(least == 0.0 or changes[name] > max(least, SURE * stds.get(name, 0.0)) for name, least in sizes.items())
+
+
+def least_worth_naming(parameter: ParameterDefinition, excitation: Excitation) -> float:
+    """Return the size of a parameter, or its change where it is given, that matters; 0 where any limit does."""
+    if is_limit(parameter):
+        given = excitation.given.get(parameter.name, math.inf)
+        return SMALLEST_OF_A_LIMIT * given if math.isfinite(given) else 0.0
+    return SMALLEST * size(parameter, excitation)
 
 
 def seen_later(values: Mapping[str, float], seconds: float) -> dict[str, float]:

@@ -31,9 +31,9 @@ from cmr.estimation.candidates import size
 from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_use_held_out, with_lags_found
 from cmr.estimation.criterion import look
 from cmr.estimation.estimates import Estimate, EstimationError, inexactness
-from cmr.estimation.gain import Measured, NominalMeasured, measure_nominal
+from cmr.estimation.gain import Measured, NominalMeasured, measure_nominal, with_mean_of_chance
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.preparation import Ready, prepare
+from cmr.estimation.preparation import ACTING_BY_CHANCE, Ready, prepare
 from cmr.estimation.search.late_wheels import with_late_wheels
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
@@ -57,7 +57,8 @@ class Estimation:
 
     `ready` are the recordings as they were prepared, or why they were refused; then all else is None. So is `nominal`,
     the robot as it was given, where it was not asked for, or not all parameters were given that a simulation needs.
-    `controller` is the robot's own for its speed, None if it takes duties.
+    `controller` is the robot's own for its speed, None if it takes duties. `against` says that the robot as it was
+    given, effects included, is the baseline.
     """
 
     looked: tuple[Checked, ...]
@@ -66,6 +67,7 @@ class Estimation:
     measured: Measured | None = None
     nominal: NominalMeasured | None = None
     controller: VelocityController | None = None
+    against: bool = False
 
     @property
     def found(self) -> Search:
@@ -125,7 +127,7 @@ class Estimation:
         for effect in CATALOGUE.values() if self.whole.average else ():
             own = {parameter.name: parameter for parameter in effect.parameters}
             if not named & set(own) and (effect.is_sensor or not any(map(self._shows, own))):
-                values = {name: value for name, value in values.items() if name not in own}
+                values = self.found.problem.excitation.without(values, own)
         idle = {one.name for effect in CATALOGUE.values() if not effect.is_on(values) for one in effect.given}
         known = {name: v for name, v in values.items() if name not in self.ready.unknown and name not in idle}
         return {name: value for name, value in known.items() if name in PAPER or value != definition(name).neutral}
@@ -133,11 +135,11 @@ class Estimation:
     def _shows(self, name: str) -> bool:
         """Return whether the mean of a parameter that was not named changes a path that is predicted."""
         assert self.whole is not None
-        parameter = definition(name)
-        value = self.whole.model.values.get(name, parameter.neutral)
-        if not parameter.switches or value is None or parameter.neutral is None:
+        parameter, excitation = definition(name), self.found.problem.excitation
+        if not parameter.switches or parameter.neutral is None:
             return False
-        return abs(value - parameter.neutral) > SEEN_IN_A_PATH * size(parameter, self.found.problem.excitation)
+        neutral = excitation.neutral(name)
+        return abs(self.whole.model.values.get(name, neutral) - neutral) > SEEN_IN_A_PATH * size(parameter, excitation)
 
     def _inexactness(self, name: str) -> float:
         assert self.whole is not None
@@ -152,12 +154,14 @@ def estimate(
     sources: Sequence[str] = (),
     held_out_sources: Sequence[str] = (),
     against_nominal: bool = True,
+    departing: bool = False,
     progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Estimation:
     """Estimate one robot's parameters from one or more of its recordings; `ready` reports what is wrong with data.
 
     `nominal` gives at least wheel_radius. On `held_out` the gain is measured, and nothing is fitted. `sources` and
-    `held_out_sources` name the recordings. The robot as it was given is measured, too, if `against_nominal`.
+    `held_out_sources` name the recordings. The robot as it was given is measured, too, if `against_nominal`. If
+    `departing`, `nominal` is a whole robot, effects included, and what is looked for are departures from it.
     `progress` receives a sentence on what is being done.
     Raises EstimationError where nothing can be fitted for a reason other than bad data.
     """
@@ -165,10 +169,10 @@ def estimate(
     with threadpool_limits(1, "blas"):
         progress("Checking the data ...")
         looked = tuple(looked_at(recordings, sources))
-        ready = prepare(looked, nominal)
+        ready = prepare(looked, nominal, departing=departing)
         problem = ready.problem
         if problem is None:
-            return Estimation(looked, ready)
+            return Estimation(looked, ready, against=departing)
         late = looked[0].findings.wheels_late
         unseen = looked_at(held_out, held_out_sources, "held-out recording", late or IN_TIME)
         ready = _with_held_out(ready, looked, unseen)
@@ -179,10 +183,11 @@ def estimate(
         segments = [predictor.segment for predictor in problem.predictors]
         others = [segment for one in unseen for segment in one.segments]
         delivered, measured = that_holds(whole, segments, others)
-        given = _nominal_values(nominal, ready) if against_nominal else {}
+        given = _nominal_values(nominal, ready, departing) if against_nominal else {}
         against = (given, measured, segments, others, delivered.model.values)
         nominal_measured = measure_nominal(problem, *against) if given else None
-        return _with_checks(Estimation(looked, ready, delivered, measured, nominal_measured), unseen)
+        estimation = Estimation(looked, ready, delivered, measured, nominal_measured, against=departing)
+        return _with_checks(estimation, unseen)
 
 
 def _with_checks(estimation: Estimation, held_out: Sequence[Checked]) -> Estimation:
@@ -208,13 +213,16 @@ def _with_held_out(ready: Ready, fitted: Sequence[Checked], held_out: Sequence[C
     return replace(ready, checks=findings_of([*fitted, *held_out]), notes=(*ready.notes, *mended))
 
 
-def _nominal_values(nominal: ParameterFile, ready: Ready) -> dict[str, float]:
+def _nominal_values(nominal: ParameterFile, ready: Ready, departing: bool) -> dict[str, float]:
     """Return all values of the robot as it was given, by name; none where it cannot be simulated with them.
 
-    Where the robot rolls as its wheels did, nothing depends on its motors.
+    Where the robot rolls as its wheels did, nothing depends on its motors. A robot that is the baseline of departures
+    runs as the model that departs from it does: what acts by chance is replaced by its mean.
     """
     motors = {name: ready.start[name] for name in MOTOR} if ready.rolling else {}
     values = {**motors, **{name: value.value for name, value in nominal.values.items()}}
+    if departing:
+        values = with_mean_of_chance({name: v for name, v in values.items() if name not in ACTING_BY_CHANCE}, values)
     return values if set(PAPER) <= set(values) else {}
 
 

@@ -202,17 +202,19 @@ class Running(NamedTuple):
     @property
     def values(self) -> dict[str, float]:
         """All values of parameters by name."""
-        return self._with_chance(self.model.values)
+        return with_mean_of_chance(self.model.values, self.chance)
 
     def values_without(self, left_out: Mask) -> dict[str, float]:
         """Return the values without some white errors, shape (n,)."""
-        return self._with_chance(self.model.values_without(left_out))
+        return with_mean_of_chance(self.model.values_without(left_out), self.chance)
 
-    def _with_chance(self, values: Mapping[str, float]) -> dict[str, float]:
-        running = dict(values)
-        if JITTER in self.chance:
-            running["command_delay"] = running.get("command_delay", 0.0) + 0.5 * self.chance[JITTER]
-        return running
+
+def with_mean_of_chance(values: Mapping[str, float], chance: Mapping[str, float]) -> dict[str, float]:
+    """Return the values of a model in which commands are as late as what acts by `chance` makes them on average."""
+    running = dict(values)
+    if JITTER in chance:
+        running["command_delay"] = running.get("command_delay", 0.0) + 0.5 * chance[JITTER]
+    return running
 
 
 def _fitted_errors(models: Sequence[Running], segments: Sequence[Segment]) -> tuple[Errors, ...]:

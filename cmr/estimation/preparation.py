@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import USUAL_INTERVAL, Excitation
+from cmr.estimation.candidates import RANDOM, SENSED, USUAL_INTERVAL, Excitation
 from cmr.estimation.checks import Checked, findings_of, notes_of, refusal
 from cmr.estimation.gains import choose_gains
 from cmr.estimation.gauss_newton import Fit
@@ -15,14 +15,18 @@ from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
 from cmr.estimation.thinning import part_of, thinned, thinning_of
 from cmr.geometry.manoeuvres import TYPICAL
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, MODELLED
 from cmr.model.command_kinds import DUTY
 from cmr.model.observer.observer import MOTION, Gains
+from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.parameters.file import MOTOR, ParameterFile
 from cmr.recordings.faults.findings import Finding
 
 THINNED = "More was recorded than the estimate needs; it uses {shares}."
 GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
+# Parameters of effects that no fit has: they are looked for in what is left, whether the robot is known to have them
+# or not.
+ACTING_BY_CHANCE = tuple(parameter.name for name in (*RANDOM, *SENSED) for parameter in CATALOGUE[name].parameters)
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
@@ -100,8 +104,11 @@ class _Start:
     untold: dict[str, str] = field(default_factory=dict)
 
 
-def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
-    """Fit the paper's model to those recordings that are of use."""
+def prepare(looked: Sequence[Checked], nominal: ParameterFile, *, departing: bool = False) -> Ready:
+    """Fit the paper's model to those recordings that are of use.
+
+    If `departing`, the model has the effects of the `nominal` robot, which are not fitted, and the fit begins with it.
+    """
     checks, notes, refused = findings_of(looked), notes_of(looked), refusal(looked)
     if refused:
         return Ready(None, None, checks, notes, refused)
@@ -111,14 +118,15 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
     if parts:
         notes += (THINNED.format(shares=", ".join(parts)),)
     ready = predictors([thinned(segment, thinning) for segment in segments])
-    start = _start(ready, nominal)
+    start = _start(ready, nominal, departing)
     notes += start.notes
     refused = start.refused or _contradiction(ready, start.values["wheel_radius"])
     if refused:
         return Ready(None, None, checks, notes, refused)
     gains = choose_gains(ready, start.values)
     errors = errors_of(ready, start.values, gains)
-    excitation = replace(_excitation(ready, start.values, errors), poses_late=_poses_late(looked))
+    given = given_effects(nominal) if departing else {}
+    excitation = replace(_excitation(ready, start.values, errors), poses_late=_poses_late(looked), given=given)
     problem = Problem(ready, gains, excitation)
     base = _first_fit(problem, start.values, start.names, errors)
     problem.excitation = replace(excitation, parameters=base.values)
@@ -144,7 +152,18 @@ def _contradiction(ready: Sequence[Predictor], radius: float) -> str:
     return "" if 1.0 / WORST_FACTOR < factor < WORST_FACTOR else CONTRADICTION.format(factor=factor, radius=radius)
 
 
-def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
+def given_effects(robot: ParameterFile) -> dict[str, float]:
+    """Return the parameters, by name, of the effects that a robot has; without those that no fit has."""
+    values = {name: value.value for name, value in robot.values.items() if name not in (*PAPER, *GIVEN)}
+    for effect in CATALOGUE.values():
+        if effect.is_on(values):
+            neutral = {one.name: float(one.neutral) for one in effect.parameters if one.neutral is not None}
+            values = {**neutral, **values}
+    known = {one.name for effect in MODELLED.values() for one in effect.parameters}
+    return {name: value for name, value in values.items() if name in known and name not in ACTING_BY_CHANCE}
+
+
+def _start(ready: Sequence[Predictor], nominal: ParameterFile, departing: bool) -> _Start:
     """Return where the fit begins, and what is to be fitted: what the recordings determine.
 
     Under which circumstances effects act is given, like the wheel radius, which `nominal` must have.
@@ -155,8 +174,11 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
     driven = [predictor for predictor in ready if not len(predictor.segment.observations.given)]
     if start.refused:
         return start
+    if departing:
+        start.values |= {"base_width": nominal.value("base_width"), **given_effects(nominal)}
     if driven:
-        start.values |= guess_motor(driven, start.values)
+        known = departing and nominal.has(*MOTOR)
+        start.values |= {n: nominal.value(n) for n in MOTOR} if known else guess_motor(driven, start.values)
         start.names = (*MOTOR, *start.names)
     else:
         _add_nominal_motor(start, nominal)

@@ -1,7 +1,7 @@
 """Fit models with effects to recordings by their prediction errors."""
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 
@@ -239,9 +239,9 @@ class Problem:
     def without(self, fit: Fit, effects: Sequence[Sequence[Effect]]) -> list[Fit]:
         """Return the fit without some effects, and without others, ...; to first order, what stays is fitted again."""
         own = [{parameter.name for effect in some for parameter in effect.parameters} for some in effects]
-        sets = [{name: value for name, value in fit.values.items() if name not in names} for names in own]
+        sets = [self.excitation.without(fit.values, names) for names in own]
         white = self.white(lanes_of(sets), fit.noise)
-        return [_refitted(fit, values, white[:, index]) for index, values in enumerate(sets)]
+        return [_refitted(fit, *one, white[:, index]) for index, one in enumerate(zip(sets, own, strict=True))]
 
     def linear(
         self, values: Mapping[str, float], names: Sequence[str], noise: Noise, stride: float | Floats = 1.0
@@ -273,7 +273,7 @@ class Problem:
         from its fit. Returns each model's values and its sum of squared white errors.
         """
         courses = [
-            _Course({**base.values, **start}, (*base.names, *own), tuple(own))
+            _Course({**base.values, **start}, (*base.names, *own), tuple(own), self.excitation)
             for start, own in zip(starts, names, strict=True)
         ]
         for step in range(QUICK_STEPS + MORE_STEPS):
@@ -291,9 +291,9 @@ class Problem:
         return [(course.best, course.squares) for course in courses]
 
 
-def _refitted(fit: Fit, values: Mapping[str, float], rest: Floats) -> Fit:
-    """Return the fit at values that lack some of its parameters, moved to where its slopes leave least of `rest`."""
-    kept = [index for index, name in enumerate(fit.names) if name in values]
+def _refitted(fit: Fit, values: Mapping[str, float], gone: Collection[str], rest: Floats) -> Fit:
+    """Return the fit at values that lack parameters `gone`, moved to where its slopes leave least of `rest`."""
+    kept = [index for index, name in enumerate(fit.names) if name not in gone]
     names, slopes = tuple(fit.names[index] for index in kept), np.ascontiguousarray(fit.slopes[:, kept])
     if not np.isfinite(rest).all():  # a robot without these effects would lose its way altogether
         return Fit(values, names, rest, slopes, fit.noise)
@@ -304,8 +304,10 @@ def _refitted(fit: Fit, values: Mapping[str, float], rest: Floats) -> Fit:
 class _Course:
     """How one of several models, fitted side by side, comes on; `own` are its parameters beside those of the base."""
 
-    def __init__(self, start: dict[str, float], free: Sequence[str], own: Sequence[str]) -> None:
-        self.free, self.own = free, own
+    def __init__(
+        self, start: dict[str, float], free: Sequence[str], own: Sequence[str], excitation: Excitation
+    ) -> None:
+        self.free, self.own, self._excitation = free, own, excitation
         self.candidate = self.best = start
         self.squares = self.promised = np.inf
         self._step, self._pace, self._rounds = np.zeros(len(free)), 1.0, 0
@@ -336,15 +338,16 @@ class _Course:
         if np.isfinite(self.squares):
             self.candidate = moved(self.best, self.free, self._pace * self._step)
         else:
-            self.candidate = nearer_to_neutral(self.candidate, self.own)
+            self.candidate = nearer_to_neutral(self.candidate, self.own, self._excitation)
 
 
-def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str], excitation: Excitation) -> dict[str, float]:
     """Return the values with the effect of parameters `names` made smaller: what it began with made no sense."""
     result = dict(values)
     for known in (definition(name) for name in names):
-        if known.switches and known.neutral is not None and np.isfinite(known.neutral):
-            result[known.name] = known.neutral + 0.3 * (values[known.name] - known.neutral)
+        neutral = excitation.neutral(known.name)
+        if known.switches and known.neutral is not None and np.isfinite(neutral):
+            result[known.name] = neutral + 0.3 * (values[known.name] - neutral)
     return result
 
 

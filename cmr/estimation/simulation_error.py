@@ -123,7 +123,8 @@ class SimulationErrorProblem(Problem):
         """Fit several models at once; see `Problem`. Each begins with as much of its effect as helps most."""
         nearer = [[{**base.values, **start} for start in starts]]
         for _ in range(SMALLER):
-            nearer.append([nearer_to_neutral(values, own) for values, own in zip(nearer[-1], names, strict=True)])
+            pairs = zip(nearer[-1], names, strict=True)
+            nearer.append([nearer_to_neutral(values, own, self.excitation) for values, own in pairs])
         white = self.white(lanes_of([values for step in nearer for values in step]), base.noise)
         best = np.argmin(np.sum(white**2, axis=0).reshape(len(nearer), len(starts)), axis=0)
         return super().fit_beside(base, [nearer[step][model] for model, step in enumerate(best)], names)

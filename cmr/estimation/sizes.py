@@ -41,7 +41,13 @@ class Sizes:
         self.parameters = parameters
         self.usual = np.array([size(parameter, excitation) for parameter in parameters])
         behind = [name for name in NEVER_AHEAD if name not in ahead]
-        self._one_sided = np.array([one.lower == one.neutral or one.name in behind for one in parameters], np.bool_)
+        self._one_sided = np.array(
+            [
+                (one.lower == one.neutral or one.name in behind) and one.name not in excitation.given
+                for one in parameters
+            ],
+            np.bool_,
+        )
         self._effects = np.repeat(
             np.arange(len(effects)), [sum(parameter.switches for parameter in effect.parameters) for effect in effects]
         )

@@ -270,7 +270,7 @@ def _without(whole: Extended, leaving: SelectedEffect, why: str, measure: Measur
     found, problem = whole.found, whole.found.problem
 
     def refit(fit: Fit) -> Fit:
-        return problem.fit(*without(fit, [leaving]), fit.noise, renew=0)
+        return problem.fit(*without(problem, fit, [leaving]), fit.noise, renew=0)
 
     removed: Sequence[tuple[str, float]] = [(leaving.candidate.effect.name, leaving.candidate.drop)]
     remaining = replace(

@@ -3,8 +3,11 @@
 import argparse
 import math
 from pathlib import Path
+from typing import cast
 
 from cmr.cli.command_line import add_json, check_writable, parser, print_json
+from cmr.cli.errors import CommandError
+from cmr.estimation.estimates import EstimationError
 from cmr.exporting.carried import TARGETS, of_robot, what_is_carried
 from cmr.exporting.export import Description, export, name_of_file
 from cmr.exporting.robot import ExportedRobot, exported
@@ -26,7 +29,7 @@ def main(arguments: list[str]) -> int:
     path = options.out or Path(name_of_file(robot, options.to))
     check_writable(path.parent)
     remarks = export(robot, options.to, path, Description(options.wheel_separation, options.wheel_radius))
-    proof = _proven(robot, options.to, path) if options.prove else None
+    proof = _proven(robot, options.to, path, options.parameters) if options.prove else None
     if options.json:
         carried = {
             name: {"carried": one.how.value, "why": one.why} for name, one in of_robot(options.to, robot).items()
@@ -35,7 +38,10 @@ def main(arguments: list[str]) -> int:
         return _code(proof)
     print("\n".join([*what_is_carried(options.to, robot), *remarks, f"written: {path}"]))
     if proof:
-        print(f"{proof['verdict']}\nwritten: {proof['page']}")
+        found = cast("dict[str, object]", proof["diagnosis"])
+        print(proof["verdict"])
+        print(f"Diagnosed as if it were a real robot: {found['sentence']}")
+        print(f"written: {proof['page']}")
     return _code(proof)
 
 
@@ -43,16 +49,23 @@ def _code(proof: dict[str, object] | None) -> int:
     return 0 if proof is None or proof["holds"] else 1
 
 
-def _proven(robot: ExportedRobot, target: str, path: Path) -> dict[str, object]:
-    """Run the file that was written beside CMR's own model, and write a page about it."""
+def _proven(robot: ExportedRobot, target: str, path: Path, parameters: Path) -> dict[str, object]:
+    """Run the file that was written beside CMR's own model, diagnose what it did, and write a page about it."""
+    from cmr.exporting.departures import departures
     from cmr.exporting.proof import prove
     from cmr.exporting.proof_page import proof_page, verdict
 
     proof = prove(robot, target, path)
+    try:
+        diagnosis = departures(proof, robot, load(parameters), parameters)
+    except EstimationError as error:
+        raise CommandError(f"What the exported robot drove cannot be diagnosed: {error}") from error
     page = path.with_name(f"{path.name}.html")
-    write_atomically(proof_page(robot, proof), page)
+    write_atomically(proof_page(robot, proof, diagnosis), page)
     sizes = {"largest_distance": proof.off, "lost": proof.lost, "path_length": proof.length}
-    return {"verdict": verdict(proof), "holds": proof.holds, "page": str(page), **sizes}
+    departing = [one.name for one in diagnosis.effects]
+    found = {"verdict": diagnosis.verdict, "sentence": diagnosis.sentence, "departing": departing}
+    return {"verdict": verdict(proof), "holds": proof.holds, "page": str(page), **sizes, "diagnosis": found}
 
 
 def command_parser() -> argparse.ArgumentParser:

@@ -23,11 +23,24 @@ ROUND, REST = 9.0, 1.0  # s; each round begins with a rest
 SEED = 1
 FAR = 0.01  # share of a path's length by which a target with physics of its own may be off
 SAME = 1e-6  # m, by which one that steps the model may be
+POSE = ("x", "y", "theta")
+READINGS = ("encoder_left", "encoder_right", "gyro_yaw_rate", "tracked_x", "tracked_y", "tracked_theta")  # of the FMU
 NEEDED = {FMU: "fmpy", MJCF: "mujoco"}
 
 
+class Driven(NamedTuple):
+    """What an exported robot did and what its sensors said after each step.
+
+    `poses` are x, y [m] and the heading [rad], (n, 3); `readings` what both encoders [rad], the gyro [rad/s] and a
+    tracker (x, y [m], heading [rad]) say, (n, 6).
+    """
+
+    poses: Floats
+    readings: Floats
+
+
 class Proof(NamedTuple):
-    """The same drive by CMR and by the exported robot.
+    """The same drive by CMR and by the exported robot, whose sensors said the `readings` (n, 6) of `Driven`.
 
     Each path is x, y [m] and the heading [rad] after each step, (n, 3): of CMR's robot, of the exported one, and of
     CMR's robot without the effects that the target does not carry.
@@ -37,6 +50,7 @@ class Proof(NamedTuple):
     expected: Floats
     found: Floats
     carried: Floats
+    readings: Floats
 
     @property
     def length(self) -> float:
@@ -86,11 +100,13 @@ def prove(robot: ExportedRobot, target: str, path: Path) -> Proof:
     check_provable(target)
     left, right = duties()
     kept = {name for name, one in of_robot(target, robot).items() if one.how is not Carry.NOT}
+    driven = RUN[target](robot, path, left, right)
     return Proof(
         target,
         _driven(robot.parameters, left, right),
-        RUN[target](robot, path, left, right),
+        driven.poses,
         _driven(_with_only(robot, kept), left, right),
+        driven.readings,
     )
 
 
@@ -116,19 +132,20 @@ def _driven(parameters: RobotParameters, left: Floats, right: Floats) -> Floats:
     return np.stack([motion.x[1:], motion.y[1:], motion.theta[1:]], axis=1)
 
 
-def _in_python(_robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Floats:
+def _in_python(_robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Driven:
     names: dict[str, Any] = {"__name__": path.stem}
     exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
     robot = names["Robot"](seed=SEED)
-    poses = np.empty((len(left), 3))
+    poses, readings = np.empty((len(left), 3)), np.empty((len(left), 6))
     for number, command in enumerate(zip(left.tolist(), right.tolist(), strict=True)):
         robot.command(*command)
         robot.step(STEP)
         poses[number] = robot.x, robot.y, robot.theta
-    return poses
+        readings[number] = robot.read()
+    return Driven(poses, readings)
 
 
-def _in_fmpy(robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Floats:
+def _in_fmpy(robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Driven:
     import fmpy
 
     names, commands = ("duty_left", "duty_right"), (left, right)
@@ -143,27 +160,30 @@ def _in_fmpy(robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> F
         output_interval=STEP,
         input=inputs,
         start_values={"seed": SEED},
-        output=["x", "y", "theta"],
+        output=[*POSE, *READINGS],
     )
-    return np.stack([found[name][1:] for name in ("x", "y", "theta")], axis=1)
+    poses, readings = (np.stack([found[name][1:] for name in names], axis=1) for names in (POSE, READINGS))
+    return Driven(poses, readings)
 
 
-def _in_mujoco(robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Floats:
+def _in_mujoco(robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Driven:
     import mujoco
 
     model: Any = mujoco.MjModel.from_xml_path(str(path))
     data: Any = mujoco.MjData(model)
     full = 1.0 if robot.controller is None else robot.controller.top_wheel_speed
-    poses = np.empty((len(left), 3))
+    poses, readings = np.empty((len(left), 3)), np.empty((len(left), 6))
     for number, command in enumerate(zip(full * left, full * right, strict=True)):
         data.ctrl[:] = command
         for _ in range(round(STEP / model.opt.timestep)):
             mujoco.mj_step(model, data)
-        poses[number] = [data.joint(name).qpos[0] for name in ("x", "y", "theta")]
-    return poses
+        poses[number] = [data.joint(name).qpos[0] for name in POSE]
+        encoders = [data.sensor(name).data[0] for name in ("encoder_left", "encoder_right")]
+        readings[number] = [*encoders, data.sensor("gyro").data[2], *poses[number]]
+    return Driven(poses, readings)
 
 
-RUN: Mapping[str, Callable[[ExportedRobot, Path, Floats, Floats], Floats]] = {
+RUN: Mapping[str, Callable[[ExportedRobot, Path, Floats, Floats], Driven]] = {
     PYTHON: _in_python,
     FMU: _in_fmpy,
     MJCF: _in_mujoco,

@@ -1,8 +1,11 @@
 """The page of a proof: path beside path, and what the export lost."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from cmr.exporting.carried import Carry, of_robot
+from cmr.diagnosis.result import Diagnosis
+from cmr.exporting.carried import Carried, Carry, of_robot
 from cmr.exporting.proof import SAME, SECONDS, Proof
 from cmr.exporting.robot import ExportedRobot
 from cmr.report.keys import keys, real_key, simulated_key
@@ -28,13 +31,15 @@ def verdict(proof: Proof) -> str:
     return f"The exported robot is up to {proof.off:.3g} m off after {SECONDS:.0f} s, {share}{lost}."
 
 
-def proof_page(robot: ExportedRobot, proof: Proof) -> str:
+def proof_page(robot: ExportedRobot, proof: Proof, diagnosis: Diagnosis) -> str:
     """Return the page."""
+    found = of_robot(proof.target, robot)
     title = f"Robot {robot.robot_id} in {proof.target}"
     header = tag("header", tag("h1", title), paragraph(verdict(proof)))
     sections = [
         section("Path beside path", _paths(proof), keys(real_key("CMR"), simulated_key(proof.target))),
         section("How far off", _numbers(proof)),
+        section("Diagnosed as if it were a real robot", *_departures(proof, diagnosis, found)),
         section("What the export carries", _effects(robot, proof)),
     ]
     lead = quiet(
@@ -74,6 +79,26 @@ def _numbers(proof: Proof) -> Html:
         ["length of the path", number(proof.length), "m"],
     ]
     return table(["what", "size", "unit"], rows, numbers=[1])
+
+
+def _departures(proof: Proof, diagnosis: Diagnosis, carried: Mapping[str, Carried]) -> list[Html]:
+    """Return what a diagnosis names that departs from the parameter file, beside what the target does not carry."""
+    drive = quiet(
+        f"The same drive of {SECONDS:.0f} s as encoders, a gyro and a tracker with the usual noise say it, diagnosed "
+        "against the parameter file that was exported: `cmr-diagnose --against`."
+    )
+    against = diagnosis.against
+    assert against is not None
+    rows = [
+        [one.name, one.cause, "not carried" if _is_lost(carried.get(one.name)) else ""] for one in diagnosis.effects
+    ]
+    rows += [[one.name, f"{one.estimate.value:.4g}, in the file {one.given:.4g}", ""] for one in against.departures]
+    headings = ["what departs", "how", f"of {proof.target}"]
+    return [paragraph(diagnosis.sentence), *([table(headings, rows)] if rows else []), drive]
+
+
+def _is_lost(one: Carried | None) -> bool:
+    return one is not None and one.how is Carry.NOT
 
 
 def _effects(robot: ExportedRobot, proof: Proof) -> Html:

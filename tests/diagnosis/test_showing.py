@@ -181,7 +181,7 @@ def test_each_of_two_effects_is_shown_by_what_the_full_model_leaves_without_it_a
 
 def test_an_effect_of_a_moment_is_switched_off_and_its_moment_stays() -> None:
     later = {"surface_change_k1": 0.05, "surface_change_base_width": 0.04, "surface_change_time": 60.0}
-    assert without_each({**TRUE, **later, "gyro_bias": 0.0}) == {
+    assert without_each({**TRUE, **later, "gyro_bias": 0.0}, {}) == {
         "surface_change": {
             **TRUE,
             **later,
@@ -190,7 +190,12 @@ def test_an_effect_of_a_moment_is_switched_off_and_its_moment_stays() -> None:
             "gyro_bias": 0.0,
         }
     }
-    assert without_each(TRUE) == {}
+    assert without_each(TRUE, {}) == {}
+
+
+def test_an_effect_that_is_known_is_shown_as_far_as_it_departs() -> None:
+    values, given = {**TRUE, "gyro_bias": 0.05, "gyro_scale": 0.02}, {"gyro_bias": 0.02, "gyro_scale": 0.02}
+    assert without_each(values, given) == {"gyro_bias": {**values, "gyro_bias": 0.02}}
 
 
 def test_noise_alone_shows_no_structure_over_anything() -> None:

@@ -64,10 +64,22 @@ def test_programs_read_what_is_carried(tmp_path: Path, capsys: pytest.CaptureFix
 def test_a_proof_is_a_page_beside_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot, out = saved(tmp_path, coulomb_friction=4.0), tmp_path / "robot.py"
     assert main([str(robot), "--to", "python", "--out", str(out), "--prove"]) == 0
-    assert "drives the same path" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "drives the same path" in said
+    assert "Diagnosed as if it were a real robot: The robot is that of robot_4.yaml" in said
     page = (tmp_path / "robot.py.html").read_text()
     assert "coulomb_friction" in page
     assert "drives the same path" in page
+    assert "nothing that departs from it" in page
+
+
+@pytest.mark.slow
+def test_what_a_target_does_not_carry_departs_from_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("mujoco")
+    robot, out = saved(tmp_path, turn_slip=0.15), tmp_path / "robot.xml"
+    main([str(robot), "--to", "mjcf", "--out", str(out), "--prove", "--json"])
+    assert json.loads(capsys.readouterr().out)["proof"]["diagnosis"]["departing"] == ["turn_slip"]
+    assert "not carried" in (tmp_path / "robot.xml.html").read_text()
 
 
 def test_what_cannot_be_run_is_not_proven() -> None:

@@ -38,7 +38,6 @@ KNOWN: dict[str, set[str]] = {
     "cmr.bus": {"cmr.msg", "cmr.cli", "cmr.files", "cmr.plain_text"},
     "cmr.parameters": {*BUS, "cmr.documents", "cmr.files", "cmr.model"},
     "cmr.recordings": {*BUS, "cmr.files", "cmr.model", "cmr.parameters"},
-    "cmr.exporting": {*BUS, "cmr.files", "cmr.model", "cmr.parameters", "cmr.report"},
     # What is found out about robots, and the world in which they are.
     "cmr.camera": {"cmr.msg", "cmr.documents", "cmr.files"},
     "cmr.tracker": {*BUS, "cmr.distribution", "cmr.documents", "cmr.files"},
@@ -48,6 +47,7 @@ KNOWN: dict[str, set[str]] = {
         *RECORDED,
         *("cmr.report", "cmr.distribution", "cmr.files", "cmr.workers", "cmr.geometry", "cmr.estimation"),
     },
+    "cmr.exporting": {*RECORDED, "cmr.files", "cmr.plant", "cmr.report", "cmr.estimation", "cmr.diagnosis"},
     "cmr.world": {*RECORDED, "cmr.report", "cmr.geometry"},
     "cmr.view": {*RECORDED, "cmr.litter", "cmr.report", "cmr.geometry"},
     "cmr.teleop": {*RECORDED, "cmr.geometry", "cmr.world"},

@@ -9,8 +9,11 @@ from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
     NO_EFFECT,
+    PARAMETERS_DIFFER,
     UNEXPLAINED,
+    Against,
     Candidate,
+    Departure,
     Diagnosis,
     Evidence,
     Fitted,
@@ -221,4 +224,21 @@ SPOILT = Diagnosis(
     next_experiment="Check that the motors are switched on, and record a drive of at least 30 s.",
     sources=("run.lcm",),
 )
-ALL = {EFFECTS_FOUND: FOUND, NO_EFFECT: NOTHING, UNEXPLAINED: STRANGE, BAD_DATA: SPOILT}
+DEPARTED = replace(
+    NOTHING,
+    verdict=PARAMETERS_DIFFER,
+    sentence="The robot departs from robot_3.yaml (sha256 0123456789ab). base_width is 0.172 m, in the file 0.161.",
+    extended=EXTENDED,
+    against=Against(
+        source="robots/robot_3.yaml",
+        sha256="0123456789ab" + 52 * "0",
+        departures=(Departure(name="base_width", given=0.161, estimate=BASELINE.estimates["base_width"]),),
+    ),
+)
+ALL = {
+    EFFECTS_FOUND: FOUND,
+    NO_EFFECT: NOTHING,
+    UNEXPLAINED: STRANGE,
+    BAD_DATA: SPOILT,
+    PARAMETERS_DIFFER: DEPARTED,
+}

@@ -10,7 +10,16 @@ from cmr.diagnosis.report.pairs import Pair, pairs_without
 from cmr.diagnosis.report.residual_figures import tell_tale_figure
 from cmr.diagnosis.report.tell_tale import tell_tale
 from cmr.diagnosis.report.terms import regressor, signal_words
-from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
+from cmr.diagnosis.result import (
+    BAD_DATA,
+    EFFECTS_FOUND,
+    NO_EFFECT,
+    PARAMETERS_DIFFER,
+    UNEXPLAINED,
+    Candidate,
+    Diagnosis,
+    NamedEffect,
+)
 from cmr.diagnosis.words import harmless_sentence, some_of
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
@@ -25,12 +34,20 @@ BADGES = {
     NO_EFFECT: "no effect",
     UNEXPLAINED: "unexplained",
     BAD_DATA: "bad data",
+    PARAMETERS_DIFFER: "parameters differ",
 }
-TONES = {EFFECTS_FOUND: "plain", NO_EFFECT: "good", UNEXPLAINED: "doubtful", BAD_DATA: "bad"}  # of the style sheet
+TONES = {  # of the style sheet
+    EFFECTS_FOUND: "plain",
+    NO_EFFECT: "good",
+    UNEXPLAINED: "doubtful",
+    BAD_DATA: "bad",
+    PARAMETERS_DIFFER: "plain",
+}
 NOTHING_NAMED = {
     NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter.",
     UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
     "residuals\u201d below.",
+    PARAMETERS_DIFFER: "No effect departs from the file; the parameters in the first line do.",
 }
 SUFFICIENT = "The paper's model with three parameters is sufficient."
 MOST_RUNNERS_UP = 10
@@ -95,7 +112,7 @@ def named(diagnosis: Diagnosis) -> Section:
         return section("Notes", bullets(list(diagnosis.notes)))
     if not diagnosis.effects:
         nothing = NOTHING_NAMED.get(diagnosis.verdict, "No effect was named.")
-        if diagnosis.verdict == NO_EFFECT and not diagnosis.unexplained.not_judged:
+        if diagnosis.verdict == NO_EFFECT and not diagnosis.unexplained.not_judged and diagnosis.against is None:
             nothing = f"{nothing} {SUFFICIENT}"
         return section("Effects found", paragraph(nothing), bullets(list(diagnosis.notes)))
     rows = [_found_row(effect) for effect in diagnosis.effects]

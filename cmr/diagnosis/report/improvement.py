@@ -60,7 +60,8 @@ def _models(diagnosis: Diagnosis) -> Iterator[_Compared]:
     if diagnosis.nominal:
         yield _Compared("nominal robot", diagnosis.nominal, diagnosis.gain_over_nominal)
     if diagnosis.baseline:
-        yield _Compared("paper's model", diagnosis.baseline, diagnosis.gain if diagnosis.is_extended else None)
+        words = diagnosis.baseline_words.removeprefix("the ")
+        yield _Compared(words, diagnosis.baseline, diagnosis.gain if diagnosis.is_extended else None)
     if diagnosis.extended and diagnosis.is_extended:
         yield _Compared("extended model", diagnosis.extended)
 

@@ -39,7 +39,8 @@ def paths(diagnosis: Diagnosis) -> Section:
     causes: list[str] = [code(effect.name) for effect in diagnosis.effects]
     causes += ["the generic term"] if diagnosis.unexplained.generic else []
     window = diagnosis.evidence.window
-    figures = [path_figure(path, changed=changed, causes=causes, window=window) for path in drawn]
+    baseline = diagnosis.baseline_words
+    figures = [path_figure(path, baseline, changed=changed, causes=causes, window=window) for path in drawn]
     others = f"{len(figures) - 1} more piece{'s' if len(figures) > 2 else ''}"
     more = folded(others, *figures[1:]) if len(figures) > 1 else Html("")
     return section("The path", *([paragraph(words)] if pieces > len(drawn) else []), *figures[:1], more)
@@ -76,7 +77,7 @@ def parameters(diagnosis: Diagnosis) -> Section:
     if not names:
         return section("Parameters")
     if diagnosis.is_extended:
-        headings = ["parameter", "meaning", "paper's model", "extended model"]
+        headings = ["parameter", "meaning", diagnosis.baseline_words.removeprefix("the "), "extended model"]
         known = {name: value for name, value in others.items() if name in PAPER and name not in after}
         models = [[_value(name, before, known), _value(name, after, others)] for name in names]
     else:

@@ -41,4 +41,14 @@ def provenance(diagnosis: Diagnosis) -> Section:
         "The paper's model is that of Edwards, Gaskell and Olson, AAMAS 2018: K2/K3, K1 and base width, from commands "
         "to path. The equations of all effects are in docs/effects.md."
     )
-    return section("Provenance", joined(said, sources, model))
+    return section("Provenance", joined(said, sources, _against(diagnosis), model))
+
+
+def _against(diagnosis: Diagnosis) -> Html:
+    """Return which parameter file the robot was compared with; nothing without one."""
+    against = diagnosis.against
+    if against is None:
+        return Html("")
+    effects = joined("its effects are ", codes(against.effects)) if against.effects else "it has no effects"
+    file, digest = code(against.source), code(against.sha256)
+    return paragraph("The robot was compared with that of ", file, ", SHA-256 ", digest, "; ", effects, ".")

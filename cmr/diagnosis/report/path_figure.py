@@ -21,19 +21,22 @@ SMALLEST = 0.1  # m; a robot that stood still is not drawn larger
 TIME = "time [s]"
 
 
-def path_figure(path: Path, *, changed: bool, causes: Sequence[str] = (), window: float = math.nan) -> Html:
-    """Return the figure of one piece; where nothing changed the model, only what the paper's makes of it.
+def path_figure(
+    path: Path, baseline: str, *, changed: bool, causes: Sequence[str] = (), window: float = math.nan
+) -> Html:
+    """Return the figure of one piece; where nothing changed the model, only what the baseline makes of it.
 
-    `causes` name what the extended model has and the paper's does not; the figure marks the interval of `window`
-    seconds in which the two differ most.
+    `baseline` is what that is called, `causes` name what the extended model has and the baseline does not. The figure
+    marks the interval of `window` seconds in which the two differ most.
     """
     track = track_of(path)
     if not np.any(np.isfinite(track.real.x)):
         return tag("p", f"{path.label}: no poses to draw.")
     part = parting(track, window) if changed else None
     after = [_path_plot(track, track.after, "after", part)] if changed else []
-    plots = [_path_plot(track, track.before, "before" if changed else "paper's model", part), *after]
-    plots += [_parting_plot(track.begun_together(part))] if part else []
+    plots = [_path_plot(track, track.before, "before" if changed else baseline.removeprefix("the "), part), *after]
+    parted = track.begun_together(part) if part else None
+    plots += [_parting_plot(parted)] if parted else []
     piece = f", piece {path.piece} of {path.pieces}, {path.time[0]:.1f} s into the log" if path.pieces > 1 else ""
     words = (
         f"{path.label}{piece}: the real path, and free runs of the model from the real robot's start, driven as "
@@ -44,7 +47,9 @@ def path_figure(path: Path, *, changed: bool, causes: Sequence[str] = (), window
         "figure",
         keys(real_key(), *simulated, *([found_key("where the models differ most")] if part else [])),
         tag("div", *plots, _distance_plot(track, changed, part), class_="plots paths"),
-        tag("figcaption", words, *([" ", _parting_words(track.begun_together(part), causes)] if part else [])),
+        tag(
+            "figcaption", words, *([" ", _parting_words(track.begun_together(part), baseline, causes)] if part else [])
+        ),
     )
 
 
@@ -86,7 +91,7 @@ def _parting_plot(track: Track) -> Html:
     )
 
 
-def _parting_words(track: Track, causes: Sequence[str]) -> Html:
+def _parting_words(track: Track, baseline: str, causes: Sequence[str]) -> Html:
     """Return how the robot drives in the interval, by how much the models miss it there, and what makes the difference.
 
     Both models begin the interval at the real pose. Poses of the extended one say how it drives: they have no noise.
@@ -98,7 +103,7 @@ def _parting_words(track: Track, causes: Sequence[str]) -> Html:
     words = (
         f"Marked are the {seconds:.1f} s in which the two models differ most, from {track.time[0]:.1f} s to "
         f"{track.time[-1]:.1f} s: the robot drives {way:.2f} m and turns through {turned:.0f}\u00b0. Begun at the real "
-        f"pose, the paper's model ends {before} m from the real robot, and the extended model {after} m."
+        f"pose, {baseline} ends {before} m from the real robot, and the extended model {after} m."
     )
     named = [part for cause in causes for part in (", ", cause)][1:]
     return joined(words, *([" The difference comes from ", *named, "."] if named else []))

@@ -74,7 +74,7 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
         standing = [one for one in standing if one is not worst]
         final = worst.before
         if beside_small:
-            beside_small = problem.fit(*without(beside_small, [worst]), beside_small.noise, renew=0)
+            beside_small = problem.fit(*without(problem, beside_small, [worst]), beside_small.noise, renew=0)
     both = {name: float(np.hypot(doubt, doubts.get(name, 0.0))) for name, doubt in problem.doubts(final).items()}
     return Finished(standing, dropped, final, {**doubts, **both})
 
@@ -117,7 +117,11 @@ def _beside_the_others(
     drops = [fit.squares - final.squares for fit in fits]
     clear = [_is_clear(problem, one, final, drop, inflation) for one, drop in zip(standing, drops, strict=True)]
     unsure = [number for number in range(len(standing)) if not clear[number]]
-    starts = [start for n in unsure for start in (_left_out(standing[n], final), (dict(fits[n].values), fits[n].names))]
+    starts = [
+        start
+        for n in unsure
+        for start in (_left_out(problem, standing[n], final), (dict(fits[n].values), fits[n].names))
+    ]
     refits = problem.fits(starts, final.noise)
     for number, pair in zip(unsure, zip(refits[::2], refits[1::2], strict=True), strict=True):
         fits[number] = min(pair, key=lambda fit: fit.squares)
@@ -141,9 +145,9 @@ def _least(one: SelectedEffect, inflation: Inflation) -> float:
     return needed(one.candidate.effect) * inflation.of(one.candidate.effect.name)
 
 
-def _left_out(one: SelectedEffect, final: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
+def _left_out(problem: Problem, one: SelectedEffect, final: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return the values of a fit, with the paper's parameters from before an effect came in, and what is free in it."""
-    values, names = without(final, [one])
+    values, names = without(problem, final, [one])
     return {**values, **{name: value for name, value in one.before.values.items() if name in PAPER}}, names
 
 
@@ -155,7 +159,7 @@ def _without_small(
     small = [one for one, does in zip(named, matters, strict=True) if not does]
     if not small:
         return list(named), [], current
-    fit = problem.fit(*without(current, small), current.noise, renew=0)
+    fit = problem.fit(*without(problem, current, small), current.noise, renew=0)
     measures = [_too_small(problem, one, current) for one in small]
     tested = [
         replace(one.candidate, values=current.values, measure=measure)
@@ -180,7 +184,7 @@ def pruned(
     clear = [_is_clear(problem, one, current, drop, inflation) for one, drop in zip(named, drops, strict=True)]
     unsure = [one for one, sure in zip(named, clear, strict=True) if not sure]
     while unsure:
-        fits = problem.fits([without(current, [one]) for one in unsure], current.noise)
+        fits = problem.fits([without(problem, current, [one]) for one in unsure], current.noise)
         redundant = [f.squares - current.squares < _least(o, inflation) for f, o in zip(fits, unsure, strict=True)]
         if not any(redundant):
             break
@@ -192,13 +196,13 @@ def pruned(
     return named, current, removed
 
 
-def without(fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:
+def without(problem: Problem, fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return the values of a fit, and the names of what is free in it, without some effects.
 
     What slip did, gyro and poses do where both are free.
     """
     own = {parameter.name for one in effects for parameter in one.candidate.effect.parameters}
-    values = {name: value for name, value in fit.values.items() if name not in own}
+    values = problem.excitation.without(fit.values, own)
     if SLIP in own and {*fit.names} - own >= SEEM_LATE:
-        values = seen_later(values, fit.values[SLIP])
+        values = seen_later(values, fit.values[SLIP] - values.get(SLIP, 0.0))
     return values, tuple(name for name in fit.names if name not in own)

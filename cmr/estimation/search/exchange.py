@@ -13,14 +13,14 @@ other, beside the parameters that stay. The best exchanges are then fitted; one 
     S(exchange) + penalty < S - BETTER inflation.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import SupportsIndex
 
 import numpy as np
 
-from cmr.estimation.candidates import rarity
+from cmr.estimation.candidates import Trial, rarity
 from cmr.estimation.gauss_newton import Fit, moved
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
@@ -136,7 +136,7 @@ def without_idle_swaps(problem: Problem, current: Fit, exchange: Exchange, infla
         for stays in exchange.leaving
         for goes in exchange.coming
     ]
-    fits = problem.fits([_swapped(current, exchange, *swap) for swap in swaps], current.noise)
+    fits = problem.fits([_swapped(problem, current, exchange, *swap) for swap in swaps], current.noise)
     scores = [fit.squares + penalty_of(*swap, inflation) for fit, swap in zip(fits, swaps, strict=True)]
     for number in np.argsort(scores):
         leaving, coming = swaps[number]
@@ -150,12 +150,12 @@ def without_idle_swaps(problem: Problem, current: Fit, exchange: Exchange, infla
 
 
 def _swapped(
-    current: Fit, exchange: Exchange, leaving: Sequence[str], coming: Sequence[str]
+    problem: Problem, current: Fit, exchange: Exchange, leaving: Sequence[str], coming: Sequence[str]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return where the fit of an exchange begins, between two that are known, and what is free in it."""
     gone = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
     own = [parameter.name for name in coming for parameter in CATALOGUE[name].parameters]
-    values = {name: value for name, value in current.values.items() if name not in gone}
+    values = problem.excitation.without(current.values, gone)
     names = tuple(name for name in current.names if name not in gone)
     return {**values, **{name: exchange.fit.values[name] for name in own}}, (*names, *own)
 
@@ -224,15 +224,16 @@ def _start(
 ) -> dict[str, float]:
     """Return the values with which the fit of an exchange begins; parameters that `stay` are moved to first order."""
     own = {parameter.name for name in one.leaving for parameter in CATALOGUE[name].parameters}
-    result = {name: value for name, value in current.values.items() if name not in own}
+    result = problem.excitation.without(current.values, own)
     result = moved(result, stay, screening.linear.step(stay, one.leaving, one.trials, one.shares))
     for number, share in zip(one.trials, one.shares, strict=True):
         trial = screening.trials[number]
         start = start_of(Score(trial, 0.0, share))
         start = dict(placed(problem, CATALOGUE[trial.effect], {**result, **start}, current.noise))
         for parameter in CATALOGUE[trial.effect].parameters:
-            # Of two trials of one effect, each has another parameter that is not neutral.
-            if start[parameter.name] != parameter.neutral or parameter.name not in result:
+            # Of two trials of one effect, each has another parameter that is not neutral, or not as it was.
+            neutral = trial.origin.get(parameter.name, parameter.neutral)
+            if start[parameter.name] != neutral or parameter.name not in result:
                 result[parameter.name] = start[parameter.name]
     return result
 
@@ -311,10 +312,12 @@ def possible(screening: Screening, number: SupportsIndex, share: float) -> bool:
 
 def _compatible(screening: Screening, numbers: tuple[int, ...]) -> bool:
     """Return whether two trials are of different effects, or of different parameters of one."""
-    switched = [_switched(screening.trials[number].values) for number in numbers]
+    switched = [_switched(screening.trials[number]) for number in numbers]
     return not switched[0] & switched[1]
 
 
-def _switched(values: Mapping[str, float]) -> set[str]:
-    known = [definition(name) for name in values]
-    return {one.name for one in known if one.switches and values[one.name] != one.neutral}
+def _switched(trial: Trial) -> set[str]:
+    """Return the parameters by which a trial switches its effect on, or changes it."""
+    known = [definition(name) for name in trial.values]
+    changed = [one for one in known if trial.values[one.name] != trial.origin.get(one.name, one.neutral)]
+    return {one.name for one in changed if one.switches}

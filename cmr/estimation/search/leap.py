@@ -92,11 +92,12 @@ def _exchange(
     Only effects that are `concerned`, by name, may come or leave; the others stay as they are.
     """
     here = {one.candidate.effect.name for one in named} & {*concerned}
-    there = {effect.name for effect in problem.effects if effect.name in concerned and effect.is_on(values)}
+    departs = problem.excitation.departs
+    there = {effect.name for effect in problem.effects if effect.name in concerned and departs(effect, values)}
     start = {**current.values, **values}
     while there != here:
         leaving, coming = sorted(here - there), sorted(there - here)
-        values, names = _model(current, start, leaving, coming)
+        values, names = _model(problem, current, start, leaving, coming)
         fit = _over_edges(problem, problem.fits([(values, names)], current.noise)[0])
         if fit.squares + penalty_of(leaving, coming, inflation) > current.squares - BETTER * inflation.all:
             return None
@@ -116,13 +117,13 @@ def _exchange(
 
 
 def _model(
-    current: Fit, start: Mapping[str, float], leaving: Sequence[str], coming: Sequence[str]
+    problem: Problem, current: Fit, start: Mapping[str, float], leaving: Sequence[str], coming: Sequence[str]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return the values from which the fit of an exchange begins, and what is free in it."""
     gone = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
     own = [parameter.name for name in coming for parameter in CATALOGUE[name].parameters]
     names = (*(name for name in current.names if name not in gone), *own)
-    given = {name: value for name, value in current.values.items() if name not in gone}
+    given = problem.excitation.without(current.values, gone)
     return {**given, **{name: start[name] for name in names if name in start}}, names
 
 

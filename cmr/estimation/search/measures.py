@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 
-from cmr.estimation.candidates import SMALLEST, SURE, Excitation, is_limit, size
+from cmr.estimation.candidates import SURE, Excitation, least_worth_naming
 from cmr.estimation.search.trace import Measure
 from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
@@ -31,21 +31,24 @@ def size_below_limit(
     Of several parameters, it is the one nearest to its limit. `stds` are the standard deviations that are known.
     """
     switches = [definition(one.name) for one in effect.parameters if one.switches]
-    if not switches or any(is_limit(parameter) for parameter in switches):
+    changes = {one.name: values[one.name] - excitation.given.get(one.name, 0.0) for one in switches}
+    leasts = {one.name: least for one in switches if (least := least_worth_naming(one, excitation)) > 0.0}
+    if len(leasts) < len(switches) or not switches:
         return None
-    leasts = {parameter.name: SMALLEST * size(parameter, excitation) for parameter in switches}
     limits = {name: max(least, SURE * stds.get(name, 0.0)) for name, least in leasts.items()}
-    if any(abs(values[name]) > limit for name, limit in limits.items()):
+    if any(abs(changes[name]) > limit for name, limit in limits.items()):
         return None
-    name = max(limits, key=lambda one: abs(values[one]) / limits[one])
+    name = max(limits, key=lambda one: abs(changes[one]) / limits[one])
     limit, least = limits[name], leasts[name]
     unit, what = definition(name).unit, "Its size" if len(effect.parameters) == 1 else f"Its {name}"
-    written, least_written = with_unit(values[name], unit), with_unit(limit, unit)
+    if excitation.gives(effect):
+        what = f"The change of {name}"
+    written, least_written = with_unit(changes[name], unit), with_unit(limit, unit)
     if limit > least:
         sentence = f"{what}, {written}, is less than {SURE:g} of its standard deviations, {least_written}."
     else:
         sentence = f"{what}, {written}, is below what matters here, {least_written}."
-    return Measure(name, values[name], limit, unit, sentence)
+    return Measure(name, changes[name], limit, unit, sentence)
 
 
 def likelihood_ratio(drop: float, least: float, *, unusual: bool = False) -> Measure:

@@ -33,6 +33,7 @@ from cmr.estimation.search.inflation import NOTHING, Beside, Inflation, inflatio
 from cmr.estimation.search.linear import Linear
 from cmr.estimation.search.localisation import NOWHERE, Local, best_moment, best_place
 from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
 LARGEST_SHARE = 3.0  # of the typical size that the noise's model may use, and with which a fit may begin
@@ -69,12 +70,12 @@ def screen(
     problem: Problem, values: Mapping[str, float], names: Sequence[str], selected: Sequence[str], noise: Noise | None
 ) -> Screening:
     """Score all effects but those `selected`, beside the free parameters `names` at `values`."""
-    others = [one for one in problem.effects if one.name not in selected and one.beside in ("", *selected)]
+    others = [one for one in problem.effects if one.name not in selected and _is_due(one, problem, selected)]
     attempts = trials(problem.excitation, others)
     steps = [inward(name, values[name], step_of(name, values[name], problem.excitation)) for name in names]
     sets = [dict(values)]
     sets += [{**values, name: values[name] + step} for name, step in zip(names, steps, strict=True)]
-    sets += [_switched_off(values, name) for name in selected]
+    sets += [problem.excitation.without(values, _own(name)) for name in selected]
     sets += [{**values, **trial.values} for trial in attempts]
     errors = problem.errors(lanes_of(sets))
     rows = problem.rows(errors)
@@ -106,9 +107,13 @@ def screen(
     return Screening(noise, tuple(best.values()), inflation, traces, tuple(attempts), linear)
 
 
-def _switched_off(values: Mapping[str, float], effect: str) -> dict[str, float]:
-    own = {parameter.name for parameter in CATALOGUE[effect].parameters}
-    return {name: value for name, value in values.items() if name not in own}
+def _is_due(effect: Effect, problem: Problem, selected: Sequence[str]) -> bool:
+    """Return whether an effect may be looked for: one that is never alone stands beside another that is there."""
+    return effect.beside in ("", *selected) or problem.excitation.gives(CATALOGUE[effect.beside])
+
+
+def _own(effect: str) -> list[str]:
+    return [parameter.name for parameter in CATALOGUE[effect].parameters]
 
 
 def _linear(
@@ -228,7 +233,9 @@ def _score(trial: Trial, size: float, pull: float) -> Score:
 
 
 def one_sided(trial: Trial) -> bool:
-    """Return whether the effect has one sign only."""
+    """Return whether the effect has one sign only; one that is there may be smaller, too."""
+    if trial.origin:
+        return False
     switches = [
         definition(name)
         for name, value in trial.values.items()
@@ -242,8 +249,9 @@ def start_of(score: Score) -> dict[str, float]:
     result = dict(score.trial.values)
     for name, value in score.trial.values.items():
         known = definition(name)
-        if known.switches and not score.trial.threshold and value != known.neutral:
+        if known.switches and not score.trial.threshold and value != score.trial.origin.get(name, known.neutral):
             most = LARGEST_SHARE / score.trial.portion
             share = float(np.clip(score.share, -most, most))
-            result[name] = float(np.clip(value * share, known.lower, known.upper))
+            origin = score.trial.origin.get(name, 0.0)
+            result[name] = float(np.clip(origin + (value - origin) * share, known.lower, known.upper))
     return result
