@@ -142,9 +142,6 @@ class RobotBridge:
             topics["gyro"] = profile.gyro.topic
         if profile.pose is not None:
             topics["pose"] = profile.pose.topic or f"tf ({profile.pose.frames})"
-        silent = []
-        for what, topic in topics.items():
-            seconds = (now - self.readings.heard.get(what, self._began)) / 1e6
-            if seconds * 1e6 > SILENT:
-                silent.append(f"{topic} ({seconds:.0f} s)")
+        heard = self.readings.heard
+        silent = [topic for what, topic in topics.items() if now - heard.get(what, self._began) > SILENT]
         return f"Nothing is heard on {', '.join(silent)}." if silent else ""

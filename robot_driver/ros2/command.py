@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -193,16 +194,17 @@ class _Work:
             take(message, arrival)
 
     def _leave(self) -> None:
+        from robot_driver.ros2.real import BETWEEN_ZEROS, LAST_ZEROS
+
         if self._stage is not None:
             self._stage.leave(now_utime())
-        acknowledged = [real.leave(now_utime()) for real in self._real]
+        unheard: list[int] = []
+        for _ in range(LAST_ZEROS if self._real else 0):
+            unheard = [real.bridge.robot_id for real in self._real if not real.stop(now_utime())]
+            time.sleep(BETWEEN_ZEROS)
         if self._real:
-            missing = [one.bridge.robot_id for one, heard in zip(self._real, acknowledged, strict=True) if not heard]
-            self._process.farewell = (
-                f"zero was not acknowledged by robot {', '.join(map(str, missing))}: its own timeout has to stop it"
-                if missing
-                else "zero sent and acknowledged"
-            )
+            missing = ", ".join(map(str, unheard))
+            self._process.farewell = f"no node took zero for robot {missing}" if unheard else "zero sent"
 
     def _report(self, utime: int) -> None:
         """Have the next PROCESS_STATUS say how things are; when something was lost or came back, at once."""

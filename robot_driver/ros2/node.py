@@ -5,13 +5,12 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable
-from threading import Thread
+from threading import Event, Thread
 from types import TracebackType
 from typing import Any, NamedTuple
 
 import rclpy
-from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
@@ -19,6 +18,7 @@ from robot_driver.ros2.messages import Ros
 
 DEPTH = 1000  # messages that wait for us while this computer is held up; those of one robot for some seconds
 MOST_WAITING = 100_000  # messages in all, after which the oldest are dropped
+LONGEST_WAIT = 0.1  # s between two looks whether it is over
 SUBNET = "subnet"
 WITH_LOCALHOST_ONLY = ("foxy", "galactic", "humble")  # distributions that know ROS_LOCALHOST_ONLY alone
 
@@ -75,6 +75,7 @@ class Node:
         self.ros = rclpy.create_node(name, context=self._context, enable_rosout=False, start_parameter_services=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.ros)
+        self._over = Event()
         self._thread = Thread(target=self._spin, name="ROS 2", daemon=True)
 
     def __enter__(self) -> "Node":
@@ -84,8 +85,10 @@ class Node:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._executor.shutdown(timeout_sec=1.0)
+        self._over.set()
+        self._executor.wake()
         self._thread.join(1.0)
+        self._executor.shutdown(timeout_sec=1.0)
         self.ros.destroy_node()
         self._context.try_shutdown()
 
@@ -116,10 +119,8 @@ class Node:
         return max(int(self.ros.count_publishers(topic)) - own, 0)
 
     def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            return
+        while not self._over.is_set():
+            self._executor.spin_once(timeout_sec=LONGEST_WAIT)
 
 
 class Publisher:
@@ -135,10 +136,6 @@ class Publisher:
     def heard_by(self) -> int:
         """How many subscribe to it."""
         return int(self._publisher.get_subscription_count())
-
-    def wait_until_heard(self, seconds: float) -> bool:
-        """Wait until all who subscribe reliably have acknowledged all; return whether they have."""
-        return bool(self._publisher.wait_for_all_acked(Duration(seconds=seconds)))
 
 
 def _quality(reliable: bool, latched: bool) -> QoSProfile:
