@@ -51,8 +51,8 @@ class Readings:
         """Take a message with the wheels' angles and speeds, or with odometry in their place."""
         if not self._wheels.concerns(message):
             return []
+        turned = self._wheels.take(message)
         utime = self._time("wheels", self._wheels.stamp(message), arrival)
-        turned = None if utime is None else self._wheels.take(message)
         if utime is None or turned is None:
             return []
         if not all(map(math.isfinite, (*turned[0], *turned[1]))):
