@@ -105,7 +105,9 @@ KNOWN: dict[str, set[str]] = {
         *(*BUS, "cmr.parameters", "cmr.model", "cmr.world", "robot_driver", "robot_driver.emulator"),
         *("robot_driver.bringup", "robot_driver.controllers", "robot_driver.guided"),
     },
-    "robot_driver.ros2": {*RECORDED, "cmr.documents", "cmr.geometry", "robot_driver", "robot_driver.emulator"},
+    "robot_driver.ros2": {
+        *(*RECORDED, "cmr.documents", "cmr.files", "cmr.geometry", "robot_driver", "robot_driver.emulator"),
+    },
     # The top: processes.
     "cmr.commands": {
         *(*RECORDED, "cmr.documents", "cmr.files", "cmr.distribution", "cmr.priority", "cmr.threads", "cmr.geometry"),
