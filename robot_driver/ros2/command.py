@@ -141,15 +141,16 @@ class _Work:
         from robot_driver.ros2.stage import ReplayClock, Stage
 
         if shown:
-            file = options.parameters / f"robot_{options.parameters_of}.yaml"
             robots = []
             for robot_id, is_commanded in shown:
-                own = options.parameters / f"robot_{robot_id}.yaml"
-                follower = ParameterFollower(robot_id, own if own.exists() else file)
+                has_own = (options.parameters / f"robot_{robot_id}.yaml").exists()
+                source = robot_id if has_own else options.parameters_of
+                follower = ParameterFollower(source, options.parameters / f"robot_{source}.yaml")
                 robots.append(
                     ShownRobot(robot_id, follower, lambda: self._process.bus.sender, is_commanded=is_commanded)
                 )
-                self._listen(robot_id, PARAMETERS, COMMAND_OWNER, RANGE_SCAN)
+                self._listen(source, PARAMETERS)
+                self._listen(robot_id, COMMAND_OWNER, RANGE_SCAN)
             self._stage = Stage(robots, self._node, self._process, stamped=options.stamped)
         if options.clock:
             self._clock = ReplayClock(self._node)

@@ -111,7 +111,8 @@ def _alike(found: Found) -> Profile | None:
         profile = Profile.load(name)
         topics = {profile.command.topic, profile.wheels.topic} | ({profile.gyro.topic} if profile.gyro else set())
         mine = set() if joints is None else {*joints[1], *joints[2]}
-        if name != "example" and topics <= here and {*profile.wheels.joints[0], *profile.wheels.joints[1]} <= mine:
+        joined = {*profile.wheels.joints[0], *profile.wheels.joints[1]}
+        if name != "example" and topics <= here and (joined <= mine if joined else not mine):
             return profile
     return None
 

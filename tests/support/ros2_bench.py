@@ -81,11 +81,12 @@ class Bench:
     """Robot 0. `sent` are the velocities that the robot was sent, with their times [s]; `heard` is what the bus has."""
 
     def __init__(
-        self, settings: Settings, profile: Profile = EXAMPLE, *, ahead: float = 0.0, pose_rate: float | None = 50.0
+        self, settings: Settings, profile: Profile = EXAMPLE, *, ahead: float = 0.0, is_deserted: bool = False
     ) -> None:
         self.clock = SimulatedClock()
         self.bridge = RobotBridge(0, profile, self.clock)
-        self.robot = EmulatedRobot(settings, pose_rate, self.clock, ahead=ahead)
+        self.robot = EmulatedRobot(settings, host=self.clock, ahead=ahead)
+        self._is_deserted = is_deserted  # nobody takes what is sent, or says anything: as far as that is not looked at
         self.sent: list[tuple[float, Velocity]] = []
         self.heard: list[tuple[str, Any]] = []
         self.is_deaf = False  # the bus brings nothing any more
@@ -126,8 +127,9 @@ class Bench:
             self._sent_at = self.clock.time
             velocity = self.bridge.velocity()
             self.sent.append((self.clock.time, velocity))
-            self.robot.command(velocity)
-        for reading in self.robot.readings():
+            if not self._is_deserted:
+                self.robot.command(velocity)
+        for reading in () if self._is_deserted else self.robot.readings():
             self._take(reading)
 
     def wait(self, seconds: float) -> None:

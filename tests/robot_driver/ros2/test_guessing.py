@@ -68,7 +68,7 @@ def test_a_robot_without_joints_gets_its_odometry() -> None:
     topics = tuple(one for one in TURTLE.topics if one.kind != ros.JOINT_STATE)
     profile = Profile.parse(guessed(Found("/tb3", topics, {}))[0])
     assert (profile.wheels.topic, profile.wheels.type) == ("odom", ros.ODOMETRY)
-    assert profile.name in ("TurtleBot 4", "iRobot Create 3")
+    assert profile.name in ("TurtleBot 4", "iRobot Create 3")  # with the same topics and numbers
 
 
 @pytest.mark.parametrize(

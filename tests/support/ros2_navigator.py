@@ -1,0 +1,35 @@
+"""A node that drives a robot as a navigation stack would: it hears its odometry, and answers each with a velocity.
+
+python -m tests.support.ros2_navigator /robot_10 --domain-id 42
+"""
+
+import sys
+import time
+
+from robot_driver.ros2.messages import ODOMETRY, TWIST, Ros, Velocity, read_odometry, write_twist
+from robot_driver.ros2.node import Node, choose_network
+
+SPEED = 0.2  # m/s
+
+
+def main(arguments: list[str]) -> None:
+    """Drive until killed."""
+    namespace, _, domain = arguments
+    choose_network(int(domain), "localhost")
+    with Node("navigator", lambda: None) as node:
+        command = node.publisher(f"{namespace}/cmd_vel", TWIST)
+
+        def answer(message: Ros, _arrival: int) -> None:
+            assert read_odometry(message).x == 1.5
+            write_twist(twist := command.empty(), Velocity(SPEED, 0.0))
+            command.publish(twist)
+
+        node.subscribe(f"{namespace}/odom", ODOMETRY, answer, reliable=True)
+        while True:
+            time.sleep(0.01)
+            for take, message, arrival in node.arrived():
+                take(message, arrival)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
