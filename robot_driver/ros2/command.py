@@ -111,6 +111,7 @@ class _Work:
             for robot, profile in profiles.items()
         }
         self._real: list[RealRobot] = []
+        self._listened: set[tuple[str, int]] = set()
         self._stage: Stage | None = None
         self._clock: ReplayClock | None = None
         self._show(options, shown)
@@ -159,7 +160,9 @@ class _Work:
 
     def _listen(self, robot_id: int, *streams: Stream[Message]) -> None:
         for stream in streams:
-            self._process.subscribe(stream, robot_id, every=True)
+            if (stream.name, robot_id) not in self._listened:  # else each message would come twice
+                self._listened.add((stream.name, robot_id))
+                self._process.subscribe(stream, robot_id, every=True)
 
     def _turn(self, utime: int) -> None:
         for bridge in self._bridges.values():

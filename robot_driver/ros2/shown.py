@@ -105,6 +105,7 @@ class ShownRobot:
 
     def turn(self, now: int) -> list[Outgoing]:
         """Return what is due on the bus: the claim of a robot that is commanded, and its end."""
+        self._parameters.poll()
         if self._velocity is not None and now - self._velocity[0] <= COMMANDED:
             return [] if self._objection(now) else self._claimed(now)
         return self.end(now)

@@ -143,6 +143,7 @@ def _tracker(folder: Path) -> str:
     return str(path)
 
 
+# cmr-ros2 is not among them: it needs rclpy, which .venv lacks; what it takes from the bus is what the driver takes.
 PROGRAMS = {
     "driver": Program(
         "robot_driver.main",
