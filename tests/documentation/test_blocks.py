@@ -17,8 +17,8 @@ from cmr.exporting.command import main as export
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
 from cmr.tracker.profile import Profile
-from robot_driver.ros2.profile import Profile as Ros2Profile
 from robot_driver.emulator.settings import load_settings
+from robot_driver.ros2.profile import Profile as Ros2Profile
 from tests.documentation.turtlebot_bag import write_turtlebot_bag
 from tests.support.documentation_blocks import DOCS, Block, Line, blocks, blocks_of, command_lines, pages
 from tests.support.emulated_drive import IDEAL, messages, write_log
