@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 import numpy as np
 
@@ -179,19 +180,19 @@ def _run(team: int, rate: float, count: int, reliability: str, *, is_commanded: 
         begin, used = time.monotonic(), _used(bridge.pid)
         source.stdin.write("go\n")
         source.stdin.flush()
-        heard, commands = _listen(bus, team, count / rate + 1.0, is_commanded=is_commanded)
+        heard, commands = _listen(bus, team, source.stdout, is_commanded=is_commanded)
         share = (_used(bridge.pid) - used) / (time.monotonic() - begin)
         said = json.loads(source.stdout.readline())
         source.communicate("end\n")
     return Run(heard, [(float(v), int(at)) for v, at in said["heard"]], commands, share)
 
 
-def _listen(bus: Bus, team: int, seconds: float, *, is_commanded: bool) -> tuple[list[Heard], dict[int, int]]:
-    """Return what the bus has, and when each command was sent [us] by its number."""
+def _listen(bus: Bus, team: int, source: IO[str], *, is_commanded: bool) -> tuple[list[Heard], dict[int, int]]:
+    """Return what the bus has until the source says that all is published, and when each command was sent [us]."""
     heard: list[Heard] = []
     commands: dict[int, int] = {}
-    end, due, number = time.monotonic() + seconds, time.monotonic(), 0
-    while time.monotonic() < end:
+    due, number = time.monotonic(), 0
+    while not select.select([source], [], [], 0.0)[0]:
         received = bus.receive(0.002 if is_commanded else 0.05)
         here = now_utime()
         for one in received:
