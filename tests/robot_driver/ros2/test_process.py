@@ -31,6 +31,7 @@ from tests.support.ros2_python import environment, free_domain, ros2_python
 pytestmark = pytest.mark.waits
 PATIENCE = 90.0  # s; this computer may be busy, and nodes take seconds to find each other
 STILL = 0.05  # rad/s
+DAY = 86_400_000_000  # us
 
 
 class World:
@@ -183,14 +184,17 @@ def test_a_probe_writes_a_profile_of_what_is_there(world: World) -> None:
 
 
 def test_a_virtual_robot_is_shown_to_ros_and_driven_from_there(world: World) -> None:
-    """A navigation stack is a process of its own: it hears odometry and answers with cmd_vel."""
+    """A navigation stack is a process of its own: it hears odometry and answers with cmd_vel.
+
+    The world is that of a log which is played again a day later; the stack goes by /clock.
+    """
     (world.folder / "robot_0.yaml").write_text(PARAMETERS)
-    world.start("cmr ros2", "--virtual", "10", "--parameters", str(world.folder))
+    world.start("cmr ros2", "--virtual", "10", "--clock", "--parameters", str(world.folder))
     world.start("tests.support.ros2_navigator", "/robot_10")
     state = ([10], [robot_state_t.VIRTUAL], [1.5], [0.0], [0.0], [2.0], [2.0], [0.0], [0.0])
 
     def driven() -> bool:
-        world.bus.publish(WORLD_STATE, WorldState(now_utime(), *state))
+        world.bus.publish(WORLD_STATE, WorldState(now_utime() - DAY, *state))
         return any(getattr(message, "left", 0.0) > 0.1 for message in world.heard)
 
     world.until(driven)
