@@ -8,10 +8,12 @@ itself when no cmd_vel has come for 0.5 s.
 
 import argparse
 import math
+import signal
 import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, TypeAlias
 
 from cmr.bus.message import Message
@@ -142,9 +144,6 @@ def main(arguments: list[str]) -> int:
         settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)
     except SettingsError as error:
         raise CommandError(str(error)) from error
-    import signal
-    from threading import Event
-
     from robot_driver.ros2.node import Node, choose_network
 
     choose_network(options.domain_id, options.range)

@@ -91,7 +91,7 @@ class Bench:
         self.heard: list[tuple[str, Any]] = []
         self.is_deaf = False  # the bus brings nothing any more
         self._waiting: list[tuple[str, Any, int | None]] = []
-        self._sent_at = -1.0
+        self._due = 0.0
 
     def send(self, channel: str, message: Any, sender: int | None = None) -> None:
         """Publish a message, which the bridge takes at its next turn."""
@@ -123,8 +123,10 @@ class Bench:
             self.heard.append((channel, message))
             if not self.is_deaf:
                 at_once |= self.bridge.handle(message.utime, channel, message, sender)
-        if at_once or self.clock.time - self._sent_at >= 1.0 / self.bridge.profile.command.rate - 1e-9:
-            self._sent_at = self.clock.time
+        is_due = self.clock.time >= self._due - 1e-9
+        if is_due:  # at its rate, beside what is sent at once
+            self._due += 1.0 / self.bridge.profile.command.rate
+        if at_once or is_due:
             velocity = self.bridge.velocity()
             self.sent.append((self.clock.time, velocity))
             if not self._is_deserted:
