@@ -115,7 +115,8 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.teleop", "cmr.tracker", "cmr.exporting"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "cmr.tools", "cmr.processes"),
+        *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "robot_driver.ros2"),
+        *("cmr.tools", "cmr.processes"),
     },
     "cmr.__main__": {"cmr.commands"},
 }
