@@ -28,6 +28,7 @@ from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
 from robot_driver.ros2.bridge import RobotBridge
 from robot_driver.ros2.joined import Wake, waiting_for_both
+from robot_driver.ros2.network import RANGES, choose_network
 from robot_driver.ros2.profile import Profile, ProfileError, shipped
 from robot_driver.ros2.shown import ShownRobot
 from robot_driver.stop_file import StopFile, state_folder
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 NAME = "cmr-ros2"
 LEAST_RATE = 100.0  # Hz of the loop; what comes on either bus is handled at once
 LARGEST_DOMAIN = 232  # the ports of larger ones are beyond 65535
-RANGES = ("localhost", "subnet", "off")
 ROBOT = re.compile(r"(\d+)=([^@]+)(?:@(/[A-Za-z][A-Za-z0-9_/]*))?")
 NOTHING = "Nothing to do: --robot names a real robot, --virtual and --show robots of the world, --probe looks around."
 NO_ROS = (
@@ -79,7 +79,7 @@ def main(arguments: list[str]) -> int:
         raise CommandError(NOTHING)
     profiles = _profiles(options.robot, [robot_id for robot_id, _ in shown], allowed=options.no_base_timeout)
     try:
-        from robot_driver.ros2.node import Node, choose_network
+        from robot_driver.ros2.node import Node
     except ImportError as error:
         raise CommandError(NO_ROS.format(missing=error.name or error)) from error
     choose_network(options.domain_id, options.range)

@@ -45,6 +45,7 @@ from robot_driver.ros2.messages import (
     write_odometry,
     write_pose,
 )
+from robot_driver.ros2.network import RANGES, choose_network
 
 if TYPE_CHECKING:
     from robot_driver.ros2.node import Node, Publisher
@@ -144,7 +145,7 @@ def main(arguments: list[str]) -> int:
         settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)
     except SettingsError as error:
         raise CommandError(str(error)) from error
-    from robot_driver.ros2.node import Node, choose_network
+    from robot_driver.ros2.node import Node
 
     choose_network(options.domain_id, options.range)
     over = Event()
@@ -183,7 +184,7 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument("--clock-ahead", type=float, default=0.0, metavar="S", help="of the robot's clock (0)")
     options.add_argument("--best-effort", action="store_true", help="publish as sensors do, where losses may happen")
     options.add_argument("--domain-id", type=int, metavar="N", help="ROS domain")
-    options.add_argument("--range", choices=("localhost", "subnet", "off"), default="localhost", help="of discovery")
+    options.add_argument("--range", choices=RANGES, default=RANGES[0], help="of discovery")
     return options
 
 

@@ -1,7 +1,6 @@
 """A node of ROS 2, as thin as it can be: topics in and out, what arrives with its time, and who else is there."""
 
 import importlib
-import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -19,8 +18,6 @@ from robot_driver.ros2.messages import Ros
 DEPTH = 1000  # messages that wait for us while this computer is held up; those of one robot for some seconds
 MOST_WAITING = 100_000  # messages in all, after which the oldest are dropped
 LONGEST_WAIT = 0.1  # s between two looks whether it is over
-SUBNET = "subnet"
-WITH_LOCALHOST_ONLY = ("foxy", "galactic", "humble")  # distributions that know ROS_LOCALHOST_ONLY alone
 
 
 class Arrived(NamedTuple):
@@ -29,20 +26,6 @@ class Arrived(NamedTuple):
     take: Callable[[Ros, int], object]
     message: Ros
     utime: int
-
-
-def choose_network(domain: int | None, reach: str) -> None:
-    """Set the environment by which ROS 2 finds others: the domain (None: as it is), and how far it looks.
-
-    Whoever set ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY himself is overruled: the command line says it.
-    """
-    if domain is not None:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-    if os.environ.get("ROS_DISTRO") in WITH_LOCALHOST_ONLY:
-        os.environ["ROS_LOCALHOST_ONLY"] = "0" if reach == SUBNET else "1"
-        return
-    os.environ.pop("ROS_LOCALHOST_ONLY", None)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = reach.upper()
 
 
 def type_of(name: str) -> Any:

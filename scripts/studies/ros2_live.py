@@ -20,7 +20,8 @@ from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, VELOCITY_COMMAND
 from cmr.msg import motor_feedback_t, velocity_command_t
 from robot_driver.ros2.messages import TWIST, read_twist
-from robot_driver.ros2.node import Node, choose_network
+from robot_driver.ros2.network import choose_network
+from robot_driver.ros2.node import Node
 from tests.support.private_bus import private_url
 from tests.support.ros2_python import environment, free_domain
 

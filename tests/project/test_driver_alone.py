@@ -11,8 +11,8 @@ from shipping.contents import LIBRARIES, WITHOUT, files_there, modules_there
 
 OURS = {"cmr", "robot_driver"}
 
-# What is not on a robot: what stands in for one, a bridge to robots with a ROS 2 of their own, and the page of a report, for
-# which it has no modules.
+# What is not on a robot: what stands in for one, the bridge to those that speak ROS 2, and the page of a report, for which
+# it has no modules.
 ELSEWHERE = "robot_driver/emulator", "robot_driver/simulated", "robot_driver/ros2", "robot_driver/acceptance/page.py"
 
 

@@ -9,7 +9,8 @@ import sys
 import time
 
 from robot_driver.ros2.messages import CLOCK, ODOMETRY, TWIST, Ros, Velocity, read_odometry, read_time, write_twist
-from robot_driver.ros2.node import Node, choose_network
+from robot_driver.ros2.network import choose_network
+from robot_driver.ros2.node import Node
 
 SPEED = 0.2  # m/s
 

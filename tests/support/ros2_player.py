@@ -10,7 +10,8 @@ from pathlib import Path
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from robot_driver.ros2.node import Node, choose_network
+from robot_driver.ros2.network import choose_network
+from robot_driver.ros2.node import Node
 
 PATIENCE = 60.0  # s for somebody to listen
 

@@ -11,7 +11,8 @@ import sys
 import time
 
 from robot_driver.ros2.messages import JOINT_STATE, TWIST, Joints, Ros, read_twist, write_joints
-from robot_driver.ros2.node import Node, choose_network
+from robot_driver.ros2.network import choose_network
+from robot_driver.ros2.node import Node
 
 TICK = 2.0 * 3.141592653589793 / 2048.0  # rad
 NAMES = ("wheel_left_joint", "wheel_right_joint")

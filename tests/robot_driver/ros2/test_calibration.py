@@ -5,14 +5,16 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("rosbags", reason="the extra [ros] is not installed")
+
 from cmr.calibration import calibrate
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import NO_EFFECT
 from cmr.recordings.recording import Recorder, Recording
 from robot_driver.emulator.settings import Settings, load_settings
+from tests.support import ros2_bench as bench
 from tests.support.emulated_speed_robot import nominal_of
 
-bench = pytest.importorskip("tests.support.ros2_bench", reason="the extra [ros] is not installed")
 pytestmark = pytest.mark.slow
 
 HIDDEN = """

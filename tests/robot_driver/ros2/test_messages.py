@@ -4,14 +4,15 @@ import math
 from typing import Any
 
 import pytest
+
+pytest.importorskip("rosbags", reason="the extra [ros] is not installed")
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmr.bus.messages import make
 from cmr.msg import range_scan_t
 from robot_driver.ros2 import messages as ros
-
-bench = pytest.importorskip("tests.support.ros2_bench", reason="the extra [ros] is not installed")
+from tests.support import ros2_bench as bench
 
 TIMES = st.integers(0, 2**31 * ros.SECOND - 1)  # us
 NUMBERS = st.floats(allow_nan=False, allow_infinity=True)

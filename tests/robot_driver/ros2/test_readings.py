@@ -5,6 +5,8 @@ from typing import Any
 
 import pytest
 
+pytest.importorskip("rosbags", reason="the extra [ros] is not installed")
+
 from cmr.bus.streams import POSE
 from cmr.msg import gyro_t, motor_feedback_t, pose_xyt_t
 from robot_driver.emulator.settings import load_settings
@@ -12,8 +14,7 @@ from robot_driver.ros2 import messages as ros
 from robot_driver.ros2.profile import Profile
 from robot_driver.ros2.readings import Readings
 from robot_driver.ros2.robot_clock import NOTICED, RobotClock
-
-bench = pytest.importorskip("tests.support.ros2_bench", reason="the extra [ros] is not installed")
+from tests.support import ros2_bench as bench
 
 SETTINGS = load_settings(ideal=True)
 TEXT = bench.example_text()
