@@ -11,7 +11,7 @@ from shipping.contents import LIBRARIES, WITHOUT, files_there, modules_there
 
 OURS = {"cmr", "robot_driver"}
 
-# What is not on a robot: what stands in for one, the bridge to those that speak ROS 2, and the page of a report, for which
+# Not on a robot: what stands in for one, the bridge to those that speak ROS 2, and the page of a report, for which
 # it has no modules.
 ELSEWHERE = "robot_driver/emulator", "robot_driver/simulated", "robot_driver/ros2", "robot_driver/acceptance/page.py"
 
