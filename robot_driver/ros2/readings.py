@@ -114,9 +114,9 @@ class Readings:
         return [(POSE, self._robot_id, make(pose_xyt_t, **about, x=place.x, y=place.y, theta=place.theta))]
 
     def _time(self, what: str, stamp: int, arrival: int) -> int | None:
-        """Return when something was measured; None where it is told a second time, or the clock is not known yet."""
+        """Return when something was measured; None where it is repeated, or the clock is not known yet."""
         if stamp > 0 and stamp == self._last.get(what):
-            self.refused[f"{what} told twice"] += 1
+            self.refused[f"{what} repeated"] += 1
             return None
         self._last[what], self.heard[what] = stamp, arrival
         return self.clock.here(stamp, arrival)
@@ -205,7 +205,7 @@ class _OfOdometry:
 
 
 class _Chain:
-    """The chain of frames from the world's to the robot's, as tf has told them last."""
+    """The chain of frames from the world's to the robot's, as tf had them last."""
 
     def __init__(self, frames: Sequence[str]) -> None:
         self._links = list(pairwise(frames))

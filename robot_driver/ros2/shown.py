@@ -29,7 +29,7 @@ NAMES = {robot_state_t.REAL: "real", robot_state_t.VIRTUAL: "virtual", robot_sta
 
 
 class State(NamedTuple):
-    """What ROS 2 is told of a robot at a moment."""
+    """What ROS 2 gets of a robot at a moment."""
 
     odometry: Odometry
     joints: Joints

@@ -19,9 +19,6 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import MOTOR_FEEDBACK, VELOCITY_COMMAND
 from cmr.msg import motor_feedback_t, velocity_command_t
-from robot_driver.ros2.messages import TWIST, read_twist
-from robot_driver.ros2.network import choose_network
-from robot_driver.ros2.node import Node
 from tests.support.private_bus import private_url
 from tests.support.ros2_python import environment, free_domain
 
@@ -31,6 +28,7 @@ BEFORE = 1.0  # s of messages by which the bridge learns the robot's clock, and 
 LATENCY_SECONDS = 40.0
 TEAM = 20
 LOSSES = 10  # of each kind
+BEFORE_LOSS, AFTER_LOSS = 3.0, 2.0  # s
 LIFETIME, CYCLE = 0.5, 0.02  # s
 STEP = 1e-6  # m/s by which each command is greater than the one before it, so that it is known again
 PROFILE = """\
@@ -126,32 +124,23 @@ def losses() -> int:
 
 def _lose(number: int | None) -> tuple[float, bool]:
     """Have the bridge lose its commands, or end it; return when after that the last velocity came [s], and if zero."""
-    with tempfile.TemporaryDirectory() as name, _bridge(Path(name), ["/a"], "reliable") as (bridge, url, domain):
-        choose_network(domain, "localhost")
-        arrivals: list[tuple[float, int]] = []
-        with Node("robot", lambda: None) as node:
-            node.subscribe(
-                "/a/cmd_vel", TWIST, lambda twist, at: arrivals.append((read_twist(twist).v, at)), reliable=True
-            )
-            bus, end = Bus(url), time.monotonic() + 60.0
-            while time.monotonic() < end and not (arrivals and arrivals[-1][0] > 0.0 and len(arrivals) > 100):
-                _command(bus, 0, 0.5)
-                time.sleep(0.02)
-                _take(node)
-            lost = now_utime()
-            if number is not None:
-                bridge.send_signal(number)
-            until = time.monotonic() + 2.0
-            while time.monotonic() < until:
-                time.sleep(0.02)
-                _take(node)
-    last = max([at for v, at in arrivals if v > 0.0], default=lost)
-    return (last - lost) / 1e6, bool(arrivals) and arrivals[-1][0] == 0.0
-
-
-def _take(node: Node) -> None:
-    for take, message, arrival in node.arrived():
-        take(message, arrival)
+    with (
+        tempfile.TemporaryDirectory() as name,
+        _bridge(Path(name), ["/a"], "reliable") as (bridge, url, domain),
+        _source(Path(name), url, ["/a"], RATE, round(RATE * (BEFORE_LOSS + AFTER_LOSS)), "reliable", domain) as source,
+    ):
+        assert source.stdout is not None
+        bus, end = Bus(url), time.monotonic() + BEFORE_LOSS
+        while time.monotonic() < end:
+            _command(bus, 0, 0.5)
+            time.sleep(CYCLE)
+        lost = now_utime()
+        if number is not None:
+            bridge.send_signal(number)
+        arrivals = json.loads(source.stdout.readline())["heard"]
+    assert any(v > 0.0 for v, _ in arrivals), "the robot was never commanded"
+    last = max(at for v, at in arrivals if v > 0.0)
+    return (last - lost) / 1e6, arrivals[-1][0] == 0.0
 
 
 def _command(bus: Bus, robot: int, v: float) -> int:
@@ -163,29 +152,19 @@ def _command(bus: Bus, robot: int, v: float) -> int:
 def _run(team: int, rate: float, count: int, reliability: str, *, is_commanded: bool) -> Run:
     """Have a node publish numbered joints of a team, and command its robots meanwhile."""
     names = [f"/r{k}" for k in range(team)]
-    with tempfile.TemporaryDirectory() as name, _bridge(Path(name), names, reliability) as (bridge, url, domain):
-        command = [sys.executable, "-m", "tests.support.ros2_source", ",".join(names), str(rate), str(count)]
-        source = subprocess.Popen(
-            [*command, reliability, str(domain)],
-            env=environment(url, Path(name)),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert source.stdin is not None
+    with (
+        tempfile.TemporaryDirectory() as name,
+        _bridge(Path(name), names, reliability) as (bridge, url, domain),
+        _source(Path(name), url, names, rate, count, reliability, domain) as source,
+    ):
         assert source.stdout is not None
-        source.stdout.readline()
-        time.sleep(2.0)  # until all subscriptions are there
         bus = Bus(url)
         bus.subscribe(MOTOR_FEEDBACK, every=True)
         begin, used = time.monotonic(), _used(bridge.pid)
-        source.stdin.write("go\n")
-        source.stdin.flush()
         heard, commands = _listen(bus, team, source.stdout, is_commanded=is_commanded)
         share = (_used(bridge.pid) - used) / (time.monotonic() - begin)
         said = json.loads(source.stdout.readline())
-        source.communicate("end\n")
-    return Run(heard, [(float(v), int(at)) for v, at in said["heard"]], commands, share)
+    return Run(heard, [(float(v), int(at)) for v, at in said["heard"] if v], commands, share)
 
 
 def _listen(bus: Bus, team: int, source: IO[str], *, is_commanded: bool) -> tuple[list[Heard], dict[int, int]]:
@@ -206,6 +185,27 @@ def _listen(bus: Bus, team: int, source: IO[str], *, is_commanded: bool) -> tupl
                 number += 1
                 commands[number] = _command(bus, robot, number * STEP)
     return heard, commands
+
+
+@contextmanager
+def _source(
+    folder: Path, url: str, names: Sequence[str], rate: float, count: int, reliability: str, domain: int
+) -> "Iterator[subprocess.Popen[str]]":
+    """Run a node that publishes numbered joints; yield its process when it begins to."""
+    command = [sys.executable, "-m", "tests.support.ros2_source", ",".join(names), str(rate), str(count), reliability]
+    source = subprocess.Popen(
+        [*command, str(domain)], env=environment(url, folder), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert source.stdin is not None
+    assert source.stdout is not None
+    source.stdout.readline()
+    time.sleep(2.0)  # until all subscriptions are there
+    source.stdin.write("go\n")
+    source.stdin.flush()
+    try:
+        yield source
+    finally:
+        source.communicate("end\n")
 
 
 @contextmanager

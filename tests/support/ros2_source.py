@@ -26,9 +26,7 @@ def main(arguments: list[str]) -> None:
     heard: list[tuple[float, int]] = []
 
     def take(message: Ros, arrival: int) -> None:
-        velocity = read_twist(message)
-        if velocity.v:
-            heard.append((velocity.v, arrival))
+        heard.append((read_twist(message).v, arrival))
 
     with Node("source", lambda: None) as node:
         reliable = reliability == "reliable"

@@ -88,7 +88,7 @@ def test_a_robot_without_joints_has_the_wheels_of_its_odometry() -> None:
     psi = (v - omega * 0.161 / 2.0) / 0.04, (v + omega * 0.161 / 2.0) / 0.04
     assert (last.psi_left, last.psi_right) == pytest.approx(psi)
     seconds, turn = 60 * 0.02, 2048 / (2.0 * math.pi)
-    # The first half second is not told, but counts.
+    # The first half second is not published, but counts.
     assert (last.ticks_left, last.ticks_right) == pytest.approx([seconds * one * turn for one in psi], abs=0.51)
 
 
@@ -130,14 +130,14 @@ def test_a_pose_comes_from_the_chain_of_frames() -> None:
     assert pose.utime == BEGIN + 59 * 20_000
 
 
-def test_what_is_told_twice_and_what_is_no_number_is_counted() -> None:
+def test_what_is_repeated_and_what_is_no_number_is_counted() -> None:
     readings = Readings(0, Profile.parse(TEXT), lambda: 0)
     for k in range(60):
         for _ in range(2):
             message = bench.empty(ros.JOINT_STATE)
             joints(message, BEGIN + k * 20_000, (0.0, 0.0, math.nan if k == 59 else 0.0, 0.0))
             readings.wheels(message, BEGIN + k * 20_000)
-    assert readings.refused == {"wheels told twice": 60, "wheels that are not finite": 1}
+    assert readings.refused == {"wheels repeated": 60, "wheels that are not finite": 1}
 
 
 @pytest.mark.parametrize("offset", [-3.0, -0.05, 0.05, 2.5, 40_000.0])
