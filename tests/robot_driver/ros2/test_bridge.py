@@ -230,3 +230,13 @@ def test_topics_that_are_silent_are_named(driving: bench.Bench) -> None:
     assert driving.bridge.problems() == ""
     driving.clock.time += 1.5
     assert driving.bridge.problems() == "Nothing is heard on joint_states, imu, pose."
+
+
+def test_what_comes_over_ros_neither_commands_a_robot_nor_releases_a_stop(driving: bench.Bench) -> None:
+    driving.estop(True)
+    driving.turn()
+    driving.heard.clear()
+    driving.wait(3.0)  # in which the robot says all that it can
+    assert {channel for channel, _ in driving.heard} == {"MOTOR_FEEDBACK_0", "GYRO_0", "POSE_0"}
+    assert driving.bridge.velocity() == ZERO
+    assert "EMERGENCY STOP engaged" in driving.bridge.remarks()

@@ -145,3 +145,11 @@ def test_a_velocity_that_is_no_number_moves_nothing(tmp_path: Path, velocity: Ve
     shown.state(world(NOW, (10, VIRTUAL, HERE)), NOW)
     assert shown.drive(velocity, NOW) == []
     assert shown.refused["velocities that are not finite"] == 1
+
+
+def test_what_ros_asks_of_a_virtual_robot_reaches_no_other_one_and_no_stop(tmp_path: Path) -> None:
+    shown = robot(tmp_path)
+    shown.state(world(NOW, (10, VIRTUAL, HERE), (0, REAL, HERE)), NOW)
+    outgoing = [*shown.drive(Velocity(0.2, 0.0), NOW), *shown.turn(NOW + 300_000), *shown.end(NOW + 400_000)]
+    assert {robot_id for _, robot_id, _ in outgoing} == {10}
+    assert {stream for stream, _, _ in outgoing} == {MOTOR_COMMAND, COMMAND_CLAIM}
