@@ -19,6 +19,7 @@ from robot_driver.ros2.messages import Velocity
 from robot_driver.stop_file import StopFile
 from tests.support import ros2_bench as bench
 
+pytestmark = pytest.mark.slow
 Bench, TURN = bench.Bench, bench.TURN
 
 SETTINGS = load_settings(ideal=True)

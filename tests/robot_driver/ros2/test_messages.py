@@ -14,6 +14,7 @@ from cmr.msg import range_scan_t
 from robot_driver.ros2 import messages as ros
 from tests.support import ros2_bench as bench
 
+pytestmark = pytest.mark.slow
 TIMES = st.integers(0, 2**31 * ros.SECOND - 1)  # us
 NUMBERS = st.floats(allow_nan=False, allow_infinity=True)
 ANGLES = st.floats(-math.pi, math.pi)

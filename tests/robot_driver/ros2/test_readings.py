@@ -16,6 +16,7 @@ from robot_driver.ros2.readings import Readings
 from robot_driver.ros2.robot_clock import NOTICED, RobotClock
 from tests.support import ros2_bench as bench
 
+pytestmark = pytest.mark.slow
 SETTINGS = load_settings(ideal=True)
 TEXT = bench.example_text()
 SECOND = 1_000_000  # us
