@@ -86,7 +86,7 @@ def main(arguments: list[str]) -> int:
     if options.probe:
         from robot_driver.ros2.probe import probe
 
-        return probe(options.probe, options.namespace)
+        return probe(options.probe, options.namespace or "")
     wake = Wake()
     with Process(NAME, options.lcm_url, lives_now=bool(profiles)) as process, Node("cmr", wake) as node:
         return _Work(options, profiles, shown, process, node, wake).run()
@@ -255,7 +255,7 @@ def command_parser() -> argparse.ArgumentParser:
         "--parameters", type=Path, default=Path(), metavar="DIR", help="folder of robot_N.yaml of robots that are shown"
     )
     options.add_argument(
-        "--parameters-of", type=int, default=0, metavar="N", help="whose parameters those without a file have (0)"
+        "--parameters-of", type=int, default=0, metavar="N", help="whose parameters those without a file have"
     )
     options.add_argument(
         "--clock", action="store_true", help="publish /clock by the time of WORLD_STATE, for a log that is replayed"
@@ -268,7 +268,7 @@ def _add_network(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--probe", type=Path, metavar="FILE", help="look which topics there are, write a profile, and end"
     )
-    options.add_argument("--namespace", default="", metavar="/NAME", help="with --probe: of the robot's topics")
+    options.add_argument("--namespace", metavar="/NAME", help="with --probe: of the robot's topics (default: all)")
     options.add_argument("--domain-id", type=_domain, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0)")
     options.add_argument(
         "--range", choices=RANGES, default=RANGES[0], help="how far ROS 2 looks for others (default: this computer)"
