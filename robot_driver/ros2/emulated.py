@@ -114,7 +114,7 @@ class Publishing:
         self._imu = node.publisher(f"{namespace}/imu", IMU, reliable=reliable)
         self._odometry = node.publisher(f"{namespace}/odom", ODOMETRY, reliable=reliable)
         self._pose = node.publisher(f"{namespace}/pose", POSE_STAMPED, reliable=reliable)
-        node.subscribe(f"{namespace}/cmd_vel", TWIST, self._take, reliable=True)
+        node.hear(f"{namespace}/cmd_vel", TWIST, self._take, reliable=True)
 
     def publish(self) -> None:
         """Publish what was measured since the last call."""

@@ -75,7 +75,7 @@ class Node:
         self.ros.destroy_node()
         self._context.try_shutdown()
 
-    def subscribe(
+    def hear(
         self, topic: str, kind: str, take: Callable[[Ros, int], object], *, reliable: bool, latched: bool = False
     ) -> None:
         """Have `take(message, arrival)` called for each message, by whoever empties `arrived`."""

@@ -38,7 +38,7 @@ def probe(path: Path, namespace: str) -> int:
         topics = _topics(node.ros, namespace.rstrip("/"))
         joints = {topic.name: _Heard() for topic in topics if topic.kind == JOINT_STATE}
         for name, heard in joints.items():
-            node.subscribe(name, JOINT_STATE, heard.take, reliable=False)
+            node.hear(name, JOINT_STATE, heard.take, reliable=False)
         until = time.monotonic() + LISTENING
         while joints and time.monotonic() < until:
             time.sleep(0.05)

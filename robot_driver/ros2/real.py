@@ -71,7 +71,7 @@ class RealRobot:
             self._hear(profile.pose.topic, profile.pose.type, readings.pose, profile.pose.reliability)
         elif has_type(TRANSFORMS):
             for topic, latched in ((TF, False), (TF_STATIC, True)):
-                self._node.subscribe(topic, TRANSFORMS, self._take_transforms, reliable=True, latched=latched)
+                self._node.hear(topic, TRANSFORMS, self._take_transforms, reliable=True, latched=latched)
         else:
             self._problem = NO_TF
 
@@ -81,7 +81,7 @@ class RealRobot:
         def arrived(message: Ros, arrival: int) -> None:
             self._process.publish_all(take(message, arrival))
 
-        self._node.subscribe(self._topic(topic), kind, arrived, reliable=reliability == "reliable")
+        self._node.hear(self._topic(topic), kind, arrived, reliable=reliability == "reliable")
 
     def _take_transforms(self, message: Ros, arrival: int) -> None:
         self._process.publish_all(self.bridge.readings.transforms(message.transforms, arrival))

@@ -46,7 +46,7 @@ class Stage:
             self._anchors.publish(_transforms(self._anchors, [robot.anchor for robot in robots]))
         for robot in robots:
             kind = TWIST_STAMPED if stamped else TWIST
-            node.subscribe(f"/{robot.name}/cmd_vel", kind, _Taker(process, robot, stamped), reliable=False)
+            node.hear(f"/{robot.name}/cmd_vel", kind, _Taker(process, robot, stamped), reliable=False)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message of the bus, and show what it says."""

@@ -35,8 +35,8 @@ def main(arguments: list[str]) -> None:
             write_twist(twist := command.empty(), Velocity(SPEED, 0.0))
             command.publish(twist)
 
-        node.subscribe("/clock", CLOCK, look, reliable=True)
-        node.subscribe(f"{namespace}/odom", ODOMETRY, answer, reliable=True)
+        node.hear("/clock", CLOCK, look, reliable=True)
+        node.hear(f"{namespace}/odom", ODOMETRY, answer, reliable=True)
         while True:
             time.sleep(0.01)
             for take, message, arrival in node.arrived():

@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> None:
             node.publisher(f"{name}/joint_states", JOINT_STATE, reliable=reliable) for name in names.split(",")
         ]
         for name in names.split(","):
-            node.subscribe(f"{name}/cmd_vel", TWIST, take, reliable=True)
+            node.hear(f"{name}/cmd_vel", TWIST, take, reliable=True)
         while not all(publisher.heard_by for publisher in publishers):
             time.sleep(0.05)
         print("ready", flush=True)
