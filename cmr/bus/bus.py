@@ -45,6 +45,10 @@ class Bus:
         """The name of this process under its commands; it is another one after the clock was set back."""
         return self._signer.sender
 
+    def fileno(self) -> int:
+        """Return the descriptor that becomes readable when something has arrived, for who waits for others, too."""
+        return int(self._lcm.fileno())
+
     def subscribe(self, stream: Stream[Message], robot_id: int | None = None, *, every: bool = False) -> None:
         """Receive this stream: of one robot, or of all where `robot_id` is None.
 

@@ -80,6 +80,11 @@ def replay() -> int:
     return run("cmr.tools.replay.main")
 
 
+def ros2() -> int:
+    """Start cmr-ros2."""
+    return run("robot_driver.ros2.command")
+
+
 def run_scenario() -> int:
     """Start cmr-run."""
     return run("cmr.commands.run")

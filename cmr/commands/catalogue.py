@@ -22,6 +22,7 @@ COMMANDS = {
     "relay": ("cmr.commands.relay", "sign messages of programs that have no key, such as a motion capture system's"),
     "camera": ("cmr.commands.camera", "measure poses of real robots with a camera"),
     "tracker": ("cmr.tracker.command", "publish poses of real robots from a motion capture system"),
+    "ros2": ("robot_driver.ros2.command", "have ROS 2 robots take part as real ones, and show virtual ones to ROS 2"),
     "view": ("cmr.commands.view", "show the world in a web page, live or from a log"),
     "calibrate": ("cmr.commands.calibrate", "find the parameters of a robot, live or from a log"),
     "diagnose": ("cmr.commands.diagnose", "name what the simulation of a robot gets wrong"),

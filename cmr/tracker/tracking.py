@@ -5,7 +5,7 @@ import time
 from collections import Counter, deque
 from typing import NamedTuple
 
-from cmr.tracker.clock_map import ClockMap
+from cmr.bus.clock_map import ClockMap
 from cmr.tracker.frames import Plane, Sample
 from cmr.tracker.profile import Profile
 from cmr.tracker.source import Clock, Source

@@ -132,6 +132,13 @@ def _camera(stage: Stage) -> None:
     put_camera(stage.folder)
 
 
+def _ros2(_stage: Stage) -> None:
+    """Have a ROS 2 in which nobody is."""
+    from fuzzing.deserted_ros import put_ros
+
+    put_ros()
+
+
 def _own(folder: Path) -> str:
     return str(folder / "robot_0.yaml")
 
@@ -215,6 +222,14 @@ PROGRAMS = {
         "cmr.tracker.command",
         lambda at: ["--profile", _tracker(at)],
         more=("cmr/tracker/elsewhere.py",),
+    ),
+    "ros2": Program(
+        "robot_driver.ros2.command",
+        lambda at: [
+            *("--robot", "0=example", "--virtual", "10", "--show", "11", "--clock", "--parameters", str(at)),
+            *("--state", str(at / "state")),
+        ],
+        _ros2,
     ),
     "estop": Program("cmr.commands.estop", lambda _at: ["status"], may_end=ANYTHING),
 }

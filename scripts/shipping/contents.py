@@ -15,7 +15,12 @@ COMMANDS_THERE = ("driver", "bringup", "accept", "doctor", "estop", "key", "rela
 ENTRY = "cmr.commands"  # has a function for every command, of which most are not there
 STARTED = ("cmr", ENTRY, "cmr.commands.umbrella", *(COMMANDS[name][0] for name in COMMANDS_THERE))
 DEVICES = "robot_driver"
-NOT_ON_A_ROBOT = ("robot_driver.emulator", "robot_driver.simulated", "robot_driver.acceptance.page")
+NOT_ON_A_ROBOT = (
+    "robot_driver.emulator",
+    "robot_driver.ros2",
+    "robot_driver.simulated",
+    "robot_driver.acceptance.page",
+)
 LIBRARIES = ("lcm", "serial", "yaml")  # by the names of their modules
 # What these modules import and do without, and how.
 WITHOUT = {

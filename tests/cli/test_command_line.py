@@ -36,8 +36,8 @@ COMMANDS = sorted(
     if entry.group == "console_scripts" and entry.name != "cmr"  # which starts the others: test_umbrella.py
 )
 LOGS_ALONE = ("cmr-log", "cmr-plot")  # these need no LCM
-# These end by themselves.
-WITHOUT_BUS = ("cmr-export", "cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-sweep")
+# These end by themselves; cmr-ros2 does where no rclpy is installed.
+WITHOUT_BUS = ("cmr-export", "cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-ros2", "cmr-sweep")
 SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
 NEEDED = {
     "cmr-agent": ["--insecure"],
@@ -48,6 +48,7 @@ NEEDED = {
     "cmr-log": ["info", "run.lcm"],
     "cmr-plot": ["run.lcm", "POSE_0.x"],
     "cmr-replay": ["run.lcm"],
+    "cmr-ros2": ["--profiles"],
     "cmr-sweep": ["line.yaml"],
 }
 NO_GLIB = 'raise ImportError("libglib-2.0.so.0: cannot open shared object file: No such file or directory")\n'

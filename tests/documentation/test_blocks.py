@@ -18,6 +18,7 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
 from cmr.tracker.profile import Profile
 from robot_driver.emulator.settings import load_settings
+from robot_driver.ros2.profile import Profile as Ros2Profile
 from tests.documentation.turtlebot_bag import write_turtlebot_bag
 from tests.support.documentation_blocks import DOCS, Block, Line, blocks, blocks_of, command_lines, pages
 from tests.support.emulated_drive import IDEAL, messages, write_log
@@ -59,6 +60,7 @@ ONLY_PARSED = {
     "cmr bringup": "needs a robot, and somebody who answers; tests/robot_driver/bringup runs it",
     "cmr estop": "stops robots on the bus; tests/robot_driver/test_latched_stop.py runs it",
     "cmr-tracker --profile": "needs a motion capture system; tests/tracker runs it",
+    "cmr-ros2": "needs rclpy; tests/robot_driver/ros2/test_page.py runs the page",
     "cmr-teleop": "commands a robot on the bus; tests/teleop runs it",
     "cmr demo --lead": "needs a person; tests/whole/test_lead.py runs it with a script",
     "cmr-view": "serves a page until it is stopped",
@@ -189,6 +191,8 @@ def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path:
     }
     if "tracker" in content:
         readers = {"tracker": lambda: Profile.parse(block.text)}
+    if "wheels" in content:
+        readers = {"wheels": lambda: Ros2Profile.parse(block.text)}
     used = [read() for key, read in readers.items() if key in content]
     assert used or block.page in (
         "cmr/tools/importing/mappings/README.md",

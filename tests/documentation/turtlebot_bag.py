@@ -12,7 +12,7 @@ RADIUS, BASE_WIDTH = 0.033, 0.16  # m
 TICKS = 4096
 
 
-def write_turtlebot_bag(folder: Path, settings: Settings = IDEAL) -> Path:
+def write_turtlebot_bag(folder: Path, settings: Settings = IDEAL, *, storage: str = "sqlite") -> Path:
     """Write the bag of an emulated robot's figure-eight; return its folder."""
     sent: list[Sent] = []
     ticks_per_radian = settings.robot.ticks_per_turn / (2.0 * math.pi)
@@ -32,4 +32,4 @@ def write_turtlebot_bag(folder: Path, settings: Settings = IDEAL) -> Path:
             left, right = message.left * FULL_SCALE * RADIUS, message.right * FULL_SCALE * RADIUS  # m/s
             twist = {"linear": {"x": (left + right) / 2.0}, "angular": {"z": (right - left) / BASE_WIDTH}}
             sent.append(("/cmd_vel", "geometry_msgs/msg/Twist", stamp, twist))
-    return write_bag(folder, "sqlite", sent)
+    return write_bag(folder, storage, sent)

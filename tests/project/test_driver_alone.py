@@ -11,8 +11,9 @@ from shipping.contents import LIBRARIES, WITHOUT, files_there, modules_there
 
 OURS = {"cmr", "robot_driver"}
 
-# What is not on a robot: what stands in for one, and the page of a report, for which it has no modules.
-ELSEWHERE = "robot_driver/emulator", "robot_driver/simulated", "robot_driver/acceptance/page.py"
+# Not on a robot: what stands in for one, the bridge to those that speak ROS 2, and the page of a report, for which
+# it has no modules.
+ELSEWHERE = "robot_driver/emulator", "robot_driver/simulated", "robot_driver/ros2", "robot_driver/acceptance/page.py"
 
 
 def test_it_imports_nothing_but_its_three_libraries_and_python_s_own() -> None:

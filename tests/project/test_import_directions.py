@@ -72,7 +72,15 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.files", "cmr.workers", "cmr.report", "cmr.estimation", "cmr.calibration", "cmr.diagnosis"),
         "cmr.experiments.team",
     },
-    "cmr.tools": {*RECORDED, "cmr.documents", "cmr.files", "cmr.litter", "cmr.report", "cmr.distribution"},
+    "cmr.tools": {
+        *RECORDED,
+        "cmr.geometry",
+        "cmr.documents",
+        "cmr.files",
+        "cmr.litter",
+        "cmr.report",
+        "cmr.distribution",
+    },
     # Devices: they may import cmr, never the reverse, but for the commands.
     "robot_driver.guided": set(),  # any procedure, of any program
     "robot_driver.terminals": set(),
@@ -97,6 +105,9 @@ KNOWN: dict[str, set[str]] = {
         *(*BUS, "cmr.parameters", "cmr.model", "cmr.world", "robot_driver", "robot_driver.emulator"),
         *("robot_driver.bringup", "robot_driver.controllers", "robot_driver.guided"),
     },
+    "robot_driver.ros2": {
+        *(*RECORDED, "cmr.documents", "cmr.files", "cmr.geometry", "robot_driver", "robot_driver.emulator"),
+    },
     # The top: processes.
     "cmr.commands": {
         *(*RECORDED, "cmr.documents", "cmr.files", "cmr.distribution", "cmr.priority", "cmr.threads", "cmr.geometry"),
@@ -104,7 +115,8 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.teleop", "cmr.tracker", "cmr.exporting"),
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
-        *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "cmr.tools", "cmr.processes"),
+        *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "robot_driver.ros2"),
+        *("cmr.tools", "cmr.processes"),
     },
     "cmr.__main__": {"cmr.commands"},
 }

@@ -4,13 +4,13 @@ A step may choose one of an array: by its index (`data[2]`), by the message's ow
 (`transforms[odom>base_link]`). `yaw` behind a quaternion is the heading it means [rad], -pi to pi.
 """
 
-import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from cmr.geometry.quaternions import heading
 from cmr.plain_text import plain
 
 if TYPE_CHECKING:
@@ -98,14 +98,6 @@ def _yaw(name: str, parent: object) -> object:
     if hasattr(parent, name):
         return getattr(parent, name)
     return heading(*(_member(part, parent) for part in "xyzw"))
-
-
-def heading(x: float, y: float, z: float, w: float) -> float:
-    """Return the turn about the vertical [rad] that a quaternion means, of any length; NaN where it means none."""
-    squares = x * x + y * y + z * z + w * w
-    if not 0.0 < squares < math.inf:
-        return math.nan
-    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 def _element(step: Step, index: int, parent: object) -> object:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmr.tracker.clock_map import ClockMap
+from cmr.bus.clock_map import ClockMap
 
 
 def fed(seconds: float, *, drift: float, rate: float = 200.0, late: float = 0.003, seed: int = 0) -> ClockMap:
