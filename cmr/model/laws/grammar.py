@@ -11,7 +11,7 @@ is read and its size behind it; names must be known variables, known functions o
 
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -292,7 +292,7 @@ def _combined(part: Part, inner: list[Measure], units: Constants) -> Measure:
     if part.kind in ("*", "/"):
         return inner[0].times(inner[1], 1 if part.kind == "*" else -1)
     if part.kind == "**":
-        return Measure(any=inner[0].any).times(inner[0], int(part.number))
+        return replace(Measure().times(inner[0], int(part.number)), any=inner[0].any, scaled=inner[0].scaled)
     if part.kind in ("abs", "negative"):
         return inner[0]
     if part.kind in ("tanh", "exp", "sin", "cos"):

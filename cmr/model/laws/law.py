@@ -8,7 +8,7 @@ from functools import cached_property
 
 from cmr.model.laws.grammar import CONSTANT, MOST_CONSTANTS, Formula, FormulaError, parse
 from cmr.model.laws.places import PLACES, SIDES, Place
-from cmr.model.laws.units import per, unit_of, unit_text
+from cmr.model.laws.units import Unit, per, unit_of, unit_text
 from cmr.model.laws.words import FUNCTIONS, VARIABLES
 
 PREFIX = "law_"  # no name of the model begins so: the names of laws become names in its compiled step
@@ -138,6 +138,7 @@ def _check_formulas(law: Law) -> None:
     named = {name for formula in formulas for name in formula.constants}
     if named != set(law.constants):
         raise LawError(f"no formula names {', '.join(sorted(set(law.constants) - named))}", "constants")
+    _check_units_of_constants(formulas)
     for formula in formulas:
         beyond = [name for name in formula.variables if name not in law.at.variables]
         if beyond:
@@ -149,6 +150,14 @@ def _check_formulas(law: Law) -> None:
         if law.at.of_sensors and any(part.kind == "low_pass" for part in formula.root.walk()):
             raise LawError(f"{formula.text!r} has a memory, and a law of a sensor keeps none", "formulas")
         _check_divisors(law, formula)
+
+
+def _check_units_of_constants(formulas: tuple[Formula, ...]) -> None:
+    units: dict[str, Unit] = {}
+    for formula in formulas:
+        for name, unit in formula.constant_units.items():
+            if units.setdefault(name, unit) != unit:
+                raise LawError(f"has units {unit_text(units[name])} and {unit_text(unit)}", "constants", name)
 
 
 def _check_divisors(law: Law, formula: Formula) -> None:

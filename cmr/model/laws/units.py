@@ -5,7 +5,7 @@ A unit is the exponents of m, s and rad. An angle counts as a number where it is
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 BASE = ("m", "s", "rad")
 Unit = tuple[int, int, int]
@@ -54,12 +54,14 @@ def _power(name: str, exponent: int) -> str:
 class Measure:
     """The unit of a part of a formula, times powers of constants whose units are not known yet.
 
-    A bare number has `any` unit where it is added to something that has one.
+    A bare number has `any` unit where it is added to something that has one. What is `scaled` by a number has any unit
+    where a function asks for one, as in exp(-t / 1.5).
     """
 
     unit: Unit = NUMBER
     unknown: Mapping[str, int] = field(default_factory=dict)
     any: bool = False
+    scaled: bool = False
 
     def times(self, other: "Measure", power: int = 1) -> "Measure":
         """Return the measure of a product with a power of another."""
@@ -68,7 +70,8 @@ class Measure:
         for name, exponent in other.unknown.items():
             powers[name] = powers.get(name, 0) + power * exponent
         unknown = {name: exponent for name, exponent in powers.items() if exponent}
-        return Measure((unit[0], unit[1], unit[2]), unknown, self.any and other.any)
+        scaled = self.scaled or other.scaled or self.any or other.any
+        return Measure((unit[0], unit[1], unit[2]), unknown, self.any and other.any, scaled)
 
 
 class Constants:
@@ -83,10 +86,10 @@ class Constants:
 
     def resolved(self, measure: Measure) -> Measure:
         """Return a measure with what has become known since."""
-        result = Measure(measure.unit, any=measure.any)
+        result = Measure(measure.unit)
         for name, power in measure.unknown.items():
             result = result.times(self.of(name), power)
-        return Measure(result.unit, result.unknown, measure.any)
+        return Measure(result.unit, result.unknown, measure.any, measure.scaled)
 
     def require(self, measure: Measure, unit: Unit) -> None:
         """Require that a measure has a unit, which may tell that of a constant.
@@ -97,7 +100,7 @@ class Constants:
         if measure.any:
             return
         if not measure.unknown:
-            if measure.unit[:2] != unit[:2]:
+            if measure.unit[:2] != unit[:2] and not measure.scaled:
                 raise ValueError(f"has the unit {unit_text(measure.unit)}, must have {unit_text(unit)}")
             return
         (name, power), *more = measure.unknown.items()
@@ -118,10 +121,10 @@ class Constants:
             self.require(one, NUMBER)  # "1 + v / limit"
         elif one.unknown and one == other:
             return one
+        elif one.unknown and other.unknown:
+            raise ValueError(f"leaves the unit of {' and '.join({**one.unknown, **other.unknown})} open")
         elif one.unknown:
-            if other.unknown:
-                raise ValueError(f"leaves the unit of {' and '.join({**one.unknown, **other.unknown})} open")
             self.require(one, other.unit)
         else:
-            self.require(other, one.unit)
+            self.require(replace(other, scaled=False), one.unit)
         return self.resolved(one)

@@ -52,9 +52,7 @@ VARIABLES = {
 }
 FUNCTIONS = {
     "abs": Function(1, "size"),
-    "sign": Function(
-        1, "sign of a variable, smoothed: a / sqrt(a^2 + e^2) with a small e that belongs to the variable"
-    ),
+    "sign": Function(1, "sign of a variable, smoothed: a / sqrt(a^2 + e^2), where the small e belongs to the variable"),
     "tanh": Function(1, "hyperbolic tangent"),
     "sin": Function(1, "sine"),
     "cos": Function(1, "cosine"),
