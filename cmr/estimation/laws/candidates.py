@@ -55,6 +55,11 @@ class Candidate:
         """The factors of each formula."""
         return (self.factors, *self.others)
 
+    @property
+    def key(self) -> tuple[str, str, tuple[str, ...]]:
+        """What distinguishes a law from others, whatever its constants: place, side and formulas."""
+        return self.place, self.side, self.formulas
+
     def on(self, side: str) -> "Candidate":
         """Return the same law on other wheels."""
         return replace(self, side=side)
@@ -117,7 +122,7 @@ def _of_sensor(place: str) -> Iterator[Candidate]:
         yield base
         if size <= 1:
             yield from _modulated(base)
-    for factors, size in _products("x", "y", 2):
+    for factors, size in ((("x",), 1), (("y",), 1), (("x ** 2",), 2), (("y ** 2",), 2), (("x", "y"), 2)):
         yield Candidate(place, factors, size)
     yield from _limited(place, ("v", "w"))
 

@@ -32,6 +32,7 @@ SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
 INFLATED = 0.4549  # median of chi-squared with one degree of freedom
+RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
 SHOWN = 40  # best scores that are compared with what the catalogue has
 NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
 
@@ -124,8 +125,9 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
         return Refused("No formula could be fitted together with the model's parameters.")
     best = min(fits, key=lambda fit: _cost(fit, data))
     again = rest_of(model, best.noise, data.fitted)
-    met = {fit.laws for fit in fits}
-    newcomers = [one for one in _promising(model, again, scan(model, again), selected) if (one.candidate,) not in met]
+    met = {law.key for fit in fits for law in fit.laws}
+    rescored = scan(model, again, [one.candidate for one in scores[:RESCORED]])
+    newcomers = [one for one in _promising(model, again, rescored, selected) if one.candidate.key not in met]
     fits += _polished_all(model, again, [one.candidate for one in newcomers[:NEWCOMERS]], data)
     found = _judged(data, before, fits, named)
     if isinstance(found, Offer) and found.left > LEFT:
