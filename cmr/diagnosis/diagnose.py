@@ -349,7 +349,7 @@ def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
 
     Where nothing else does, the term's gain is that of the whole model.
     """
-    term = whole.term
+    term = whole.generic
     if term is None:
         return whole.unexplained
     estimates = {name: fit_estimate(term.fit, name, whole.found) for name in term.names}

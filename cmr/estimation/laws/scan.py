@@ -1,6 +1,6 @@
 """Score all laws beside a model, to first order: what would each explain of the errors that the model leaves?
 
-With the white errors w (n,), what the model's own parameters do, orthonormal, Q (n, p), and the traces of a law M (n, k)
+With white errors w (n,), what the model's own parameters do, orthonormal, Q (n, p), and the traces of a law M (n, k)
 
     pull  = M' (w - Q Q' w),    size = M' M - M' Q Q' M
     LR    = pull' size^-1 pull
@@ -41,14 +41,13 @@ class Score:
 def scan(model: Linearised, rest: Rest, laws: Sequence[Candidate] | None = None) -> list[Score]:
     """Return the scores of laws beside a model that leaves `rest`, the best first; by default of all."""
     chosen = [model.sized(one) for one in (candidates() if laws is None else laws)]
-    sizes = sizes_of_grammar()
-    result = []
+    result: list[Score] = []
     for place in dict.fromkeys(one.place for one in chosen):
         signals = seen_in(place)
         rows = rest.rows(signals)
         for chunk in _chunks([one for one in chosen if one.place == place]):
             traces = model.white_traces(chunk, rest.noise, signals)
-            result += _scored(chunk, traces, rest, rows, sizes)
+            result += _scored(chunk, traces, rest, rows)
     result.sort(key=lambda one: -one.score)
     return result
 
@@ -85,7 +84,11 @@ def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
 
 
 def _scored(
-    chunk: Sequence[Candidate], traces: Floats, rest: Rest, rows: "np.typing.NDArray[np.int64]", sizes: Mapping[int, int]
+    chunk: Sequence[Candidate],
+    traces: Floats,
+    rest: Rest,
+    rows: "np.typing.NDArray[np.int64]",
+    sizes: Mapping[int, int],
 ) -> Iterator[Score]:
     """Yield the scores of laws whose white traces stand side by side, in some rows of the errors."""
     traces *= rest.mask[rows, None]

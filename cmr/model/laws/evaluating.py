@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cmr.model.compiled import compiled
 from cmr.model.laws.grammar import Part
 from cmr.model.laws.words import LARGEST_EXPONENT, VARIABLES
 
@@ -43,12 +44,20 @@ def _clip(value: Floats, limit: Floats) -> Floats:
 
 def _low_pass(value: Floats, seconds: Floats, dt: Floats) -> Floats:
     """Return a signal behind a filter of first order that begins at 0."""
-    kept = np.exp(-dt / seconds)
-    value, kept = np.broadcast_arrays(value, kept)
+    value, kept = np.broadcast_arrays(value, np.exp(-dt / seconds))
     result = np.zeros(value.shape)
-    for row in range(1, len(value)):
-        result[row] = value[row] + (result[row - 1] - value[row]) * kept[row]
+    rows = (len(value), -1)
+    follow(np.ascontiguousarray(value.reshape(rows)), np.ascontiguousarray(kept.reshape(rows)), result.reshape(rows))
     return result
+
+
+@compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1])")
+def follow(values, kept, result):  # type: ignore[no-untyped-def]
+    """Let each column of the result follow the values, `kept` being what it keeps of its distance to them in a step."""
+    for row in range(1, len(values)):
+        for column in range(values.shape[1]):
+            value = values[row, column]
+            result[row, column] = value + (result[row - 1, column] - value) * kept[row, column]
 
 
 ELEMENTARY: dict[str, Callable[..., Floats]] = {
