@@ -25,8 +25,8 @@ ANSWERS = {
     "tie": "A tie: the formulas below explain these data equally well.",
 }
 KEEP = (
-    "The law is part of the parameter file below, and every simulation of this robot uses it. `cmr-laws keep` writes it "
-    "as a file law_*.yaml, to be renamed, described and shared; see docs/how_to/keep_a_law.md."
+    "The law is part of the parameter file of this diagnosis, and every simulation of the robot uses it. cmr-laws "
+    "lists it beside those of other robots, and keeps it under a name of your own: see docs/how_to/keep_a_law.md."
 )
 NOT_USED = "No law is used."
 
