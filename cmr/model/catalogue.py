@@ -53,6 +53,7 @@ CATALOGUE = catalogue_of((*OWN, *(point.load() for point in entry_points(group=E
 GENERIC_TERMS = catalogue_of(generic.EFFECTS)
 MODELLED = catalogue_of((*CATALOGUE.values(), *GENERIC_TERMS.values()))
 DEFINITIONS = definitions_of(MODELLED)
+MOST_LAWS = 100  # that a process learns: they come with parameters from the bus, too
 LAWS: dict[str, Law] = {}  # those that this process knows; their effects are in CATALOGUE, too
 _LEARNING = Lock()
 _FORGETTING: list[Callable[[], None]] = []
@@ -69,7 +70,7 @@ def learn(law: Law, estimates: Mapping[str, float] | None = None) -> Effect:
     """Add a law to the catalogue of this process and return its effect; `estimates` as in `law_effect`.
 
     Whoever knows the law already gets the effect that is there. Raises LawError, a ValueError, where the name is taken
-    by another law, or by an effect or parameter.
+    by another law, or by an effect or parameter, and for one law more than MOST_LAWS.
     """
     with _LEARNING:
         known = LAWS.get(law.name)
@@ -77,6 +78,8 @@ def learn(law: Law, estimates: Mapping[str, float] | None = None) -> Effect:
             if not known.is_same(law):
                 raise LawError(f"{law.name} is the name of another law, {' and '.join(known.formulas)}", "name")
             return CATALOGUE[law.name]
+        if len(LAWS) >= MOST_LAWS:
+            raise LawError(f"this process knows {MOST_LAWS} laws already, which is as many as it learns", "name")
         effect = law_effect(law, estimates)
         try:
             catalogue_of((*MODELLED.values(), effect))

@@ -4,3 +4,5 @@ A formula is text of a closed grammar (`grammar`): it is data, and nothing of it
 wrote. `words` lists what a formula may say, `units` what unit each part has, `places` where in the model a law acts,
 `law` what a law is; `effect` makes of it an entry as any other, whose equations `statements` writes.
 """
+
+from cmr.model.laws.law import Law as Law

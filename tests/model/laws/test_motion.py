@@ -85,7 +85,7 @@ def test_laws_of_time_memory_encoders_and_places_have_their_closed_forms() -> No
     turned = driven({"law_begins": 0.1}, straight, straight)
     aside = driven({"law_follows": 0.1}, straight, straight)
     counted = driven({"law_counts": 0.01}, straight, straight)
-    inside = driven({"law_disc": 0.1}, straight, straight)
+    inside = driven({"law_disc": 1e-3}, straight, straight)  # so that the way through is straight
 
     assert np.allclose(turned.theta, 0.1 * np.maximum(time - BEGIN, 0.0), atol=1e-9)
     # A filter of first order behind a speed that itself comes to its end by the motor's rate.
@@ -97,4 +97,4 @@ def test_laws_of_time_memory_encoders_and_places_have_their_closed_forms() -> No
     assert np.allclose(counted.angle_left, 1.01 * without.angle_left, rtol=1e-9)
     assert np.allclose(counted.x, without.x, atol=1e-12)
     through = 0.4 / speed[np.argmax(without.x > 0.5)]  # s that the disc of 0.2 m takes to be crossed
-    assert abs(inside.theta[-1] - 0.1 * through) < 0.1 * 0.5 * DT
+    assert abs(inside.theta[-1] - 1e-3 * through) < 1e-3 * 0.5 * DT
