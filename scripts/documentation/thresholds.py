@@ -18,12 +18,15 @@ STAGES = {
     "Cross-validation": ("search/folds", "search/cross_validation"),
     "Selection": ("search/selection", "search/ties", "search/rivals", "search/exchange", "search/leap"),
     "Effects of chance": ("search/chance", "search/command_timing"),
+    "Laws": ("laws/candidates", "laws/scan", "laws/known", "laws/polish", "laws/searching", "laws/proposing"),
     "Verdict": ("usefulness",),
 }
 UNITS = {
     **dict.fromkeys(("REACH", "SIZES", "UNEVEN", "OUTLYING", "WINDOW", "SOMEWHAT", "leap.ASIDE"), "s"),
     **dict.fromkeys(("CELL", "localisation.RADII", "REACHES", "SMALLEST"), "m"),
     "LEAST_CHANGE": "duty",
+    **dict.fromkeys(("SLOW", "SINCE"), "s"),
+    "WAYS": "m",
     "command_timing.LEAST": "1/s^2",
     "ASIDE, SHARE_ASIDE": "m, -",
     "MOMENTS, MOMENT_STEP, MOMENTS_APART": "-, s, s",

@@ -11,7 +11,7 @@ from functools import cache
 
 from cmr.model.laws.places import PLACES
 
-DEGREES = 3
+DEGREES = 3  # of products of two quantities, at most
 POWERS = {
     0: ("1",),
     1: ("{0}", "abs({0})"),
@@ -122,8 +122,7 @@ def _of_sensor(place: str) -> Iterator[Candidate]:
         yield base
         if size <= 1:
             yield from _modulated(base)
-    for factors, size in ((("x",), 1), (("y",), 1), (("x ** 2",), 2), (("y ** 2",), 2), (("x", "y"), 2)):
-        yield Candidate(place, factors, size)
+    yield from (Candidate(place, factors, 2) for factors in (("x ** 2",), ("y ** 2",), ("x", "y")))
     yield from _limited(place, ("v", "w"))
 
 

@@ -28,9 +28,9 @@ from cmr.recordings.signal import Floats, Mask
 RENEWED = 2  # times that the noise is estimated again
 STEPS = 3  # towards the least sum of Huber's loss
 RIDGE = 1e-10  # of a column's square: keeps columns that say the same solvable
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2: the golden section
 SECTIONS = 7  # of a search for an inner constant
-REACH = 2.0  # factor by which it looks to either side
+STRETCH = 2.0  # factor by which it looks to either side
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _with_best(model: Linearised, law: Candidate, name: str, rest: Rest) -> Cand
         return found[0].gain if found else -math.inf
 
     middle = math.log(law.constants[name])
-    low, high = middle - math.log(REACH), middle + math.log(REACH)
+    low, high = middle - math.log(STRETCH), middle + math.log(STRETCH)
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     of_left, of_right = gain(left), gain(right)
     for _ in range(SECTIONS):

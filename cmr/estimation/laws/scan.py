@@ -24,8 +24,8 @@ from cmr.estimation.laws.rest import Rest
 from cmr.recordings.signal import Floats
 
 ABREAST = 64  # traces observed side by side
-OWN = 3e-4  # share of a trace's square below which the model's parameters imitate it
-NOTHING = 1e-9
+LEAST_OWN = 3e-4  # share of a trace's square below which the model's parameters imitate it
+NOTHING = 1e-9  # white errors squared: a law that changes less says nothing
 
 
 @dataclass(frozen=True)
@@ -132,18 +132,18 @@ def _judged(size: Floats, imitated: Floats, pull: Floats) -> tuple[float, tuple[
     """Return a law's likelihood ratio and coefficients; None where the model imitates it, or it does nothing."""
     if len(pull) == 1:
         whole, own = float(size[0, 0]), float(size[0, 0] - imitated[0, 0])
-        if whole < NOTHING or own < OWN * whole:
+        if whole < NOTHING or own < LEAST_OWN * whole:
             return None
         return float(pull[0]) ** 2 / own, (float(pull[0]) / own,)
     before = np.diag(size)
     if np.any(before < NOTHING):
         return None
     free = size - imitated
-    if np.any(np.diag(free) < OWN * before):
+    if np.any(np.diag(free) < LEAST_OWN * before):
         return None
     scale = np.sqrt(np.diag(free))
     scaled = free / np.outer(scale, scale)
-    if np.linalg.eigvalsh(scaled)[0] < OWN:
+    if np.linalg.eigvalsh(scaled)[0] < LEAST_OWN:
         return None
     solved = np.linalg.solve(scaled, pull / scale)
     return float(solved @ (pull / scale)), tuple(map(float, solved / scale))

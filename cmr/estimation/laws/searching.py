@@ -19,6 +19,7 @@ from cmr.estimation.laws.polish import Polished, polished, polished_twice, score
 from cmr.estimation.laws.rest import Rest, rest_of, times_of
 from cmr.estimation.laws.scan import Score, penalty, scan
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
 from cmr.recordings.signal import Mask
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
@@ -31,7 +32,6 @@ BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise b
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
-INFLATED = 0.4549  # median of chi-squared with one degree of freedom
 RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
 SHOWN = 40  # best scores that are compared with what the catalogue has
 NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
@@ -226,4 +226,4 @@ def _tried(data: Data, fit: Polished) -> float:
 def inflation_of(scores: Sequence[Score]) -> float:
     """Return how much larger the usual law's gain is than chance would have it, at least 1."""
     gains = [one.gain for one in scores if len(one.coefficients) == 1]
-    return max(1.0, float(np.median(gains)) / INFLATED) if gains else 1.0
+    return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if gains else 1.0
