@@ -15,6 +15,7 @@ import numpy as np
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.known import known_beside
 from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.local import local_laws
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of, times_of
 from cmr.estimation.laws.scan import Score, penalty, scan
@@ -114,7 +115,7 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
-    scores = scan(model, rest)
+    scores = _scanned(model, rest)
     if not scores or scores[0].score < LEAST:
         return Refused("No formula explains more than chance finds among so many.")
     promising = _promising(model, rest, scores, selected)
@@ -135,10 +136,18 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
     return found
 
 
+def _scanned(model: Linearised, rest: Rest) -> list[Score]:
+    """Return the scores of all laws, the best first; those of moments and places only where others find something."""
+    scores = scan(model, rest)
+    more = bool(scores) and scores[0].score > 0.0
+    scores += scan(model, rest, local_laws(model, rest, more))
+    return sorted(scores, key=lambda one: -one.score)
+
+
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     """Return the offer with a second law beside the first, where one holds and leaves less."""
     model, rest = first.after.model, first.after.rest
-    promising = _promising(model, rest, scan(model, rest), selected)
+    promising = _promising(model, rest, _scanned(model, rest), selected)
     fits = [
         fit
         for one in promising[:NEWCOMERS]
