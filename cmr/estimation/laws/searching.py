@@ -33,6 +33,7 @@ BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise b
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
+IDENTICAL = 0.99  # share of a law's own trace that another does where both are the same mathematics
 RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
 SHOWN = 40  # best scores that are compared with what the catalogue has
 NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
@@ -181,7 +182,8 @@ def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected:
     for one in good:
         if len(result) >= BEST + NEWCOMERS:
             break
-        if one.gain > NEARLY * best and not known.same_as(model, one.candidate):
+        again = any(one.candidate.key == other.candidate.key for other in result)
+        if not again and one.gain > NEARLY * best and not known.same_as(model, one.candidate):
             result.append(one)
     return result
 
@@ -220,11 +222,27 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
         return Refused("The best formula does not hold on data that it was not fitted on.")
     margin = max(SET, SHARE_OF_SET * gain)
     at_best = _cost(best, data) + _tried(data, best)
-    alike = tuple(fit for fit in fits if fit is not best and _cost(fit, data) + _tried(data, fit) < at_best + margin)
+    alike = tuple(
+        fit
+        for fit in fits
+        if fit is not best and _cost(fit, data) + _tried(data, fit) < at_best + margin and not _is_same(fit, best)
+    )
     if len(alike) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(alike) + 1} formulas that explain the errors as well."
         return Refused(reason, several=True, rivals=(best, *alike))
     return Offer(before, after, gain, score, held_out, _left(further, inflation), alike)
+
+
+def _is_same(fit: Polished, best: Polished) -> bool:
+    """Return whether the last laws of two fits do the same, once the model's parameters are fitted, or say the same."""
+    if fit.laws[-1].key == best.laws[-1].key:
+        return True
+    first = best.columns.shape[1] - len(best.coefficients[-1])
+    basis = np.linalg.qr(best.columns[:, :first])[0]
+    own = [one.columns[:, -len(one.coefficients[-1]) :] for one in (fit, best)]
+    ours, its = (np.linalg.qr(columns - basis @ (basis.T @ columns))[0] for columns in own)
+    shared = float(np.sum((ours.T @ its) ** 2))
+    return shared > IDENTICAL * max(ours.shape[1], its.shape[1])
 
 
 def _tried(data: Data, fit: Polished) -> float:
