@@ -24,6 +24,7 @@ from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
 from cmr.recordings.signal import Mask
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
+PROMISING = -5.0  # score to first order from which a law is fitted: noise that was found without it hides a part
 HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
@@ -117,7 +118,7 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
     scores = _scanned(model, rest)
-    if not scores or scores[0].score < LEAST:
+    if not scores or scores[0].score < PROMISING:
         return Refused("No formula explains more than chance finds among so many.")
     promising = _promising(model, rest, scores, selected)
     if not promising:
@@ -173,7 +174,7 @@ def _left(further: Sequence[Score], inflation: float) -> float:
 
 def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected: Sequence[str]) -> list[Score]:
     """Return the best scores, without laws that the catalogue has."""
-    good = [one for one in scores[:SHOWN] if one.score > LEAST]
+    good = [one for one in scores[:SHOWN] if one.score > PROMISING]
     if not good:
         return []
     known = known_beside(model, rest, selected)
