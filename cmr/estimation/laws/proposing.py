@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import measure
 from cmr.estimation.gauss_newton import Fit
@@ -13,6 +15,7 @@ from cmr.estimation.laws.linearised import Linearised, is_of_wheels
 from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.result import APPROXIMATION, LAW, NO_LAW, TIE, LawFound, Laws
+from cmr.estimation.laws.scan import penalty
 from cmr.estimation.laws.searching import ALONE, LEAST, LEFT, SET, Data, Offer, Refused, offered
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
@@ -52,11 +55,11 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     other = _problem_of(held_out, found)
     data, beside = _beside(found, other)
     fitted = [one for one in found.named if not one.estimates]
-    if fitted and (isinstance(beside, Offer) or len(fitted) > 1 or more):
+    if fitted and found.problem is problem and (isinstance(beside, Offer) or len(fitted) > 1 or more):
         model = Linearised.about(problem, found.base.values, found.base.names)
         without = Data.of(problem, model, other)
         alone = offered(without, model, (), 0.0)
-        if isinstance(alone, Offer) and _better_alone(alone, beside, found):
+        if isinstance(alone, Offer) and _better_alone(without, alone, beside):
             return _in_the_model(without, found.base, alone, found, held_out)
     if isinstance(beside, Offer):
         return _in_the_model(data, found.final, beside, found, held_out)
@@ -83,13 +86,22 @@ def _beside(found: Search, other: Problem | None) -> tuple[Data, Offer | Refused
     return data, offered(data, model, selected, explained)
 
 
-def _better_alone(alone: Offer, beside: Offer | Refused, found: Search) -> bool:
-    """Return whether a law without names explains as much as names do, with a law or without."""
+def _better_alone(data: Data, alone: Offer, beside: Offer | Refused) -> bool:
+    """Return whether a law without names explains more than names do, or as much as they do with a law.
+
+    It must do so on data held out, too.
+    """
     if isinstance(beside, Offer):
         both = alone.before.quality() - beside.after.quality()
-        return both < (1.0 + ALONE) * alone.gain and alone.held_out > beside.held_out
-    names = max(0.0, found.base.squares - found.final.squares)
-    return alone.gain > names + LEAST
+        as_well = data.held_out(beside.after, alone.after) > -ALONE * alone.held_out
+        return both < (1.0 + ALONE) * alone.gain and as_well
+    names = beside.before
+    if names is None:
+        return False
+    samples = int(np.count_nonzero(data.fitted))
+    spared = (len(names.model.names) - len(alone.after.model.names)) * math.log(samples)
+    more = names.quality() - alone.after.quality() + spared - sum(penalty(law, samples) for law in alone.laws)
+    return more > LEAST and data.held_out(names, alone.after) > LEAST
 
 
 def _in_the_model(data: Data, before: Fit, offer: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:

@@ -64,9 +64,13 @@ class Offer:
 
 @dataclass(frozen=True)
 class Refused:
-    """Why no law stands beside a model, in a sentence; `several` says that a drive could tell."""
+    """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
+
+    `several` says that another drive could tell.
+    """
 
     reason: str
+    before: Polished | None = None
     several: bool = False
     rivals: tuple[Polished, ...] = ()
 
@@ -119,13 +123,13 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
     rest = rest_of(model, before.noise, data.fitted)
     scores = _scanned(model, rest)
     if not scores or scores[0].score < PROMISING:
-        return Refused("No formula explains more than chance finds among so many.")
+        return Refused("No formula explains more than chance finds among so many.", before)
     promising = _promising(model, rest, scores, selected)
     if not promising:
-        return Refused("What formulas explain here, effects of the catalogue do as well.")
+        return Refused("What formulas explain here, effects of the catalogue do as well.", before)
     fits = _polished_all(model, rest, [one.candidate for one in promising[:BEST]], data)
     if not fits:
-        return Refused("No formula could be fitted together with the model's parameters.")
+        return Refused("No formula could be fitted together with the model's parameters.", before)
     best = min(fits, key=lambda fit: _cost(fit, data))
     again = rest_of(model, best.noise, data.fitted)
     met = {law.key for fit in fits for law in fit.laws}
@@ -218,9 +222,9 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     gain, score = before.quality() - after.quality(), score_of(before, after, inflation)
     held_out = data.held_out(before, after)
     if score < LEAST or gain < OF_NAMES * named:
-        return Refused("What a formula explains is no more than what is inexact about the model explains.")
+        return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
     if held_out < max(LEAST, HOLDS * gain):
-        return Refused("The best formula does not hold on data that it was not fitted on.")
+        return Refused("The best formula does not hold on data that it was not fitted on.", before)
     margin = max(SET, SHARE_OF_SET * gain)
     at_best = _cost(best, data) + _tried(data, best)
     alike = tuple(
@@ -230,7 +234,7 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     )
     if len(alike) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(alike) + 1} formulas that explain the errors as well."
-        return Refused(reason, several=True, rivals=(best, *alike))
+        return Refused(reason, before, several=True, rivals=(best, *alike))
     return Offer(before, after, gain, score, held_out, _left(further, inflation), alike)
 
 
