@@ -136,7 +136,14 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
         if (size <= 2 and not any("u" in factor for factor in factors)) or factors == ("u",):
             yield from _modulated(base)
             yield from _remembering(base, ("abs(w)", "abs(psi)", "u ** 2", "load"))
-    further = [("other_psi",), ("other_u",), ("abs(other_psi)",), ("abs(other_u)",), ("domega",), ("abs(domega)",)]
+    further: list[tuple[str, ...]] = [
+        ("other_psi",),
+        ("other_u",),
+        ("abs(other_psi)",),
+        ("abs(other_u)",),
+        ("domega",),
+        ("abs(domega)",),
+    ]
     further += [("other_domega",), ("load",), ("load", "u"), ("load", own), ("load ** 2",), ("load", f"sign({own})")]
     further += [("effort", "abs(effort)"), ("effort ** 3",), ("abs(effort)",), ("effort", f"abs({own})")]
     further += [(own, "abs(effort)"), (f"sign({own})", "abs(effort)"), ("effort", "load"), (f"sign({own})", "abs(w)")]

@@ -52,7 +52,8 @@ def known_beside(model: Linearised, rest: Rest, selected: Sequence[str]) -> Know
     white = problem.made_white([changes_of(one) for one in problem.errors(lanes_of(sets))], rest.noise)
     changes = np.nan_to_num(white[:, 1:]) * rest.mask[:, None]
     free = changes - rest.basis @ (rest.basis.T @ changes)
-    columns, gains = {}, {}
+    columns: dict[str, Floats] = {}
+    gains: dict[str, float] = {}
     for name in dict.fromkeys(trial.effect for trial in tried):
         own = [number for number, trial in enumerate(tried) if trial.effect == name]
         # Trials of a limit are as many effects: what one of them does is not what two do together.

@@ -247,7 +247,7 @@ def _is_same(fit: Polished, best: Polished) -> bool:
     own = [one.columns[:, -len(one.coefficients[-1]) :] for one in (fit, best)]
     ours, its = (np.linalg.qr(columns - basis @ (basis.T @ columns))[0] for columns in own)
     shared = float(np.sum((ours.T @ its) ** 2))
-    return shared > IDENTICAL * max(ours.shape[1], its.shape[1])
+    return shared > float(IDENTICAL * max(ours.shape[1], its.shape[1]))
 
 
 def _tried(data: Data, fit: Polished) -> float:

@@ -40,8 +40,8 @@ def _of_segment(predictor: Predictor, motion: Floats, values: Mapping[str, float
     psi = [column[f"psi_{side}"] for side in SIDES]
     domega = [np.diff(motion[:, MOTION.index(f"psi_{side}")]) / observations.dt for side in SIDES]
     load = sum(np.maximum(0.0, u * (u - BACK_EMF_OF_LOAD * k1 * of)) for u, of in zip(duty.T, psi, strict=True))
-    v, w = _of_body(*psi, values)
-    dv, dw = _of_body(*domega, values)
+    v, w = _of_body(psi[0], psi[1], values)
+    dv, dw = _of_body(domega[0], domega[1], values)
     since, way = _since_turn(v, w, observations.dt)
     body = {
         **{"v": v, "w": w, "dv": dv, "dw": dw, "dt": dt, "load": np.asarray(load, np.float64)},
