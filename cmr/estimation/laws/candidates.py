@@ -152,7 +152,7 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
     further += [("other_psi", "abs(other_psi)"), ("other_psi", f"abs({own})"), ("other_u", f"abs({own})")]
     for factors in further:
         yield Candidate(place, factors, len(factors) + sum("**" in factor for factor in factors))
-    yield from _limited(place, (own, "u", "effort"))
+    yield from _limited(place, (own, "u", "effort", "w"))
 
 
 def _modulated(base: Candidate) -> Iterator[Candidate]:
