@@ -10,21 +10,20 @@ from cmr.plant.compiling import compiled
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.state import Body, Side
 
-DEAD_CURRENT = 0.02  # duty; above this current a bridge's dead time takes all that it can
 SMOOTH = 0.1  # rad/s; dry friction of these kinds sets in over this speed
 COGS = 6.0  # of the torque, in a turn of the wheel
 REEL_SOFTNESS = 0.1  # m; nearer to its reel a tether no longer pulls along the floor
 
 
 @compiled
-def dead_time_lost(p: PlantParameters, effort: float) -> float:
-    """Return the effort that is left by the dead time of a bridge: V - d sign(i).
+def bridge_left(p: PlantParameters, effort: float) -> float:
+    """Return the effort that a bridge's dead time leaves: V - d sign(i), and none where no current flows then.
 
     Between switching one transistor off and the other on, a diode conducts, so the mean voltage errs by a constant
     against the current. S.-G. Jeong, M.-H. Park, The analysis and compensation of dead-time effects in PWM inverters,
     IEEE Transactions on Industrial Electronics 38, 1991, 108-114.
     """
-    return effort - p.dead_time * math.tanh(effort / DEAD_CURRENT) if p.dead_time != 0.0 else effort
+    return effort - min(max(effort, -p.bridge_loss), p.bridge_loss)
 
 
 @compiled

@@ -8,8 +8,8 @@ is what encoders see; wheels follow it through the backlash, the ground follows 
 import math
 
 from cmr.plant.beyond_motors import (
+    bridge_left,
     coupled,
-    dead_time_lost,
     pulled,
     regeneration_limited,
     relaxed_supply,
@@ -120,7 +120,7 @@ def current(p: PlantParameters, s: float, side: Side, q: float, body: Body, t: f
     if abs(side.u) < IDLE:
         k1 *= 1.0 - p.coasting
     # current_limit: abs(V - K1 psi) <= I_max.
-    return regeneration_limited(p, dead_time_lost(p, clip(v - k1 * side.psi, p.current_limit)), side.psi)
+    return regeneration_limited(p, bridge_left(p, clip(v - k1 * side.psi, p.current_limit)), side.psi)
 
 
 @compiled

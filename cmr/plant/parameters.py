@@ -104,7 +104,7 @@ class PlantParameters(NamedTuple):
     gyro_magnetism: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s
     pose_heading_warp: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
     # What the literature describes and no effect does: beyond_motors, beyond_ground and beyond_sensors say what it is.
-    dead_time: Annotated[float, (0.0, 0.5)] = 0.0  # duty
+    bridge_loss: Annotated[float, (0.0, 0.5)] = 0.0  # duty
     regeneration_limit: Annotated[float, (0.0, 10.0)] = 0.0  # duty; 0: none
     armature_reaction: Annotated[float, (0.0, 0.9)] = 0.0  # 1/duty
     winding_heat: Annotated[float, (-1.0, 10.0)] = 0.0  # 1/duty^2
