@@ -7,6 +7,7 @@ from html import escape
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.laws.result import Laws
 from cmr.estimation.search.trace import Decision, Measure
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.faults.findings import Finding
@@ -14,8 +15,9 @@ from cmr.recordings.lateness import Lateness
 from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
+LAW_FOUND = "law_found"  # a law stands in the model, and no name of the catalogue
 GENERIC = "a generic term, no physical cause"  # how such a term is labelled everywhere
-VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
+VERDICTS = (EFFECTS_FOUND, LAW_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,8 +143,9 @@ NOTHING_TO_DRAW = Evidence(window=math.nan)
 class Diagnosis:
     """What a diagnosis found of one robot.
 
-    `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
-    that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
+    `effects` are ordered by evidence, `candidates` are the runners-up. `laws` is the answer on physics that no entry of
+    the catalogue describes. `baseline` is the paper's model, `extended` that with the effects named, laws and any
+    generic term, both None with bad data. `parameters` holds all values the
     extended model runs with, by name. `checks` says what was wrong with the data, `notes` are sentences on what else a
     reader should know, `next_experiment` what to do next if nothing, or not enough, was found, `not_visible` all
     effects that would not show in these drives if the robot had them. `sources` names the recordings, `samples` counts
@@ -162,6 +165,7 @@ class Diagnosis:
     gain: Gain | None = None
     nominal: Fitted | None = None
     gain_over_nominal: Gain | None = None
+    laws: Laws = field(default_factory=Laws)
     unexplained: Unexplained = field(default_factory=Unexplained)
     checks: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
@@ -175,7 +179,8 @@ class Diagnosis:
     lateness: Mapping[str, Lateness] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        effects = ", ".join(effect.name for effect in self.effects) or self.verdict
+        names = [*(effect.name for effect in self.effects), *(one.law.name for one in self.laws.found)]
+        effects = ", ".join(names) or self.verdict
         return f"<{type(self).__name__} of robot {self.robot_id}: {effects}>"
 
     def _repr_html_(self) -> str:
@@ -198,4 +203,4 @@ class Diagnosis:
     @property
     def is_extended(self) -> bool:
         """Whether the extended model is another than the paper's."""
-        return bool(self.effects) or self.unexplained.generic is not None
+        return bool(self.effects) or bool(self.laws.found) or self.unexplained.generic is not None

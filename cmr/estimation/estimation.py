@@ -39,7 +39,7 @@ from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.extending import extended
 from cmr.estimation.usefulness import Whole, that_holds
-from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.catalogue import CATALOGUE, LAWS, definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.velocity_controller import VelocityController
@@ -124,6 +124,8 @@ class Estimation:
             values.update({name: estimate.value for name, estimate in one.estimates.items()})
         for effect in CATALOGUE.values() if self.whole.average else ():
             own = {parameter.name: parameter for parameter in effect.parameters}
+            if effect.name in LAWS:
+                continue
             if not named & set(own) and (effect.is_sensor or not any(map(self._shows, own))):
                 values = {name: value for name, value in values.items() if name not in own}
         idle = {one.name for effect in CATALOGUE.values() if not effect.is_on(values) for one in effect.given}
@@ -174,10 +176,10 @@ def estimate(
         ready = _with_held_out(ready, looked, unseen)
         found = with_late_wheels(look(ready, progress), late)
         progress("Looking at what remains ...")
-        whole = extended(problem if found.problem.by_moments else found.problem, found)
-        progress("Averaging over what these drives may hide ...")
         segments = [predictor.segment for predictor in problem.predictors]
         others = [segment for one in unseen for segment in one.segments]
+        whole = extended(problem if found.problem.by_moments else found.problem, found, others)
+        progress("Averaging over what these drives may hide ...")
         delivered, measured = that_holds(whole, segments, others)
         given = _nominal_values(nominal, ready) if against_nominal else {}
         against = (given, measured, segments, others, delivered.model.values)

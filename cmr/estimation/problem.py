@@ -1,7 +1,7 @@
 """Fit models with effects to recordings by their prediction errors."""
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 
@@ -24,7 +24,7 @@ from cmr.estimation.gauss_newton import (
 )
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
-from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.catalogue import CATALOGUE, LAWS, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
 from cmr.model.observer.observer import MOTION, Gains, Observer
@@ -47,13 +47,17 @@ FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best on
 class Problem:
     """Recordings to be explained, and what is known of their noise.
 
-    `by_moments`: errors are those of single moments, whitened by their past, not those of free runs.
+    `by_moments`: errors are those of single moments, whitened by their past, not those of free runs. `laws` are the
+    names of those that the robot is said to have: they are looked for as effects of the catalogue are.
     """
 
     by_moments = True
 
-    def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation) -> None:
+    def __init__(
+        self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation, laws: Collection[str] = ()
+    ) -> None:
         self.predictors = tuple(predictors)
+        self.laws = frozenset(laws)
         self.gains = gains
         self.excitation = excitation
         self.folds = _folds(self.predictors)
@@ -144,9 +148,13 @@ class Problem:
 
     @cached_property
     def possible(self) -> tuple[Effect, ...]:
-        """The effects of the catalogue that may show with commands of the kind that the robot takes."""
+        """The effects of the catalogue that may show with commands of the kind that the robot takes.
+
+        Of laws only those that the robot is said to have: others came with other robots.
+        """
         kinds = {predictor.segment.observations.kind for predictor in self.predictors}
-        return tuple(effect for effect in CATALOGUE.values() if kinds & {*effect.with_commands})
+        known = (effect for name, effect in CATALOGUE.items() if name not in LAWS or name in self.laws)
+        return tuple(effect for effect in known if kinds & {*effect.with_commands})
 
     @cached_property
     def seed(self) -> int:

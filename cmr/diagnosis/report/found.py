@@ -10,7 +10,16 @@ from cmr.diagnosis.report.pairs import Pair, pairs_without
 from cmr.diagnosis.report.residual_figures import tell_tale_figure
 from cmr.diagnosis.report.tell_tale import tell_tale
 from cmr.diagnosis.report.terms import regressor, signal_words
-from cmr.diagnosis.result import BAD_DATA, EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, Candidate, Diagnosis, NamedEffect
+from cmr.diagnosis.result import (
+    BAD_DATA,
+    EFFECTS_FOUND,
+    LAW_FOUND,
+    NO_EFFECT,
+    UNEXPLAINED,
+    Candidate,
+    Diagnosis,
+    NamedEffect,
+)
 from cmr.diagnosis.words import harmless_sentence, some_of
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import CATALOGUE, DEFINITIONS
@@ -22,12 +31,15 @@ from cmr.report.table import table
 
 BADGES = {
     EFFECTS_FOUND: "effects found",
+    LAW_FOUND: "law found",
     NO_EFFECT: "no effect",
     UNEXPLAINED: "unexplained",
     BAD_DATA: "bad data",
 }
-TONES = {EFFECTS_FOUND: "plain", NO_EFFECT: "good", UNEXPLAINED: "doubtful", BAD_DATA: "bad"}  # of the style sheet
+# Of the style sheet.
+TONES = {EFFECTS_FOUND: "plain", LAW_FOUND: "plain", NO_EFFECT: "good", UNEXPLAINED: "doubtful", BAD_DATA: "bad"}
 NOTHING_NAMED = {
+    LAW_FOUND: "No effect in the catalogue was named; what the data show is a law, which has no name yet: see below.",
     NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter.",
     UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
     "residuals\u201d below.",

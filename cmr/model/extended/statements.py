@@ -9,6 +9,8 @@ from cmr.model.effect import Effect
 from cmr.model.stages import ALWAYS, FUNCTIONS, STAGES
 
 SIDES = {"left": 1.0, "right": -1.0}
+ACROSS = {"left": "right", "right": "left"}
+OTHER = "other_"  # so begin the names of what the wheel on the other side has
 OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*stage.changes, *stage.reads)} - {
     *("load_share", "cosine", "sine", "time")
 }
@@ -118,6 +120,8 @@ class _Rename(ast.NodeTransformer):
             return ast.parse(f"random_number(seed, count, robot, {stream})", mode="eval").body
         if name in self._own:
             return self._named(f"{self._effect}_{name}", node, self._own[name])
+        if self._side and name in OF_A_SIDE and name.startswith(OTHER):
+            return ast.Name(f"{name.removeprefix(OTHER)}_{ACROSS[self._side]}", node.ctx)
         return self._named(name, node, name in OF_A_SIDE)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
