@@ -87,7 +87,7 @@ KINDS: Mapping[str, Kind] = {
     "cubic_motor": Kind({"cubic_motor": 0.05}, (_wheel("u**3", lambda s, _p: s.u**3),)),
     "weak_reverse": Kind({"weak_reverse": 0.027}, (_wheel("abs(u)", lambda s, _p: np.abs(s.u)),)),
     "bridge_loss": Kind(
-        {"bridge_loss": 0.008},
+        {"bridge_loss": 0.006},
         (_wheel("clip(effort, d)", lambda s, p: np.clip(s.effort, -p["bridge_loss"], p["bridge_loss"])),),
     ),
     "armature_reaction": Kind(
@@ -196,14 +196,14 @@ KINDS: Mapping[str, Kind] = {
             ),
         ),
     ),
-    "gyro_asymmetry": Kind({"gyro_asymmetry": 0.012}, (TrueLaw("gyro", "abs(w)", lambda s, _p: np.abs(s.w)),)),
-    "gyro_vibration": Kind({"gyro_vibration": 0.085}, (TrueLaw("gyro", "v**2", lambda s, _p: s.v**2),)),
+    "gyro_asymmetry": Kind({"gyro_asymmetry": 0.006}, (TrueLaw("gyro", "abs(w)", lambda s, _p: np.abs(s.w)),)),
+    "gyro_vibration": Kind({"gyro_vibration": 0.04}, (TrueLaw("gyro", "v**2", lambda s, _p: s.v**2),)),
     "gyro_warm_up": Kind(
-        {"gyro_warm_up": 0.038, "gyro_warm_up_memory": 25.0},
+        {"gyro_warm_up": 0.018, "gyro_warm_up_memory": 25.0},
         (TrueLaw("gyro", "exp(-t / memory)", lambda s, p: np.exp(-s.t / p["gyro_warm_up_memory"])),),
     ),
     "gyro_field": Kind(
-        {"gyro_field": 0.017, "gyro_field_direction": 0.0},
+        {"gyro_field": 0.009, "gyro_field_direction": 0.0},
         (TrueLaw("gyro", "cos(theta), sin(theta)", lambda s, p: np.cos(s.theta - p["gyro_field_direction"])),),
     ),
     "lidar_imbalance": Kind(
@@ -217,7 +217,7 @@ KINDS: Mapping[str, Kind] = {
         ),
     ),
     "body_roll": Kind({"body_roll": 0.06}, (TrueLaw("pose_beside", "v * w", lambda s, _p: s.v * s.w),)),
-    "pixel_aspect": Kind({"pixel_aspect": 0.012}, (TrueLaw("pose_x", "x", lambda s, _p: s.x),)),
+    "pixel_aspect": Kind({"pixel_aspect": 0.03}, (TrueLaw("pose_x", "x", lambda s, _p: s.x),)),
     "compass_deviation": Kind(
         {"compass_deviation": 0.02, "compass_deviation_direction": 0.0},
         (
@@ -245,7 +245,7 @@ KINDS: Mapping[str, Kind] = {
         (_wheel("sin(6 phi + phase)", lambda s, p: np.sin(6.0 * s.phi + p["cogging_phase"]), in_grammar=False),),
     ),
     "regeneration_limit": Kind(
-        {"regeneration_limit": 0.9}, (_wheel("the braking effort beyond a limit", _braking_beyond, in_grammar=False),)
+        {"regeneration_limit": 1.15}, (_wheel("the braking effort beyond a limit", _braking_beyond, in_grammar=False),)
     ),
     "reel_pull": Kind(
         {"reel_pull": 0.8, "reel_x": 1.0, "reel_y": 0.6},
@@ -256,7 +256,7 @@ KINDS: Mapping[str, Kind] = {
         (TrueLaw("yaw_rate", "w / (1 + c / (1 + k sqrt(abs(v / w))))", _scrubbing, in_grammar=False),),
     ),
     "coasting": Kind(
-        {"coasting": 0.4},
+        {"coasting": 0.11},
         (
             _wheel(
                 "psi where abs(u) < 0.01",
@@ -265,5 +265,5 @@ KINDS: Mapping[str, Kind] = {
             ),
         ),
     ),
-    "slosh": Kind({"slosh": 0.1, "slosh_frequency": 1.2, "slosh_damping": 0.05}),
+    "slosh": Kind({"slosh": 0.025, "slosh_frequency": 1.2, "slosh_damping": 0.05}),
 }

@@ -150,10 +150,13 @@ def explained(law: TrueLaw, found: list[Found], states: States, truth: Truth) ->
 
 def columns_of(law: Found, states: States, moving: Floats) -> list[Floats]:
     """Return the values of a found law's formulas, its constants as they were estimated."""
-    from cmr.model.laws import parse
+    from cmr.model.laws.grammar import parse
 
-    name, values = law["name"], {key: float(one["value"]) for key, one in law["parameters"].items()}
-    constants = {key.removeprefix(f"{name}_"): value for key, value in values.items()}
+    prefix = f"{law['name']}_"
+    values = {
+        key.removeprefix(prefix): one["value"] for key, one in law["parameters"].items() if key.startswith(prefix)
+    }
+    constants = {name: float(value) for name, value in values.items() if not name.isdigit()}
     variables = {**states.variables(), **constants}
     side = law.get("side") or ""
     share = np.array(SIDES[side]) if side else np.ones(1)

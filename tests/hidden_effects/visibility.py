@@ -19,7 +19,7 @@ VISIBLE = 300.0  # likelihood ratio from which a kind counts as visible
 EVERY = 4  # wheel readings for each pose
 # Poses from one sample to the next, and samples of the noise's autoregression: what is fast shows in many short steps,
 # what depends on the place in long ones.
-SPANS = ((1, 25), (12, 8))
+SPANS = ((1, 25), (12, 8), (50, 4))
 STEP = 1e-3  # share by which each of the paper's parameters is changed
 FITTED = ("k2_over_k3", "k1", "base_width")
 
