@@ -73,6 +73,17 @@ class ParameterFile:
         _check_kind(self.values)
         _check_effects(self.effects, self.values)
 
+    def __getstate__(self) -> dict[str, object]:
+        return {"fields": dict(self.__dict__), "laws": self.laws}
+
+    def __setstate__(self, state: Mapping[str, Mapping[str, object] | list[Law]]) -> None:
+        """Let the process that receives the parameters, such as a worker, know their laws, too."""
+        for law in cast("list[Law]", state["laws"]):
+            from cmr.model.catalogue import learn
+
+            learn(law)
+        self.__dict__.update(state["fields"])
+
     def value(self, name: str) -> float:
         """Return a parameter's value.
 
