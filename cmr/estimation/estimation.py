@@ -39,7 +39,7 @@ from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.extending import extended
 from cmr.estimation.usefulness import Whole, that_holds
-from cmr.model.catalogue import CATALOGUE, LAWS, definition
+from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.velocity_controller import VelocityController
@@ -118,14 +118,13 @@ class Estimation:
         """
         assert self.whole is not None
         values = dict(self.whole.model.values)
-        named: set[str] = set()
+        term = self.whole.extended.term
+        named: set[str] = set(term.names if term else ())
         for one in self.found.named:
             named.update(parameter.name for parameter in one.candidate.effect.parameters)
             values.update({name: estimate.value for name, estimate in one.estimates.items()})
         for effect in CATALOGUE.values() if self.whole.average else ():
             own = {parameter.name: parameter for parameter in effect.parameters}
-            if effect.name in LAWS:
-                continue
             if not named & set(own) and (effect.is_sensor or not any(map(self._shows, own))):
                 values = {name: value for name, value in values.items() if name not in own}
         idle = {one.name for effect in CATALOGUE.values() if not effect.is_on(values) for one in effect.given}

@@ -15,7 +15,7 @@ from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
 from cmr.estimation.thinning import part_of, thinned, thinning_of
 from cmr.geometry.manoeuvres import TYPICAL
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, LAWS
 from cmr.model.command_kinds import DUTY
 from cmr.model.observer.observer import MOTION, Gains
 from cmr.parameters.file import MOTOR, ParameterFile
@@ -118,7 +118,11 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile) -> Ready:
         return Ready(None, None, checks, notes, refused)
     gains = choose_gains(ready, start.values)
     errors = errors_of(ready, start.values, gains)
-    excitation = replace(_excitation(ready, start.values, errors), poses_late=_poses_late(looked))
+    excitation = replace(
+        _excitation(ready, start.values, errors),
+        poses_late=_poses_late(looked),
+        laws=frozenset(nominal.effects) & frozenset(LAWS),
+    )
     problem = Problem(ready, gains, excitation)
     base = _first_fit(problem, start.values, start.names, errors)
     problem.excitation = replace(excitation, parameters=base.values)

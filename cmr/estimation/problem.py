@@ -1,7 +1,7 @@
 """Fit models with effects to recordings by their prediction errors."""
 
 import zlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 
@@ -47,17 +47,13 @@ FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best on
 class Problem:
     """Recordings to be explained, and what is known of their noise.
 
-    `by_moments`: errors are those of single moments, whitened by their past, not those of free runs. `laws` are the
-    names of those that the robot is said to have: they are looked for as effects of the catalogue are.
+    `by_moments`: errors are those of single moments, whitened by their past, not those of free runs.
     """
 
     by_moments = True
 
-    def __init__(
-        self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation, laws: Collection[str] = ()
-    ) -> None:
+    def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation) -> None:
         self.predictors = tuple(predictors)
-        self.laws = frozenset(laws)
         self.gains = gains
         self.excitation = excitation
         self.folds = _folds(self.predictors)
@@ -118,7 +114,7 @@ class Problem:
     def effects(self) -> tuple[Effect, ...]:
         """The effects that may show: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
-        effects = effects_of_rolling() if rolls else self.possible
+        effects = effects_of_rolling(self.excitation.laws) if rolls else self.possible
         hidden = (*self.as_the_delay, *(OF_ONE_FRAME if self._set_to_one_pose else ()))
         return tuple(effect for effect in effects if effect.name not in hidden)
 
@@ -153,7 +149,7 @@ class Problem:
         Of laws only those that the robot is said to have: others came with other robots.
         """
         kinds = {predictor.segment.observations.kind for predictor in self.predictors}
-        known = (effect for name, effect in CATALOGUE.items() if name not in LAWS or name in self.laws)
+        known = (effect for name, effect in CATALOGUE.items() if name not in LAWS or name in self.excitation.laws)
         return tuple(effect for effect in known if kinds & {*effect.with_commands})
 
     @cached_property

@@ -127,7 +127,7 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
     for factors, size in _products(own, other):
         base = Candidate(place, factors, size)
         yield base
-        if size <= 2 and not any("u" in factor for factor in factors) or factors == ("u",):
+        if (size <= 2 and not any("u" in factor for factor in factors)) or factors == ("u",):
             yield from _modulated(base)
             yield from _remembering(base, ("abs(w)", "abs(psi)", "u ** 2"))
     further = [("other_psi",), ("other_u",), ("abs(other_psi)",), ("abs(other_u)",), ("domega",), ("abs(domega)",)]

@@ -138,13 +138,26 @@ class Linearised:
             acts = shares_of(law.place, self.values)
             for factors in law.all_factors:
                 for side, act in enumerate(acts):
-                    courses.append(self._course(number, side if len(acts) > 1 else -1, factors, law.constants))
+                    courses.append(self.course(number, side if len(acts) > 1 else -1, factors, law.constants))
                     shares.append([act.get(name, 0.0) for name in DISTURBED])
         disturbances = Disturbances(np.stack(courses, axis=1), np.array(shares).T.copy())
         return traces(view, motion, self.values, self.problem.gains, disturbances)
 
-    def _course(self, number: int, side: int, factors: Sequence[str], constants: Mapping[str, float]) -> Floats:
-        """Return a product of factors along a segment, (T,)."""
+    def white_traces_of(self, place: str, courses: Sequence[Sequence[Floats]], noise: Noise) -> Floats:
+        """Return white traces, over all errors, of what acts at a place with these courses in each segment.
+
+        Of wheels those of the left and the right side stand side by side.
+        """
+        acts = shares_of(place, self.values)
+        parts = []
+        for predictor, error, own in zip(self.problem.predictors, self.errors, courses, strict=True):
+            shares = np.array([[acts[n % len(acts)].get(name, 0.0) for name in DISTURBED] for n in range(len(own))])
+            disturbances = Disturbances(np.stack(own, axis=1), shares.T.copy())
+            parts.append(traces(predictor, error.motion, self.values, self.problem.gains, disturbances))
+        return self.problem.made_white(parts, noise)
+
+    def course(self, number: int, side: int, factors: Sequence[str], constants: Mapping[str, float]) -> Floats:
+        """Return a product of factors along segment `number`, (T,); of wheels on side 0 or 1, else -1."""
         result = self._factor(number, side, factors[0], constants)
         for text in factors[1:]:
             result = result * self._factor(number, side, text, constants)

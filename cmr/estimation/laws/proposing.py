@@ -8,6 +8,7 @@ from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import measure
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.curves import curve_of
 from cmr.estimation.laws.linearised import Linearised, is_of_wheels
 from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import Polished
@@ -49,16 +50,16 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
-    beside = _beside(found, other)
+    data, beside = _beside(found, other)
     fitted = [one for one in found.named if not one.estimates]
-    alone: Offer | Refused | None = None
     if fitted and (isinstance(beside, Offer) or len(fitted) > 1 or more):
         model = Linearised.about(problem, found.base.values, found.base.names)
-        alone = offered(Data.of(problem, model, other), model, (), 0.0)
-    if isinstance(alone, Offer) and _better_alone(alone, beside, found):
-        return _in_the_model(problem, found.base, alone, found, held_out, alone=True)
+        without = Data.of(problem, model, other)
+        alone = offered(without, model, (), 0.0)
+        if isinstance(alone, Offer) and _better_alone(alone, beside, found):
+            return _in_the_model(without, found.base, alone, found, held_out)
     if isinstance(beside, Offer):
-        return _in_the_model(found.problem, found.final, beside, found, held_out, alone=False)
+        return _in_the_model(data, found.final, beside, found, held_out)
     manoeuvre = MANOEUVRE if beside.several else ""
     return Proposal(Laws(answer=NO_LAW, reasons=(beside.reason,), manoeuvre=manoeuvre))
 
@@ -71,14 +72,15 @@ def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
     return Problem([Predictor(one) for one in segments], found.problem.gains, found.problem.excitation)
 
 
-def _beside(found: Search, other: Problem | None) -> Offer | Refused:
+def _beside(found: Search, other: Problem | None) -> tuple[Data, Offer | Refused]:
     """Return the law that stands beside all that was found, effects that are too small to be named included."""
     fit = with_small_effects(found)
     model = Linearised.about(found.problem, fit.values, fit.names)
     selected = [one.candidate.effect.name for one in found.named]
     selected += [one.effect.name for one in small_effects(found)]
     explained = max(0.0, found.base.squares - found.final.squares)
-    return offered(Data.of(found.problem, model, other), model, selected, explained)
+    data = Data.of(found.problem, model, other)
+    return data, offered(data, model, selected, explained)
 
 
 def _better_alone(alone: Offer, beside: Offer | Refused, found: Search) -> bool:
@@ -90,10 +92,13 @@ def _better_alone(alone: Offer, beside: Offer | Refused, found: Search) -> bool:
     return alone.gain > names + LEAST
 
 
-def _in_the_model(
-    problem: Problem, before: Fit, offer: Offer, found: Search, held_out: Sequence[Segment], *, alone: bool
-) -> Proposal:
-    """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on."""
+def _in_the_model(data: Data, before: Fit, offer: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
+    """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on.
+
+    The model `before` is that with all that was named, or the paper's.
+    """
+    problem = data.problem
+    alone = before is found.base and any(not one.estimates for one in found.named)
     laws, sizes = [], dict[str, float]()
     for candidate, coefficients in zip(offer.laws, offer.after.coefficients, strict=True):
         law = law_of(candidate)
@@ -127,6 +132,7 @@ def _in_the_model(
         rivals=tuple(_rival(one, gain_like=found_laws[0]) for one in offer.alike),
         names_withdrawn=withdrawn,
         reasons=_reasons(offer, held_out),
+        curve=tuple(curve_of(offer.after, number, law, *data.tried_on(offer.after)) for number, law in enumerate(laws)),
     )
     return Proposal(result, Extension(tuple(sizes), fit, 0.5 * offer.held_out, gain), alone)
 

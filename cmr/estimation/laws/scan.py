@@ -88,7 +88,6 @@ def _scored(
     traces: Floats,
     rest: Rest,
     rows: "np.typing.NDArray[np.int64]",
-    sizes: Mapping[int, int],
 ) -> Iterator[Score]:
     """Yield the scores of laws whose white traces stand side by side, in some rows of the errors."""
     traces *= rest.mask[rows, None]

@@ -33,7 +33,7 @@ MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves m
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
 INFLATED = 0.4549  # median of chi-squared with one degree of freedom
 SHOWN = 40  # best scores that are compared with what the catalogue has
-MOST_LAWS = 2
+NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,15 @@ class Data:
             return before.quality(self.tried) - after.quality(self.tried)
         return self._elsewhere(before) - self._elsewhere(after)
 
+    def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
+        """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
+        if self.other is None:
+            return None, self.tried
+        return polished(Linearised.about(self.other, fit.values, ()), fit.laws, fixed=fit.coefficients), None
+
     def _elsewhere(self, fit: Polished) -> float:
-        """Return -2 log likelihood of the other problem with a fit's values and coefficients as they are."""
-        assert self.other is not None
-        model = Linearised.about(self.other, fit.values, ())
-        fixed = polished(model, fit.laws, fixed=fit.coefficients)
+        """Return -2 log likelihood of the other problem with all as it was fitted."""
+        fixed, _ = self.tried_on(fit)
         return np.inf if fixed is None else fixed.quality()
 
 
@@ -150,10 +154,9 @@ def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     return Offer(first.before, second.after, gain, score, held_out, second.left, second.alike)
 
 
-def _left(fit: Polished) -> float:
-    """Return the best score of a further law beside a fit."""
-    scores = scan(fit.model, fit.rest)
-    return scores[0].score if scores else 0.0
+def _left(further: Sequence[Score], inflation: float) -> float:
+    """Return the best score that a further law has, with this inflation."""
+    return max((one.gain / inflation - (one.gain - one.score) for one in further), default=0.0)
 
 
 def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected: Sequence[str]) -> list[Score]:
@@ -162,11 +165,12 @@ def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected:
     if not good:
         return []
     known = known_beside(model, rest, selected)
+    best = max(known.gains.values(), default=0.0)
     result: list[Score] = []
     for one in good:
         if len(result) >= BEST + NEWCOMERS:
             break
-        if not known.same_as(model, one.candidate) and one.gain > max(known.gains.values(), default=0.0):
+        if one.gain > NEARLY * best and not known.same_as(model, one.candidate):
             result.append(one)
     return result
 
@@ -195,7 +199,8 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     after = polished_twice(problem, names, best, data.fitted) or best
     if not _makes_sense(replace(after, model=before.model)):
         after = best
-    inflation = inflation_of(scan(after.model, after.rest))
+    further = scan(after.model, after.rest)
+    inflation = inflation_of(further)
     gain, score = before.quality() - after.quality(), score_of(before, after, inflation)
     held_out = data.held_out(before, after)
     if score < LEAST or gain < OF_NAMES * named:
@@ -208,7 +213,7 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     if len(alike) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(alike) + 1} formulas that explain the errors as well."
         return Refused(reason, several=True, rivals=(best, *alike))
-    return Offer(before, after, gain, score, held_out, _left(after), alike)
+    return Offer(before, after, gain, score, held_out, _left(further, inflation), alike)
 
 
 def _tried(data: Data, fit: Polished) -> float:
