@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from cmr.workers import Telling, Workers
-from tests.hidden_effects.law_cases import LawCase
-from tests.hidden_effects.law_rows import LawRow, row_of
+from tests.hidden_effects.laws.answers import LawRow, row_of
+from tests.hidden_effects.laws.robots import LawCase
 
 
 def perform(tasks: Sequence[LawCase], jobs: int) -> Iterator[LawRow]:

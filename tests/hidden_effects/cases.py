@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.hidden_effects.kinds import KINDS
+from tests.hidden_effects.laws.kinds import KINDS
 from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import REALISTIC, TYPICAL, Noise
 from tests.reference_plant.manoeuvres import HELD_OUT_SECONDS, PART_SECONDS, RICH_DRIVE_SECONDS

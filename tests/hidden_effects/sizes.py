@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tests.hidden_effects.kinds import KINDS
+from tests.hidden_effects.laws.kinds import KINDS
 from tests.hidden_effects.robots import scales
 from tests.hidden_effects.unknown import UNKNOWN
 from tests.reference_plant import TYPICAL

@@ -6,9 +6,9 @@ Its seed is none of the study's. Six kinds are formulas of the grammar, two are 
 import pytest
 
 from tests.hidden_effects.cases import RICH, Case
-from tests.hidden_effects.law_cases import LawCase
-from tests.hidden_effects.law_rows import row_of
-from tests.hidden_effects.law_scoring import HONEST, failures, false_law, outcome
+from tests.hidden_effects.laws.answers import row_of
+from tests.hidden_effects.laws.judging import HONEST, failures, false_law, outcome
+from tests.hidden_effects.laws.robots import LawCase
 
 pytestmark = [pytest.mark.hidden_effects, pytest.mark.slow]
 

@@ -8,7 +8,7 @@ import pytest
 
 from cmr.plant.parameters import NEUTRAL, RANGES
 from cmr.recordings.signal import Floats
-from tests.hidden_effects.kinds import KINDS
+from tests.hidden_effects.laws.kinds import KINDS
 from tests.reference_plant import Commands, drive, packets
 from tests.reference_plant.drives import true_motion
 from tests.reference_plant.manoeuvres import constant, reversals

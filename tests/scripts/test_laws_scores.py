@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.hidden_effects import law_cases, law_rows, law_scoring
+from cmr.model.catalogue import CATALOGUE
 from tests.hidden_effects.cases import RICH, Case, Truth
-from tests.hidden_effects.kinds import KINDS
-from tests.hidden_effects.law_rows import APPROXIMATION, LAW, TIE, LawRow, answered, explained
-from tests.hidden_effects.states import States
+from tests.hidden_effects.laws import answers, judging, robots
+from tests.hidden_effects.laws.answers import APPROXIMATION, LAW, TIE, LawRow, answered, explained
+from tests.hidden_effects.laws.kinds import KINDS
+from tests.hidden_effects.laws.states import States
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 
@@ -56,7 +57,7 @@ def row(set_name: str = "kinds", hidden: str = "understeer", **fields: Any) -> L
     ],
 )
 def test_the_same_mathematics_counts_in_other_words(kind: str, found: Mapping[str, Any]) -> None:
-    assert explained(KINDS[kind].laws[0], [found], states(), truth(kind)) > law_scoring.SAME
+    assert explained(KINDS[kind].laws[0], [found], states(), truth(kind)) > judging.SAME
 
 
 @pytest.mark.parametrize(
@@ -83,7 +84,7 @@ def test_every_true_law_can_be_told_from_what_the_papers_parameters_say() -> Non
 
 
 def test_each_answer_has_one_outcome() -> None:
-    outcome = law_scoring.outcome
+    outcome = judging.outcome
     assert outcome(row(answer=LAW, found=("a",), fits=(0.999,))) == "exact"
     assert outcome(row(answer=LAW, found=("a",), fits=(0.9,))) == "wrong law"
     assert outcome(row(answer=LAW, found=("a", "b"), fits=(0.999,))) == "wrong law"
@@ -107,7 +108,7 @@ def test_scores_count_what_the_table_demands() -> None:
         row("null", RICH, answer=APPROXIMATION, found=("a",), seed=5),
         row("mixed", "slope understeer", answer=LAW, found=("a",), fits=(1.0,), names=("slope",), seed=6),
     ]
-    found = {(score.set_name, score.quantity): score.value for score in law_scoring.scores(rows)}
+    found = {(score.set_name, score.quantity): score.value for score in judging.scores(rows)}
     assert found["kinds", "in the grammar: exact first"] == 0.5
     assert found["kinds", "in the grammar: in the set"] == 1.0
     assert found["kinds", "others: exact, approximation or unexplained"] == 0.5
@@ -116,13 +117,13 @@ def test_scores_count_what_the_table_demands() -> None:
     assert found["kinds", "right place of laws claimed"] == pytest.approx(2.0 / 3.0)
     assert found["null", "a law"] == 1.0
     assert found["mixed", "both right"] == 1.0
-    assert len(law_scoring.failures(rows)) == 3
-    assert "understeer" in law_scoring.table(rows)
+    assert len(judging.failures(rows)) == 3
+    assert "understeer" in judging.table(rows)
 
 
 def test_what_a_diagnosis_says_of_laws_is_read_with_and_without_that_section() -> None:
     plain = {"verdict": "no_effect", "effects": [], "unexplained": {"present": True}, "gain": None}
-    assert answered(plain)["answer"] == law_rows.NO_LAW
+    assert answered(plain)["answer"] == answers.NO_LAW
     found = law("yaw_rate", "w * v**2")
     said = answered({**plain, "laws": {"answer": LAW, "found": [found], "indistinguishable_from": ["gyro_scale"]}})
     assert said["found"] == ("yaw_rate: w * v**2",)
@@ -133,14 +134,14 @@ def test_rows_outlive_a_process_that_is_killed(tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     first, again = row(fits=(0.5,), names=("slope",)), row(fits=(0.7,))
     for one in (first, row(seed=1), again):
-        law_rows.append(path, one)
+        answers.append(path, one)
     with path.open("a", encoding="utf-8") as stream:
         stream.write('{"set_name": "kin')
-    assert {one.key: one.fits for one in law_rows.read(path)} == {again.key: (0.7,), row(seed=1).key: ()}
+    assert {one.key: one.fits for one in answers.read(path)} == {again.key: (0.7,), row(seed=1).key: ()}
 
 
 def test_sets_hold_what_is_to_be_reached_and_no_robot_twice() -> None:
-    cases = {name: make(20) for name, make in law_cases.SETS.items()}
+    cases = {name: make(20) for name, make in robots.SETS.items()}
     assert len(cases["kinds"]) == 20 * len(KINDS)
     assert len(cases["null"]) == 1000
     assert sum(one.case.manoeuvre != RICH for one in cases["null"]) == 500
@@ -152,11 +153,9 @@ def test_sets_hold_what_is_to_be_reached_and_no_robot_twice() -> None:
 
 
 def test_an_entry_is_removed_for_a_while_only() -> None:
-    from cmr.model.catalogue import CATALOGUE
-
     before = list(CATALOGUE)
-    with law_cases.without_entry("slope"):
+    with answers.without_entry("slope"):
         assert set(before) - set(CATALOGUE) == {"slope"}
-    with law_cases.without_entry(""):
+    with answers.without_entry(""):
         assert list(CATALOGUE) == before
     assert list(CATALOGUE) == before

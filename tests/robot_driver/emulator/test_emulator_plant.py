@@ -12,7 +12,7 @@ from cmr.plant.parameters import NEUTRAL, TYPICAL
 from robot_driver.emulator.plant import STEP, Plant
 from robot_driver.emulator.sensors import MotionCapture, YawGyro
 from robot_driver.emulator.settings import Settings, load_settings
-from tests.hidden_effects.kinds import KINDS
+from tests.hidden_effects.laws.kinds import KINDS
 
 pytestmark = pytest.mark.waits
 

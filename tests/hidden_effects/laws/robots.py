@@ -1,7 +1,6 @@
 """The robots by which a search for laws is measured, set by set; `seeds` [20] says how many there are of each kind."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.cases import EIGHT, HELD_OUT, RICH, Case, Truth
 from tests.hidden_effects.hiding import HiddenRecording, recorded, truth_of
-from tests.hidden_effects.kinds import KINDS
+from tests.hidden_effects.laws.kinds import KINDS
 from tests.hidden_effects.messy import messy
 from tests.hidden_effects.sets import NULL_NOISES, WITH_DUTIES
 
@@ -104,20 +103,6 @@ def pair_of(law_case: LawCase) -> Pair:
     again = replace(case, run=1, manoeuvre=EIGHT if case.manoeuvre == EIGHT else HELD_OUT)
     learned, judged = recorded(truth), recorded(replace(truth, case=again))
     return Pair(learned.recording, judged.recording, truth, learned, judged)
-
-
-@contextmanager
-def without_entry(name: str) -> Iterator[None]:
-    """Have the catalogue without this entry; an empty name changes nothing. The model keeps its equations."""
-    from cmr.model.catalogue import CATALOGUE
-
-    before = dict(CATALOGUE)
-    CATALOGUE.pop(name, None)
-    try:
-        yield
-    finally:
-        CATALOGUE.clear()
-        CATALOGUE.update(before)
 
 
 def _few(seeds: int) -> int:

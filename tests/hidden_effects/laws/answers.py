@@ -3,7 +3,8 @@
 import json
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,14 @@ import numpy as np
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.document import document
+from cmr.model.catalogue import CATALOGUE
+from cmr.model.laws.grammar import parse
 from cmr.recordings.signal import Floats
 from tests.hidden_effects.cases import Truth
 from tests.hidden_effects.hiding import HiddenRecording
-from tests.hidden_effects.kinds import KINDS, TrueLaw
-from tests.hidden_effects.law_cases import LawCase, pair_of, without_entry
-from tests.hidden_effects.states import States
+from tests.hidden_effects.laws.kinds import KINDS, TrueLaw
+from tests.hidden_effects.laws.robots import LawCase, pair_of
+from tests.hidden_effects.laws.states import States
 
 LAW, APPROXIMATION, TIE, NO_LAW = "law", "approximation", "tie", "no law"
 SAME_PLACE = {"wheel_voltage": "wheel_acceleration"}  # up to a factor, K2/K3
@@ -80,6 +83,18 @@ def row_of(law_case: LawCase) -> LawRow:
         where = traceback.extract_tb(error.__traceback__)[-1]
         said["error"] = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
     return LawRow(set_name=set_name, hidden=hidden, seed=seed, **said)
+
+
+@contextmanager
+def without_entry(name: str) -> Iterator[None]:
+    """Have the catalogue without this entry; an empty name changes nothing. The model keeps its equations."""
+    before = dict(CATALOGUE)
+    CATALOGUE.pop(name, None)
+    try:
+        yield
+    finally:
+        CATALOGUE.clear()
+        CATALOGUE.update(before)
 
 
 def answered(answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -150,8 +165,6 @@ def explained(law: TrueLaw, found: list[Found], states: States, truth: Truth) ->
 
 def columns_of(law: Found, states: States, moving: Floats) -> list[Floats]:
     """Return the values of a found law's formulas, its constants as they were estimated."""
-    from cmr.model.laws.grammar import parse
-
     prefix = f"{law['name']}_"
     values = {
         key.removeprefix(prefix): one["value"] for key, one in law["parameters"].items() if key.startswith(prefix)

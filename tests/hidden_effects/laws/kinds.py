@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.recordings.signal import Floats
-from tests.hidden_effects.states import States
+from tests.hidden_effects.laws.states import States
 
 Values = Mapping[str, float]
 Column = Callable[[States, Values], Floats]

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tests.hidden_effects.kinds import KINDS
-from tests.hidden_effects.law_rows import APPROXIMATION, LAW, NO_LAW, TIE, LawRow
+from tests.hidden_effects.laws.answers import APPROXIMATION, LAW, NO_LAW, TIE, LawRow
+from tests.hidden_effects.laws.kinds import KINDS
 from tests.hidden_effects.scoring import Score
 
 SAME = 0.99  # share of a true law that another formula explains from which it counts as the same one
