@@ -27,6 +27,7 @@ SAME_PLACE = {"wheel_voltage": "wheel_acceleration"}  # up to a factor, K2/K3
 SIDES = {"both": (1.0, 1.0), "opposite": (1.0, -1.0), "left": (1.0, 0.0), "right": (0.0, 1.0)}
 MOVING = 0.02  # rad/s; of a robot whose wheels turn more slowly formulas are not compared
 RATE = 0.01  # s between true states
+DEEPEST = 3  # calls of which an error says where they are
 Found = Mapping[str, Any]  # an entry of `found` in diagnosis.json
 
 
@@ -80,8 +81,9 @@ def row_of(law_case: LawCase) -> LawRow:
         if pair.truth is not None and pair.learned is not None:
             said |= judged(answer.get("laws") or {}, pair.truth, pair.learned)
     except Exception as error:  # a study of hundreds of robots goes on
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        said["error"] = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
+        where = traceback.extract_tb(error.__traceback__)[-DEEPEST:]
+        frames = ", ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in where)
+        said["error"] = f"{type(error).__name__}: {error} ({frames})"
     return LawRow(set_name=set_name, hidden=hidden, seed=seed, **said)
 
 

@@ -54,7 +54,7 @@ def _wheel(words: str, column: Column, side: str = "both", **rest: bool) -> True
 
 
 def _on_left(column: Floats) -> Floats:
-    return column * np.array([1.0, 0.0])
+    return np.asarray(column * np.array([1.0, 0.0]), np.float64)
 
 
 def _dead_zone(value: Floats, limit: float) -> Floats:
@@ -63,7 +63,7 @@ def _dead_zone(value: Floats, limit: float) -> Floats:
 
 def _in_disc(s: States, p: Values) -> Floats:
     off = np.hypot(s.x - p["slippery_spot_x"], s.y - p["slippery_spot_y"])
-    return (off < p["slippery_spot_radius"]) * 1.0
+    return np.asarray(off < p["slippery_spot_radius"], np.float64)
 
 
 def _scrubbing(s: States, p: Values) -> Floats:

@@ -52,18 +52,18 @@ class States:
     @cached_property
     def effort(self) -> Floats:
         """u - K1 psi, (n, 2)."""
-        return self.duties - self.robot["k1"] * self.psi
+        return np.asarray(self.duties - self.robot["k1"] * self.psi, np.float64)
 
     @cached_property
     def load(self) -> Floats:
         """Current drawn, (n, 1): sum of max(0, u (u - 0.8 K1 psi))."""
         own = np.maximum(0.0, self.duties * (self.duties - 0.8 * self.robot["k1"] * self.psi))
-        return own.sum(axis=1, keepdims=True)
+        return np.asarray(own.sum(axis=1, keepdims=True), np.float64)
 
     @cached_property
     def v(self) -> Floats:
         """Forward speed by the wheels [m/s], (n, 1)."""
-        return self.robot["wheel_radius"] * self.psi.mean(axis=1, keepdims=True)
+        return np.asarray(self.robot["wheel_radius"] * self.psi.mean(axis=1, keepdims=True), np.float64)
 
     @cached_property
     def difference(self) -> Floats:
@@ -93,7 +93,7 @@ class States:
     @cached_property
     def t(self) -> Floats:
         """Time since the start [s], (n, 1)."""
-        return self.dt * np.arange(len(self.duties))[:, np.newaxis]
+        return np.asarray(self.dt * np.arange(len(self.duties))[:, np.newaxis], np.float64)
 
     @property
     def ahead_of_origin(self) -> Floats:
