@@ -10,9 +10,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cmr.model.catalogue import CATALOGUE, LAWS, remembered
+from cmr.model.catalogue import CATALOGUE, remembered
 from cmr.model.extended.evaluating import Evaluated, evaluated
-from cmr.model.extended.statements import SIDES
+from cmr.model.extended.statements import OF_MOTION, SIDES, read_by
 from cmr.model.filtering import FILTER_AGES, FILTER_WEIGHTS
 from cmr.model.motion import Floats, Trajectory
 from cmr.model.parameters import RobotParameters
@@ -60,7 +60,7 @@ def read_sensors(
     gyro = _stage("gyro")(
         {
             **values,
-            **(_place(motion, time, seen) if _laws_of_sensors() else {}),
+            **(_place(motion, time, seen) if _asked("gyro") else {}),
             "time": np.asarray(gyro_time),
             "reading": turning,
             "yaw_rate": turning,
@@ -105,7 +105,7 @@ def pose_seen(
         )
         for name in ("x", "y", "theta")
     }
-    moving = _moving(motion, time, moments[0]) if _laws_of_sensors() else {}
+    moving = _moving(motion, time, moments[0]) if _asked("pose") else {}
     pose = _stage("pose")({**values, **moving, **place})
     return pose["x"], pose["y"], pose["theta"]
 
@@ -131,8 +131,9 @@ def _moving(motion: Trajectory, time: Times, at: Floats) -> dict[str, ArrayLike]
 
 
 @remembered
-def _laws_of_sensors() -> tuple[str, ...]:
-    return tuple(name for name in LAWS if CATALOGUE[name].is_sensor)
+def _asked(stage: str) -> bool:
+    """Return whether any effect of a sensor asks how the robot moved."""
+    return any(read_by(effect, stage) & {*OF_MOTION[stage]} for effect in CATALOGUE.values() if effect.is_sensor)
 
 
 def _values(parameters: RobotParameters) -> dict[str, ArrayLike | None]:

@@ -14,8 +14,10 @@ from setuptools.config.pyprojecttoml import read_configuration
 
 from cmr.commands import scenarios
 from cmr.exporting.command import main as export
+from cmr.model.catalogue import LAWS, unlearn
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
+from cmr.parameters.laws import parse_law
 from cmr.tracker.profile import Profile
 from robot_driver.emulator.settings import load_settings
 from tests.documentation.turtlebot_bag import write_turtlebot_bag
@@ -36,12 +38,14 @@ ONLY_PARSED = {
     "cmr-camera 0": "needs a camera",
     "cmr-camera calibrate": "needs a camera",
     "cmr-diagnose --live": "listens to a robot on the bus",
+    "cmr-diagnose next.lcm --laws": "as the diagnosis of one log, which is run",
     "cmr-diagnose run.lcm next.lcm": "as the diagnosis of one log, which is run",
     "cmr-diagnose runs": "as the diagnosis of one log, which is run",
     "cmr-driver": "needs a robot on a serial port",
     "cmr-emulate": "runs until it is stopped",
     "cmr-fidelity": "takes minutes; tests/experiments/fidelity/test_fidelity.py runs it",
     "cmr-import optiodom": "needs a recording of OptiOdom; tests/tools/importing/test_real_recordings.py has one",
+    "cmr-laws diagnoses": "tests/diagnosis/test_collection.py runs it on parameter files with laws",
     "cmr-pilot": "commands a robot on the bus",
     "cmr-plot run.lcm": "opens a window",
     "cmr-replay run.lcm --remap": "takes as long as the log",
@@ -189,7 +193,14 @@ def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path:
     }
     if "tracker" in content:
         readers = {"tracker": lambda: Profile.parse(block.text)}
+    if "law" in content:
+        readers = {"law": lambda: parse_law(block.text, str(block))}
+    if "laws" in content:
+        readers = {"schema": lambda: parse_parameters(block.text, str(block))}
+    known = set(LAWS)
     used = [read() for key, read in readers.items() if key in content]
+    for name in set(LAWS) - known:
+        unlearn(name)
     assert used or block.page in (
         "cmr/tools/importing/mappings/README.md",
     )  # its examples leave out what "..." stands for

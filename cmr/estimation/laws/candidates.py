@@ -11,7 +11,7 @@ from functools import cache
 
 from cmr.model.laws.places import PLACES
 
-DEGREES = 3
+DEGREES = 3  # of products of two quantities, at most
 POWERS = {
     0: ("1",),
     1: ("{0}", "abs({0})"),
@@ -24,6 +24,7 @@ TIMES = ("t", "t ** 2")
 SLOW = (1.5, 5.0, 15.0)  # s of what smooths
 SINCE = (0.3, 1.0, 3.0)  # s since the turn reversed,
 WAYS = (0.05, 0.15, 0.5)  # and m
+DECAYS = (5.0, 20.0, 60.0)  # s since the start
 SHARES = (0.15, 0.35, 0.7)  # of a quantity's usual size at which it comes to its limit, or begins
 SENSORS = tuple(name for name, place in PLACES.items() if place.of_sensors)
 
@@ -34,7 +35,7 @@ class Candidate:
 
     `factors` of the second and later formulas stand in `others`. `size` counts factors with their degree, by which
     simpler laws come first. `constants` are the values that factors name; those `scaled` stand for a share of the usual
-    size of a quantity of the drive, by its name.
+    size of a quantity of the drive, by its name. `reach` says of some how far off the best one may be, in their unit.
     """
 
     place: str
@@ -44,6 +45,7 @@ class Candidate:
     others: tuple[tuple[str, ...], ...] = ()
     constants: Mapping[str, float] = field(default_factory=dict)
     scaled: str = ""
+    reach: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def formulas(self) -> tuple[str, ...]:
@@ -54,6 +56,11 @@ class Candidate:
     def all_factors(self) -> tuple[tuple[str, ...], ...]:
         """The factors of each formula."""
         return (self.factors, *self.others)
+
+    @property
+    def key(self) -> tuple[str, str, tuple[str, ...]]:
+        """What distinguishes a law from others, whatever its constants: place, side and formulas."""
+        return self.place, self.side, self.formulas
 
     def on(self, side: str) -> "Candidate":
         """Return the same law on other wheels."""
@@ -104,7 +111,7 @@ def _of_body(place: str) -> Iterator[Candidate]:
         yield Candidate(place, (f"abs({name})",), 1)
         yield Candidate(place, (name, "abs(v)"), 2)
         yield Candidate(place, (name, "abs(w)"), 2)
-    yield from _limited(place, ("v", "w"))
+    yield from _limited(place, ("v", "w", "v * w"))
 
 
 def _of_sensor(place: str) -> Iterator[Candidate]:
@@ -117,8 +124,7 @@ def _of_sensor(place: str) -> Iterator[Candidate]:
         yield base
         if size <= 1:
             yield from _modulated(base)
-    for factors, size in _products("x", "y", 2):
-        yield Candidate(place, factors, size)
+    yield from (Candidate(place, factors, 2) for factors in (("x ** 2",), ("y ** 2",), ("x", "y")))
     yield from _limited(place, ("v", "w"))
 
 
@@ -129,7 +135,7 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
         yield base
         if (size <= 2 and not any("u" in factor for factor in factors)) or factors == ("u",):
             yield from _modulated(base)
-            yield from _remembering(base, ("abs(w)", "abs(psi)", "u ** 2"))
+            yield from _remembering(base, ("abs(w)", "abs(psi)", "u ** 2", "load"))
     further = [("other_psi",), ("other_u",), ("abs(other_psi)",), ("abs(other_u)",), ("domega",), ("abs(domega)",)]
     further += [("other_domega",), ("load",), ("load", "u"), ("load", own), ("load ** 2",), ("load", f"sign({own})")]
     further += [("effort", "abs(effort)"), ("effort ** 3",), ("abs(effort)",), ("effort", f"abs({own})")]
@@ -150,6 +156,10 @@ def _modulated(base: Candidate) -> Iterator[Candidate]:
         yield replace(base, factors=(*factors, cosine), others=((*factors, sine),), size=size)
     for text in (*PLACE_FACTORS, *TIMES):
         yield replace(base, factors=(*factors, text), size=base.size + (2 if "**" in text else 1))
+    if base.size <= 1:
+        for seconds in DECAYS:
+            decaying = (*factors, "exp(-t / decay)")
+            yield replace(base, factors=decaying, size=base.size + 1, constants={"decay": seconds})
 
 
 def _remembering(base: Candidate, smoothed: tuple[str, ...]) -> Iterator[Candidate]:

@@ -14,11 +14,11 @@ from cmr.estimation.candidates import lanes_of, trials
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.linearised import Linearised, mixed, seen_in
 from cmr.estimation.laws.rest import Rest
+from cmr.estimation.laws.scan import LEAST_OWN
 from cmr.estimation.search.screening import changes_of
 from cmr.recordings.signal import Floats
 
 ALIKE = 0.985  # share of a law's own trace that one effect does: they are then the same on this drive
-OWN = 3e-4  # share of a column's square below which the model's parameters imitate it
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def known_beside(model: Linearised, rest: Rest, selected: Sequence[str]) -> Know
 
 def _orthonormal(columns: Floats, before: Floats) -> Floats:
     """Return an orthonormal basis of columns (n, k) of which enough is left of what they were `before`."""
-    left = np.sum(columns**2, axis=0) > OWN * np.maximum(np.sum(before**2, axis=0), 1e-12)
+    left = np.sum(columns**2, axis=0) > LEAST_OWN * np.maximum(np.sum(before**2, axis=0), 1e-12)
     kept = columns[:, left]
     if not kept.shape[1]:
         return kept

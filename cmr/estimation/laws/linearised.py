@@ -47,7 +47,7 @@ SIDES: Mapping[str, Floats] = {
     "left": np.array([1.0, 0.0]),
     "right": np.array([0.0, 1.0]),
 }
-MAGNITUDES = ("v", "w", "s", "u", "effort", "psi")
+MAGNITUDES = ("v", "w", "v * w", "s", "u", "effort", "psi")
 USUAL = 0.95  # quantile of a quantity's size in the drives that is taken for its usual size
 
 
@@ -106,7 +106,8 @@ class Linearised:
     @cached_property
     def usual(self) -> dict[str, float]:
         """The usual sizes of some variables in these drives."""
-        sizes = {name: np.concatenate([of.wheels[0][name] for of in self.variables]) for name in MAGNITUDES}
+        segments = range(len(self.variables))
+        sizes = {name: np.concatenate([self.course(k, 0, (name,), {}) for k in segments]) for name in MAGNITUDES}
         return {name: max(float(np.quantile(np.abs(one), USUAL)), 1e-6) for name, one in sizes.items()}
 
     @cached_property

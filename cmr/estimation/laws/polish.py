@@ -28,9 +28,9 @@ from cmr.recordings.signal import Floats, Mask
 RENEWED = 2  # times that the noise is estimated again
 STEPS = 3  # towards the least sum of Huber's loss
 RIDGE = 1e-10  # of a column's square: keeps columns that say the same solvable
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2: the golden section
 SECTIONS = 7  # of a search for an inner constant
-REACH = 2.0  # factor by which it looks to either side
+STRETCH = 2.0  # factor by which it looks to either side
 
 
 @dataclass(frozen=True)
@@ -131,13 +131,18 @@ def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candid
 
 
 def _with_best(model: Linearised, law: Candidate, name: str, rest: Rest) -> Candidate:
-    def gain(logarithm: float) -> float:
-        tried = law.with_constants({**law.constants, name: math.exp(logarithm)})
-        found = scan(model, rest, [tried])
+    """Return a law with the best value of one constant: within its reach, or within a factor either way."""
+    value, reach = law.constants[name], law.reach.get(name)
+
+    def tried(off: float) -> Candidate:
+        moved_by = value + reach * off if reach is not None else value * STRETCH**off
+        return law.with_constants({**law.constants, name: moved_by})
+
+    def gain(off: float) -> float:
+        found = scan(model, rest, [tried(off)])
         return found[0].gain if found else -math.inf
 
-    middle = math.log(law.constants[name])
-    low, high = middle - math.log(REACH), middle + math.log(REACH)
+    low, high = -1.0, 1.0
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     of_left, of_right = gain(left), gain(right)
     for _ in range(SECTIONS):
@@ -149,8 +154,8 @@ def _with_best(model: Linearised, law: Candidate, name: str, rest: Rest) -> Cand
             low, left, of_left = left, right, of_right
             right = low + GOLDEN * (high - low)
             of_right = gain(right)
-    best = left if of_left > of_right else right
-    return law.with_constants({**law.constants, name: math.exp(best)})
+    off, best = max((left, of_left), (right, of_right), key=lambda one: one[1])
+    return tried(off) if best > gain(0.0) else law
 
 
 def _fitted(columns: Floats, errors: Floats, mask: Mask, start: Floats) -> Floats:

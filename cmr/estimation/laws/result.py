@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
-from cmr.model.laws import Law
+from cmr.model.laws.law import Law
 from cmr.recordings.signal import Floats
 
 LAW = "law"

@@ -24,8 +24,8 @@ from cmr.estimation.laws.rest import Rest
 from cmr.recordings.signal import Floats
 
 ABREAST = 64  # traces observed side by side
-OWN = 3e-4  # share of a trace's square below which the model's parameters imitate it
-NOTHING = 1e-9
+LEAST_OWN = 3e-4  # share of a trace's square below which the model's parameters imitate it
+NOTHING = 1e-9  # white errors squared: a law that changes less says nothing
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,11 @@ def scan(model: Linearised, rest: Rest, laws: Sequence[Candidate] | None = None)
     result: list[Score] = []
     for place in dict.fromkeys(one.place for one in chosen):
         signals = seen_in(place)
-        rows = rest.rows(signals)
+        seen = _Seen.of(rest, signals)
+        if not len(seen.white):
+            continue
         for chunk in _chunks([one for one in chosen if one.place == place]):
-            traces = model.white_traces(chunk, rest.noise, signals)
-            result += _scored(chunk, traces, rest, rows)
+            result += _scored(chunk, model.white_traces(chunk, rest.noise, signals), rest, seen)
     result.sort(key=lambda one: -one.score)
     return result
 
@@ -83,44 +84,66 @@ def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
         yield chunk
 
 
-def _scored(
-    chunk: Sequence[Candidate],
-    traces: Floats,
-    rest: Rest,
-    rows: "np.typing.NDArray[np.int64]",
-) -> Iterator[Score]:
-    """Yield the scores of laws whose white traces stand side by side, in some rows of the errors."""
-    traces *= rest.mask[rows, None]
-    along = rest.basis[rows].T @ traces
-    pulls = rest.white[rows] @ traces
+@dataclass(frozen=True)
+class _Seen:
+    """What a model leaves of some signals: white errors (n,), basis (n, p) and mask (n,)."""
+
+    white: Floats
+    basis: Floats
+    mask: Floats
+
+    @classmethod
+    def of(cls, rest: Rest, signals: Sequence[str]) -> "_Seen":
+        rows = rest.rows(signals)
+        return cls(rest.white[rows], np.ascontiguousarray(rest.basis[rows].T), rest.mask[rows])
+
+
+def _scored(chunk: Sequence[Candidate], traces: Floats, rest: Rest, seen: _Seen) -> Iterator[Score]:
+    """Yield the scores of laws whose white traces stand side by side."""
+    if rest.samples < len(rest.mask):
+        traces *= seen.mask[:, None]
+    along, pulls = seen.basis @ traces, seen.white @ traces
+    before = np.einsum("nc,nc->c", traces, traces)
     first = 0
     for one in chunk:
         wheels = is_of_wheels(one.place)
         last = first + len(one.formulas) * (2 if wheels else 1)
         own = traces[:, first:last]
-        size, imitated, pull = own.T @ own, along[:, first:last].T @ along[:, first:last], pulls[first:last]
+        size = own.T @ own if last - first > 1 else before[first:last, None]
+        imitated, pull = along[:, first:last].T @ along[:, first:last], pulls[first:last]
         first = last
         for side in SIDES if wheels and not one.side else (one.side,):
-            mixing = np.kron(np.eye(len(one.formulas)), SIDES[side][:, None]) if wheels else np.eye(len(pull))
-            found = _judged(mixing.T @ size @ mixing, mixing.T @ imitated @ mixing, mixing.T @ pull)
+            found = _judged(*_on_side(size, imitated, pull, side))
             if found is not None:
                 gain, coefficients = found
                 law = one.on(side) if wheels else one
-                score = gain / rest.inflation - penalty(law, rest.samples)
-                yield Score(law, gain, score, coefficients)
+                yield Score(law, gain, gain / rest.inflation - penalty(law, rest.samples), coefficients)
+
+
+def _on_side(size: Floats, imitated: Floats, pull: Floats, side: str) -> tuple[Floats, Floats, Floats]:
+    """Return products (k, k) and pulls (k,) of a law on some wheels from those of left and right, side by side."""
+    if not side:
+        return size, imitated, pull
+    mixing = np.kron(np.eye(len(pull) // 2), SIDES[side][:, None]) if len(pull) > 2 else SIDES[side][:, None]
+    return mixing.T @ size @ mixing, mixing.T @ imitated @ mixing, mixing.T @ pull
 
 
 def _judged(size: Floats, imitated: Floats, pull: Floats) -> tuple[float, tuple[float, ...]] | None:
     """Return a law's likelihood ratio and coefficients; None where the model imitates it, or it does nothing."""
+    if len(pull) == 1:
+        whole, own = float(size[0, 0]), float(size[0, 0] - imitated[0, 0])
+        if whole < NOTHING or own < LEAST_OWN * whole:
+            return None
+        return float(pull[0]) ** 2 / own, (float(pull[0]) / own,)
     before = np.diag(size)
     if np.any(before < NOTHING):
         return None
     free = size - imitated
-    if np.any(np.diag(free) < OWN * before):
+    if np.any(np.diag(free) < LEAST_OWN * before):
         return None
     scale = np.sqrt(np.diag(free))
     scaled = free / np.outer(scale, scale)
-    if len(pull) > 1 and np.linalg.eigvalsh(scaled)[0] < OWN:
+    if np.linalg.eigvalsh(scaled)[0] < LEAST_OWN:
         return None
     solved = np.linalg.solve(scaled, pull / scale)
     return float(solved @ (pull / scale)), tuple(map(float, solved / scale))

@@ -15,10 +15,12 @@ import numpy as np
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.known import known_beside
 from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.local import local_laws
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of, times_of
 from cmr.estimation.laws.scan import Score, penalty, scan
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
 from cmr.recordings.signal import Mask
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
@@ -31,7 +33,7 @@ BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise b
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
-INFLATED = 0.4549  # median of chi-squared with one degree of freedom
+RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
 SHOWN = 40  # best scores that are compared with what the catalogue has
 NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
 
@@ -113,7 +115,7 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
-    scores = scan(model, rest)
+    scores = _scanned(model, rest)
     if not scores or scores[0].score < LEAST:
         return Refused("No formula explains more than chance finds among so many.")
     promising = _promising(model, rest, scores, selected)
@@ -124,8 +126,9 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
         return Refused("No formula could be fitted together with the model's parameters.")
     best = min(fits, key=lambda fit: _cost(fit, data))
     again = rest_of(model, best.noise, data.fitted)
-    met = {fit.laws for fit in fits}
-    newcomers = [one for one in _promising(model, again, scan(model, again), selected) if (one.candidate,) not in met]
+    met = {law.key for fit in fits for law in fit.laws}
+    rescored = scan(model, again, [one.candidate for one in scores[:RESCORED]])
+    newcomers = [one for one in _promising(model, again, rescored, selected) if one.candidate.key not in met]
     fits += _polished_all(model, again, [one.candidate for one in newcomers[:NEWCOMERS]], data)
     found = _judged(data, before, fits, named)
     if isinstance(found, Offer) and found.left > LEFT:
@@ -133,10 +136,18 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
     return found
 
 
+def _scanned(model: Linearised, rest: Rest) -> list[Score]:
+    """Return the scores of all laws, the best first; those of moments and places only where others find something."""
+    scores = scan(model, rest)
+    more = bool(scores) and scores[0].score > 0.0
+    scores += scan(model, rest, local_laws(model, rest, more))
+    return sorted(scores, key=lambda one: -one.score)
+
+
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     """Return the offer with a second law beside the first, where one holds and leaves less."""
     model, rest = first.after.model, first.after.rest
-    promising = _promising(model, rest, scan(model, rest), selected)
+    promising = _promising(model, rest, _scanned(model, rest), selected)
     fits = [
         fit
         for one in promising[:NEWCOMERS]
@@ -224,4 +235,4 @@ def _tried(data: Data, fit: Polished) -> float:
 def inflation_of(scores: Sequence[Score]) -> float:
     """Return how much larger the usual law's gain is than chance would have it, at least 1."""
     gains = [one.gain for one in scores if len(one.coefficients) == 1]
-    return max(1.0, float(np.median(gains)) / INFLATED) if gains else 1.0
+    return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if gains else 1.0

@@ -27,7 +27,7 @@ from cmr.model.effect import Effect
 from cmr.model.extended.compose import LANES
 from cmr.model.extended.evaluating import mean_radii, slip_time
 from cmr.model.extended.model import START, Candidates, aligned, composed_module, model_of
-from cmr.model.extended.statements import SIDES, Statements, memories
+from cmr.model.extended.statements import OF_MOTION, SIDES, Statements, memories, read_by
 from cmr.model.extended.step_statements import CHANGED
 from cmr.model.observer import helpers, loops
 from cmr.model.observer.drives import Drives
@@ -331,10 +331,10 @@ def _sensor_lines(laws: tuple[str, ...]) -> dict[str, Sequence[str]]:
         "POSE_TIME": statements.of("pose_time"),
         "POSE": statements.of("pose"),
     }
-    of_laws = Statements([CATALOGUE[name] for name in laws], DEFINITIONS)
-    # Only laws ask how a robot moved and where it was when a sensor looked: else that is not computed.
-    stages["GYRO_MOTION"] = loops.GYRO_MOTION if of_laws.of("gyro") else ()
-    stages["POSE_MOTION"] = loops.POSE_MOTION if of_laws.of("pose") else ()
+    # Few effects ask how a robot moved and where it was when a sensor looked: for others that is not computed.
+    for stage, lines in (("gyro", loops.GYRO_MOTION), ("pose", loops.POSE_MOTION)):
+        asked = any(read_by(effect, stage) & {*OF_MOTION[stage]} for effect in _sensing(laws))
+        stages[f"{stage.upper()}_MOTION"] = lines if asked else ()
     row = {name: f"own[{name.upper()} + i]" for name in _sensor_parameters(laws)}
     reads = {
         "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),
