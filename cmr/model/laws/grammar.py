@@ -11,7 +11,7 @@ is read and its size behind it; names must be known variables, known functions o
 
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from cmr.model.laws.tree import Part
@@ -45,7 +45,7 @@ class Formula:
 
     text: str
     root: Part
-    constant_units: Mapping[str, Unit]
+    constant_units: Mapping[str, Unit] = field(hash=False)
     measured: Unit
 
     @property

@@ -41,7 +41,7 @@ class Law:
     place: str
     formulas: tuple[str, ...]
     side: str = ""
-    constants: Mapping[str, float] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict, hash=False)
     description: str = ""
 
     def __post_init__(self) -> None:
