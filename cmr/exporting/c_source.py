@@ -71,7 +71,7 @@ def _constants(robot: ExportedRobot) -> list[str]:
     program = robot.program
     lines = [
         f"static const double {name} = {number(one.value)}; /* [{one.definition.unit}] {one.definition.meaning} */"
-        for name, one in program.constants.items()
+        for name, one in robot.constants.items()
     ]
     lines += [f"static const double {name} = {number(value)};" for name, value in collocation().items()]
     lines.append(f"#define LATE_COMMANDS {int(program.is_late)}")

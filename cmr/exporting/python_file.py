@@ -217,7 +217,7 @@ def _constants(robot: ExportedRobot) -> list[str]:
     program = robot.program
     lines = [
         f"{name} = {_number(constant.value)}  # [{constant.definition.unit}] {constant.definition.meaning}"
-        for name, constant in program.constants.items()
+        for name, constant in robot.constants.items()
     ]
     if robot.controller is not None:
         lines += [
