@@ -252,4 +252,6 @@ def _documentation(robot: ExportedRobot) -> str:
         "",
         *what_is_carried("python", robot),
     ]
-    return '"""' + "\n".join(lines).replace("\\", "\\\\") + '\n"""\n'
+    # Descriptions of laws are anybody's words, which must not end the docstring.
+    text = "\n".join(lines).replace("\\", "\\\\").replace('"""', "'''")
+    return f'"""{text}\n"""\n'

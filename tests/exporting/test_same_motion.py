@@ -94,3 +94,19 @@ def test_laws_of_the_motion_are_exported_with_the_model_and_those_of_sensors_are
     finally:
         for law in LAWS:
             unlearn(law.name)
+
+
+@pytest.mark.parametrize(
+    "words", ['"""\nraise SystemExit(3)\n"""', "*/ int main(void) {} /*", "\\", "]]> -- <!-- &amp;", "\u2028x = 1"]
+)
+def test_the_description_of_a_law_is_never_more_than_words(words: str, tmp_path: Path) -> None:
+    law = Law("law_words", "yaw_rate", ("w * abs(v)",), description=words)
+    learn(law)
+    try:
+        robot = ExportedRobot(0, RobotParameters(*PAPER, effects={"law_words": -0.1}))
+        states, _ = driven_in_python(robot, commands(0.1))
+        assert np.all(np.isfinite(states))
+        if COMPILER is not None:
+            driven_in_c(robot, commands(0.1), tmp_path)
+    finally:
+        unlearn(law.name)
