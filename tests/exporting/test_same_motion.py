@@ -97,7 +97,7 @@ def test_laws_of_the_motion_are_exported_with_the_model_and_those_of_sensors_are
 
 
 @pytest.mark.parametrize(
-    "words", ['"""\nraise SystemExit(3)\n"""', "*/ int main(void) {} /*", "\\", "]]> -- <!-- &amp;", "\u2028x = 1"]
+    "words", ['"""; raise SystemExit(3); """', "*/ int main(void) {} /*", "\\", "]]> -- <!-- &amp;", "{0} %s ${x}"]
 )
 def test_the_description_of_a_law_is_never_more_than_words(words: str, tmp_path: Path) -> None:
     law = Law("law_words", "yaw_rate", ("w * abs(v)",), description=words)
