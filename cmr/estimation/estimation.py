@@ -13,6 +13,7 @@ in the order of its stages, each with formulas and references in its module:
         exchange          search/exchange.py, search/leap.py
     backward elimination  search/elimination.py
     what remains          unexplained/extending.py
+    laws                  laws/proposing.py, laws/searching.py: formulas for what no effect describes
     verdict               usefulness.py: names that are of no use on left-out data are taken back
     averaging             averaging.py: the parameters, over what these drives may hide
 

@@ -38,12 +38,11 @@ BY_EFFECT = {
     "encoder_asymmetry": (Candidate("encoder_rate", ("psi",), 1, "opposite"), 1.0),
     "gyro_bias": (Candidate("gyro", ("1",), 1), 1.0),
     "gyro_scale": (Candidate("gyro", ("w",), 1), 1.0),
-    "pose_heading_offset": (Candidate("pose_theta", ("1",), 1), 1.0),
     "pose_offset": (Candidate("pose_ahead", ("1",), 1), 1.0),
     "pose_latency": (Candidate("pose_lateness", ("1",), 1), 1.0),
 }
 HIDDEN = {
-    "speed costs turning": (Candidate("yaw_rate", ("w", "abs(v)"), 2), -0.05),
+    "speed costs turning": (Candidate("yaw_rate", ("abs(v)", "w"), 2), -0.05),
     "a cubic motor": (Candidate("wheel_voltage", ("u ** 3",), 3, "both"), 0.05),
     "one wheel drags": (Candidate("wheel_voltage", ("s", "abs(s)"), 2, "left"), -0.03),
     "wind": (Candidate("lateral_speed", ("abs(v)", "cos(theta)"), 2, others=(("abs(v)", "sin(theta)"),)), 0.03),

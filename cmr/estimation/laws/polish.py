@@ -29,6 +29,7 @@ RENEWED = 2  # times that the noise is estimated again
 STEPS = 3  # towards the least sum of Huber's loss
 RIDGE = 1e-10  # of a column's square: keeps columns that say the same solvable
 GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2: the golden section
+TURNS = 2  # of several constants
 SECTIONS = 7  # of a search for an inner constant
 STRETCH = 2.0  # factor by which it looks to either side
 
@@ -124,8 +125,11 @@ def polished_twice(
 
 
 def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candidate:
-    """Return a law with the inner constants with which it explains most of what is left, by golden section."""
-    for name in law.constants:
+    """Return a law with the inner constants with which it explains most of what is left, by golden section.
+
+    Several are found in turn, twice.
+    """
+    for name in [*law.constants] * (1 if len(law.constants) == 1 else TURNS):
         law = _with_best(model, law, name, rest)
     return law
 

@@ -4,8 +4,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from cmr.estimation.estimates import Estimate
-from cmr.estimation.gain import measure
+from cmr.estimation.gain import Gain, measure
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.curves import curve_of
@@ -13,13 +15,15 @@ from cmr.estimation.laws.linearised import Linearised, is_of_wheels
 from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.result import APPROXIMATION, LAW, NO_LAW, TIE, LawFound, Laws
+from cmr.estimation.laws.scan import penalty
 from cmr.estimation.laws.searching import ALONE, LEAST, LEFT, SET, Data, Offer, Refused, offered
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.generic import Extension
-from cmr.model.catalogue import learn
+from cmr.model.catalogue import LAWS, learn, unlearn
+from cmr.model.laws.law import Law
 
 BY_FREE_RUNS = "Models were fitted to free runs, whose errors say nothing of single moments: no law was looked for."
 WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
@@ -52,11 +56,11 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     other = _problem_of(held_out, found)
     data, beside = _beside(found, other)
     fitted = [one for one in found.named if not one.estimates]
-    if fitted and (isinstance(beside, Offer) or len(fitted) > 1 or more):
+    if fitted and found.problem is problem and (isinstance(beside, Offer) or len(fitted) > 1 or more):
         model = Linearised.about(problem, found.base.values, found.base.names)
         without = Data.of(problem, model, other)
         alone = offered(without, model, (), 0.0)
-        if isinstance(alone, Offer) and _better_alone(alone, beside, found):
+        if isinstance(alone, Offer) and _better_alone(without, alone, beside):
             return _in_the_model(without, found.base, alone, found, held_out)
     if isinstance(beside, Offer):
         return _in_the_model(data, found.final, beside, found, held_out)
@@ -83,13 +87,22 @@ def _beside(found: Search, other: Problem | None) -> tuple[Data, Offer | Refused
     return data, offered(data, model, selected, explained)
 
 
-def _better_alone(alone: Offer, beside: Offer | Refused, found: Search) -> bool:
-    """Return whether a law without names explains as much as names do, with a law or without."""
+def _better_alone(data: Data, alone: Offer, beside: Offer | Refused) -> bool:
+    """Return whether a law without names explains more than names do, or as much as they do with a law.
+
+    It must do so on data held out, too.
+    """
     if isinstance(beside, Offer):
         both = alone.before.quality() - beside.after.quality()
-        return both < (1.0 + ALONE) * alone.gain and alone.held_out > beside.held_out
-    names = max(0.0, found.base.squares - found.final.squares)
-    return alone.gain > names + LEAST
+        as_well = data.held_out(beside.after, alone.after) > -ALONE * alone.held_out
+        return both < (1.0 + ALONE) * alone.gain and as_well
+    names = beside.before
+    if names is None:
+        return False
+    samples = int(np.count_nonzero(data.fitted))
+    spared = (len(names.model.names) - len(alone.after.model.names)) * math.log(samples)
+    more = names.quality() - alone.after.quality() + spared - sum(penalty(law, samples) for law in alone.laws)
+    return more > LEAST and data.held_out(names, alone.after) > LEAST
 
 
 def _in_the_model(data: Data, before: Fit, offer: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
@@ -99,7 +112,7 @@ def _in_the_model(data: Data, before: Fit, offer: Offer, found: Search, held_out
     """
     problem = data.problem
     alone = before is found.base and any(not one.estimates for one in found.named)
-    laws, sizes = [], dict[str, float]()
+    laws, sizes, known = [], dict[str, float](), set(LAWS)
     for candidate, coefficients in zip(offer.laws, offer.after.coefficients, strict=True):
         law = law_of(candidate)
         sizes |= dict(zip(law.coefficients, coefficients, strict=True))
@@ -108,33 +121,37 @@ def _in_the_model(data: Data, before: Fit, offer: Offer, found: Search, held_out
     constants = {law.parameter_of(name): value for law in laws for name, value in law.constants.items()}
     start = {**before.values, **_moved(before, offer), **sizes, **constants}
     fit = problem.fit(start, (*before.names, *sizes), offer.after.noise, renew=1)
-    segments = [predictor.segment for predictor in problem.predictors]
-    gain = measure(problem, before, fit, {}, segments, held_out).gain
+    gain = measure(problem, before, fit, {}, [predictor.segment for predictor in problem.predictors], held_out).gain
     if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
+        _forget([law for law in laws if law.name not in known])
         return Proposal(Laws(answer=NO_LAW, reasons=(HARM,)))
-    stds = {name: math.hypot(math.sqrt(found.inflation) * fit.std(name), INEXACT * fit.values[name]) for name in sizes}
-    estimates = {name: Estimate(fit.values[name], std) for name, std in stds.items()}
-    found_laws = tuple(
-        LawFound(
-            law=law,
-            estimates={name: estimates[name] for name in law.coefficients},
-            gain=gain,
-            held_out=0.5 * offer.held_out,
-            score=offer.score,
-            left=offer.left,
-        )
-        for law in laws
-    )
-    withdrawn = tuple(one.candidate.effect.name for one in found.named) if alone else ()
+    found_laws = tuple(_found(law, fit, offer, gain, found.inflation) for law in laws)
     result = Laws(
         answer=_answer(offer),
         found=found_laws,
-        rivals=tuple(_rival(one, gain_like=found_laws[0]) for one in offer.alike),
-        names_withdrawn=withdrawn,
+        rivals=tuple(_rival(one, found_laws[0]) for one in offer.alike),
+        names_withdrawn=tuple(one.candidate.effect.name for one in found.named) if alone else (),
         reasons=_reasons(offer, held_out),
         curve=tuple(curve_of(offer.after, number, law, *data.tried_on(offer.after)) for number, law in enumerate(laws)),
     )
     return Proposal(result, Extension(tuple(sizes), fit, 0.5 * offer.held_out, gain), alone)
+
+
+def _forget(laws: Sequence[Law]) -> None:
+    """Take laws that were only tried out of the catalogue."""
+    for law in laws:
+        unlearn(law.name)
+
+
+def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
+    """Return a law as it stands in a fit."""
+    estimates = {
+        name: Estimate(fit.values[name], math.hypot(math.sqrt(inflation) * fit.std(name), INEXACT * fit.values[name]))
+        for name in law.coefficients
+    }
+    return LawFound(
+        law=law, estimates=estimates, gain=gain, held_out=0.5 * offer.held_out, score=offer.score, left=offer.left
+    )
 
 
 def _moved(before: Fit, offer: Offer) -> Mapping[str, float]:
@@ -161,13 +178,13 @@ def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def _rival(fit: Polished, gain_like: LawFound) -> LawFound:
+def _rival(fit: Polished, best: LawFound) -> LawFound:
     """Return a law that is not distinguished from the one in the model, as it was fitted to first order."""
     law = law_of(fit.laws[-1])
     estimates = {
         name: Estimate(value, math.nan) for name, value in zip(law.coefficients, fit.coefficients[-1], strict=True)
     }
-    return LawFound(law=law, estimates=estimates, gain=gain_like.gain, held_out=math.nan, score=math.nan, left=math.nan)
+    return LawFound(law=law, estimates=estimates, gain=best.gain, held_out=math.nan, score=math.nan, left=math.nan)
 
 
 def described(candidate: Candidate) -> str:

@@ -24,6 +24,7 @@ from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
 from cmr.recordings.signal import Mask
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
+PROMISING = -5.0  # score to first order from which a law is fitted: noise that was found without it hides a part
 HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
@@ -33,6 +34,7 @@ BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise b
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
+IDENTICAL = 0.99  # share of a law's own trace that another does where both are the same mathematics
 RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
 SHOWN = 40  # best scores that are compared with what the catalogue has
 NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
@@ -62,9 +64,13 @@ class Offer:
 
 @dataclass(frozen=True)
 class Refused:
-    """Why no law stands beside a model, in a sentence; `several` says that a drive could tell."""
+    """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
+
+    `several` says that another drive could tell.
+    """
 
     reason: str
+    before: Polished | None = None
     several: bool = False
     rivals: tuple[Polished, ...] = ()
 
@@ -116,14 +122,14 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
     scores = _scanned(model, rest)
-    if not scores or scores[0].score < LEAST:
-        return Refused("No formula explains more than chance finds among so many.")
+    if not scores or scores[0].score < PROMISING:
+        return Refused("No formula explains more than chance finds among so many.", before)
     promising = _promising(model, rest, scores, selected)
     if not promising:
-        return Refused("What formulas explain here, effects of the catalogue do as well.")
+        return Refused("What formulas explain here, effects of the catalogue do as well.", before)
     fits = _polished_all(model, rest, [one.candidate for one in promising[:BEST]], data)
     if not fits:
-        return Refused("No formula could be fitted together with the model's parameters.")
+        return Refused("No formula could be fitted together with the model's parameters.", before)
     best = min(fits, key=lambda fit: _cost(fit, data))
     again = rest_of(model, best.noise, data.fitted)
     met = {law.key for fit in fits for law in fit.laws}
@@ -172,7 +178,7 @@ def _left(further: Sequence[Score], inflation: float) -> float:
 
 def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected: Sequence[str]) -> list[Score]:
     """Return the best scores, without laws that the catalogue has."""
-    good = [one for one in scores[:SHOWN] if one.score > LEAST]
+    good = [one for one in scores[:SHOWN] if one.score > PROMISING]
     if not good:
         return []
     known = known_beside(model, rest, selected)
@@ -181,7 +187,8 @@ def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected:
     for one in good:
         if len(result) >= BEST + NEWCOMERS:
             break
-        if one.gain > NEARLY * best and not known.same_as(model, one.candidate):
+        again = any(one.candidate.key == other.candidate.key for other in result)
+        if not again and one.gain > NEARLY * best and not known.same_as(model, one.candidate):
             result.append(one)
     return result
 
@@ -215,16 +222,32 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     gain, score = before.quality() - after.quality(), score_of(before, after, inflation)
     held_out = data.held_out(before, after)
     if score < LEAST or gain < OF_NAMES * named:
-        return Refused("What a formula explains is no more than what is inexact about the model explains.")
+        return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
     if held_out < max(LEAST, HOLDS * gain):
-        return Refused("The best formula does not hold on data that it was not fitted on.")
+        return Refused("The best formula does not hold on data that it was not fitted on.", before)
     margin = max(SET, SHARE_OF_SET * gain)
     at_best = _cost(best, data) + _tried(data, best)
-    alike = tuple(fit for fit in fits if fit is not best and _cost(fit, data) + _tried(data, fit) < at_best + margin)
+    alike = tuple(
+        fit
+        for fit in fits
+        if fit is not best and _cost(fit, data) + _tried(data, fit) < at_best + margin and not _is_same(fit, best)
+    )
     if len(alike) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(alike) + 1} formulas that explain the errors as well."
-        return Refused(reason, several=True, rivals=(best, *alike))
+        return Refused(reason, before, several=True, rivals=(best, *alike))
     return Offer(before, after, gain, score, held_out, _left(further, inflation), alike)
+
+
+def _is_same(fit: Polished, best: Polished) -> bool:
+    """Return whether the last laws of two fits do the same, once the model's parameters are fitted, or say the same."""
+    if fit.laws[-1].key == best.laws[-1].key:
+        return True
+    first = best.columns.shape[1] - len(best.coefficients[-1])
+    basis = np.linalg.qr(best.columns[:, :first])[0]
+    own = [one.columns[:, -len(one.coefficients[-1]) :] for one in (fit, best)]
+    ours, its = (np.linalg.qr(columns - basis @ (basis.T @ columns))[0] for columns in own)
+    shared = float(np.sum((ours.T @ its) ** 2))
+    return shared > IDENTICAL * max(ours.shape[1], its.shape[1])
 
 
 def _tried(data: Data, fit: Polished) -> float:
