@@ -1,6 +1,7 @@
 """The tutorial on laws: its robot is driven, its law is found, kept under a name, and found again by that name."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,10 @@ from cmr.model.catalogue import LAWS, unlearn
 from cmr.model.laws.grammar import parse
 from cmr.parameters.laws import read_law
 from tests.support.documentation_blocks import DOCS, blocks_of, command_lines
+from tests.support.project import PROJECT
+
+sys.path.insert(0, str(PROJECT / "scripts"))
+from documentation.commands import main_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.longest]
 
@@ -22,8 +27,6 @@ def diagnosed(folder: Path) -> dict[str, Any]:
 
 
 def test_the_law_of_the_tutorial_is_found_kept_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from documentation.commands import main_of
-
     monkeypatch.chdir(tmp_path)
     blocks = list(blocks_of(PAGE))
     (tmp_path / "hidden.yaml").write_text(next(b.text for b in blocks if b.text.startswith("effects:")), "utf-8")
