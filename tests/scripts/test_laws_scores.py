@@ -60,6 +60,13 @@ def test_the_same_mathematics_counts_in_other_words(kind: str, found: Mapping[st
     assert explained(KINDS[kind].laws[0], [found], states(), truth(kind)) > judging.SAME
 
 
+def test_a_named_effect_may_say_a_part_of_the_law() -> None:
+    true, found = KINDS["brake_drag"].laws[0], law("wheel_voltage", "sign(psi)", side="opposite")
+    alone = explained(true, [found], states(), truth("brake_drag"))
+    beside = explained(true, [found], states(), truth("brake_drag"), ["coulomb_friction"])
+    assert alone < 0.97 < judging.SAME < beside
+
+
 @pytest.mark.parametrize(
     ("kind", "found"),
     [
