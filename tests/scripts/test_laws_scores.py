@@ -129,7 +129,7 @@ def test_scores_count_what_the_table_demands() -> None:
 
 
 def test_what_a_diagnosis_says_of_laws_is_read_with_and_without_that_section() -> None:
-    plain = {"verdict": "no_effect", "effects": [], "unexplained": {"present": True}, "gain": None}
+    plain: dict[str, Any] = {"verdict": "no_effect", "effects": [], "unexplained": {"present": True}, "gain": None}
     assert answered(plain)["answer"] == answers.NO_LAW
     found = law("yaw_rate", "w * v**2")
     said = answered({**plain, "laws": {"answer": LAW, "found": [found], "indistinguishable_from": ["gyro_scale"]}})

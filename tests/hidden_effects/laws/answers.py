@@ -182,7 +182,7 @@ def columns_of(law: Found, states: States, moving: Floats) -> list[Floats]:
         key.removeprefix(prefix): one["value"] for key, one in law["parameters"].items() if key.startswith(prefix)
     }
     constants = {name: float(value) for name, value in values.items() if not name.isdigit()}
-    variables = {**states.variables(), **constants}
+    variables: dict[str, Floats | float] = {**states.variables(), **constants}
     side = law.get("side") or ""
     share = np.array(SIDES[side]) if side else np.ones(1)
     return [_flat(parse(text, tuple(constants)).evaluate(variables) * share, moving, side) for text in law["formulas"]]
@@ -200,7 +200,7 @@ def _beside(place: str, states: States) -> list[tuple[Floats, str]]:
 
 def _flat(column: Floats, moving: Floats, side: str) -> Floats:
     width = 2 if side else 1
-    return np.broadcast_to(column, (len(moving), width))[moving.astype(bool)].ravel()
+    return np.asarray(np.broadcast_to(column, (len(moving), width))[moving.astype(bool)].ravel(), np.float64)
 
 
 def _left(column: Floats, others: list[Floats]) -> Floats:
@@ -230,9 +230,10 @@ def read(path: Path) -> list[LawRow]:
     lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
     for line in lines:
         try:
-            fields = json.loads(line)
+            said: dict[str, Any] = json.loads(line)
         except ValueError:
             continue
-        row = LawRow(**{name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()})
+        fields: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in said.items()}
+        row = LawRow(**fields)
         rows[row.key] = row
     return list(rows.values())
