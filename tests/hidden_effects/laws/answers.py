@@ -102,8 +102,9 @@ def without_entry(name: str) -> Iterator[None]:
     try:
         yield
     finally:
+        after = {**before, **CATALOGUE}  # a diagnosis may have learned laws meanwhile
         CATALOGUE.clear()
-        CATALOGUE.update(before)
+        CATALOGUE.update(after)
 
 
 def answered(answer: Mapping[str, Any]) -> dict[str, Any]:
