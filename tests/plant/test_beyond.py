@@ -141,7 +141,7 @@ def test_floors_and_tethers_pull_towards_their_place() -> None:
 
 
 def test_a_liquid_swings_at_its_frequency_and_slows_the_start() -> None:
-    times = np.arange(400) * 0.01
+    times = np.arange(400, dtype=np.float64) * 0.01
     sizes = {"slosh": 0.1, "slosh_frequency": 1.2, "slosh_damping": 0.02}
     error = (
         true_motion(STRAIGHT, sizes, times, step=1e-3)["psi_left"]

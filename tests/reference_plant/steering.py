@@ -76,6 +76,8 @@ def _errors(stamps: Floats, noise: Noise, seed: int) -> Floats:
 
 
 def _seen(p: PlantParameters, state: Floats, error: Floats) -> Pose:
-    v = forward_speed(p, *state[SPEEDS])
-    x, y, theta = np.add(sensors.seen(p, *state[POSE], v, state[RATE]), error).tolist()
+    left, right = state[SPEEDS].tolist()
+    x, y, theta = state[POSE].tolist()
+    seen = sensors.seen(p, x, y, theta, forward_speed(p, left, right), float(state[RATE]))
+    x, y, theta = np.add(seen, error).tolist()
     return x, y, theta

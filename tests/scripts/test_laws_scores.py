@@ -60,6 +60,13 @@ def test_the_same_mathematics_counts_in_other_words(kind: str, found: Mapping[st
     assert explained(KINDS[kind].laws[0], [found], states(), truth(kind)) > judging.SAME
 
 
+def test_a_named_effect_may_say_a_part_of_the_law() -> None:
+    true, found = KINDS["brake_drag"].laws[0], law("wheel_voltage", "sign(psi)", side="opposite")
+    alone = explained(true, [found], states(), truth("brake_drag"))
+    beside = explained(true, [found], states(), truth("brake_drag"), ["coulomb_friction"])
+    assert alone < 0.97 < judging.SAME < beside
+
+
 @pytest.mark.parametrize(
     ("kind", "found"),
     [
@@ -122,7 +129,7 @@ def test_scores_count_what_the_table_demands() -> None:
 
 
 def test_what_a_diagnosis_says_of_laws_is_read_with_and_without_that_section() -> None:
-    plain = {"verdict": "no_effect", "effects": [], "unexplained": {"present": True}, "gain": None}
+    plain: dict[str, Any] = {"verdict": "no_effect", "effects": [], "unexplained": {"present": True}, "gain": None}
     assert answered(plain)["answer"] == answers.NO_LAW
     found = law("yaw_rate", "w * v**2")
     said = answered({**plain, "laws": {"answer": LAW, "found": [found], "indistinguishable_from": ["gyro_scale"]}})

@@ -3,7 +3,7 @@
 import json
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -28,6 +28,13 @@ SIDES = {"both": (1.0, 1.0), "opposite": (1.0, -1.0), "left": (1.0, 0.0), "right
 MOVING = 0.02  # rad/s; of a robot whose wheels turn more slowly formulas are not compared
 RATE = 0.01  # s between true states
 DEEPEST = 3  # calls of which an error says where they are
+# What named effects add to the acceleration of both wheels, up to a factor.
+WITH_NAMES: Mapping[str, Callable[[States], Floats]] = {
+    "coulomb_friction": lambda s: np.tanh(s.psi / 0.1),
+    "quadratic_drag": lambda s: s.psi * np.abs(s.psi),
+    "motor_gain_asymmetry": lambda s: s.u * np.array(SIDES["opposite"]),
+    "back_emf_asymmetry": lambda s: s.psi * np.array(SIDES["opposite"]),
+}
 Found = Mapping[str, Any]  # an entry of `found` in diagnosis.json
 
 
@@ -79,7 +86,7 @@ def row_of(law_case: LawCase) -> LawRow:
             answer = document(diagnose(pair.training, held_out=[pair.held_out]))
         said |= {"cpu_seconds": time.process_time() - begin, **answered(answer)}
         if pair.truth is not None and pair.learned is not None:
-            said |= judged(answer.get("laws") or {}, pair.truth, pair.learned)
+            said |= judged(answer.get("laws") or {}, said["names"], pair.truth, pair.learned)
     except Exception as error:  # a study of hundreds of robots goes on
         where = traceback.extract_tb(error.__traceback__)[-DEEPEST:]
         frames = ", ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in where)
@@ -95,8 +102,9 @@ def without_entry(name: str) -> Iterator[None]:
     try:
         yield
     finally:
+        after = {**before, **CATALOGUE}  # a diagnosis may have learned laws meanwhile
         CATALOGUE.clear()
-        CATALOGUE.update(before)
+        CATALOGUE.update(after)
 
 
 def answered(answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -115,8 +123,8 @@ def answered(answer: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def judged(laws: Mapping[str, Any], truth: Truth, learned: HiddenRecording) -> dict[str, Any]:
-    """Return how far the laws of an answer are those that are true."""
+def judged(laws: Mapping[str, Any], names: Collection[str], truth: Truth, learned: HiddenRecording) -> dict[str, Any]:
+    """Return how far the laws of an answer, beside the effects that it names, are those that are true."""
     true = [law for name in truth.case.effects if name in KINDS for law in KINDS[name].laws]
     found, rivals = (list(laws.get(part, ())) for part in ("found", "indistinguishable_from"))
     if not found and not rivals:
@@ -124,7 +132,7 @@ def judged(laws: Mapping[str, Any], truth: Truth, learned: HiddenRecording) -> d
     states = states_of(truth, learned)
     rivals = [law for law in rivals if isinstance(law, Mapping)]  # names of effects may stand there too
     each = [[found] + [[law] for law in (*found, *rivals)]] * len(true)
-    fits = [[explained(law, some, states, truth) for some in sets] for law, sets in zip(true, each, strict=True)]
+    fits = [[explained(law, some, states, truth, names) for some in sets] for law, sets in zip(true, each, strict=True)]
     places = {place_of(law.place) for law in true}
     return {
         "fits": tuple(own[0] if found else 0.0 for own in fits),
@@ -148,16 +156,19 @@ def place_of(name: str) -> str:
     return SAME_PLACE.get(name, name)
 
 
-def explained(law: TrueLaw, found: list[Found], states: States, truth: Truth) -> float:
+def explained(law: TrueLaw, found: list[Found], states: States, truth: Truth, names: Collection[str] = ()) -> float:
     """Return the share of a true law that these laws explain, beyond what the paper's parameters do: 0 to 1.
 
-    Coefficients are free, so a formula that says the same in other words explains all.
+    Coefficients are free, so a formula that says the same in other words explains all: also one that does so together
+    with an effect of these `names`, as friction of one wheel is that of both and one against the other.
     """
     here = [one for one in found if place_of(one["place"]) == place_of(law.place)]
     moving = np.abs(states.psi).max(axis=1) > MOVING
     true = _flat(law.column(states, truth.parameters), moving, law.side)
     beside = [_flat(column, moving, side) for column, side in _beside(law.place, states)]
     columns = [column for one in here for column in columns_of(one, states, moving)]
+    if place_of(law.place) == "wheel_acceleration" and columns:
+        columns += [_flat(WITH_NAMES[name](states), moving, "both") for name in names if name in WITH_NAMES]
     if not columns:
         return 0.0
     own = _left(true, beside)
@@ -172,7 +183,7 @@ def columns_of(law: Found, states: States, moving: Floats) -> list[Floats]:
         key.removeprefix(prefix): one["value"] for key, one in law["parameters"].items() if key.startswith(prefix)
     }
     constants = {name: float(value) for name, value in values.items() if not name.isdigit()}
-    variables = {**states.variables(), **constants}
+    variables: dict[str, Floats | float] = {**states.variables(), **constants}
     side = law.get("side") or ""
     share = np.array(SIDES[side]) if side else np.ones(1)
     return [_flat(parse(text, tuple(constants)).evaluate(variables) * share, moving, side) for text in law["formulas"]]
@@ -190,7 +201,7 @@ def _beside(place: str, states: States) -> list[tuple[Floats, str]]:
 
 def _flat(column: Floats, moving: Floats, side: str) -> Floats:
     width = 2 if side else 1
-    return np.broadcast_to(column, (len(moving), width))[moving.astype(bool)].ravel()
+    return np.asarray(np.broadcast_to(column, (len(moving), width))[moving.astype(bool)].ravel(), np.float64)
 
 
 def _left(column: Floats, others: list[Floats]) -> Floats:
@@ -220,9 +231,10 @@ def read(path: Path) -> list[LawRow]:
     lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
     for line in lines:
         try:
-            fields = json.loads(line)
+            said: dict[str, Any] = json.loads(line)
         except ValueError:
             continue
-        row = LawRow(**{name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()})
+        fields: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in said.items()}
+        row = LawRow(**fields)
         rows[row.key] = row
     return list(rows.values())

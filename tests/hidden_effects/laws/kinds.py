@@ -217,7 +217,7 @@ KINDS: Mapping[str, Kind] = {
         ),
     ),
     "body_roll": Kind({"body_roll": 0.06}, (TrueLaw("pose_beside", "v * w", lambda s, _p: s.v * s.w),)),
-    "pixel_aspect": Kind({"pixel_aspect": 0.03}, (TrueLaw("pose_x", "x", lambda s, _p: s.x),)),
+    "pixel_aspect": Kind({"pixel_aspect": 0.05}, (TrueLaw("pose_x", "x", lambda s, _p: s.x),)),
     "compass_deviation": Kind(
         {"compass_deviation": 0.02, "compass_deviation_direction": 0.0},
         (
@@ -245,7 +245,7 @@ KINDS: Mapping[str, Kind] = {
         (_wheel("sin(6 phi + phase)", lambda s, p: np.sin(6.0 * s.phi + p["cogging_phase"]), in_grammar=False),),
     ),
     "regeneration_limit": Kind(
-        {"regeneration_limit": 1.15}, (_wheel("the braking effort beyond a limit", _braking_beyond, in_grammar=False),)
+        {"regeneration_limit": 1.3}, (_wheel("the braking effort beyond a limit", _braking_beyond, in_grammar=False),)
     ),
     "reel_pull": Kind(
         {"reel_pull": 0.8, "reel_x": 1.0, "reel_y": 0.6},

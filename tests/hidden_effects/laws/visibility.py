@@ -36,7 +36,8 @@ def visibility(truth: Truth) -> float:
 
 def _ratio(differences: Sequence[Floats], noise: Sequence[Floats], every: int, memory: int) -> float:
     """Return the ratio for the first of the differences, beside the others, from samples over `every` poses."""
-    left, *others = _whitened(*([_summed(one, every) for one in part] for part in (differences, noise)), memory)
+    shown, hiding = ([_summed(one, every) for one in part] for part in (differences, noise))
+    left, *others = _whitened(shown, hiding, memory)
     columns = np.column_stack(others)
     left = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
     return float(left @ left)
@@ -45,7 +46,7 @@ def _ratio(differences: Sequence[Floats], noise: Sequence[Floats], every: int, m
 def _summed(signals: Floats, every: int) -> Floats:
     """Return the sums of so many samples that follow one another, (6, n / every)."""
     count = signals.shape[1] // every
-    return signals[:, : count * every].reshape(len(signals), count, every).sum(axis=2)
+    return np.asarray(signals[:, : count * every].reshape(len(signals), count, every).sum(axis=2), np.float64)
 
 
 def _changed(truth: Truth, commands: Commands, name: str) -> Floats:
