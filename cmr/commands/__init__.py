@@ -55,6 +55,11 @@ def import_log() -> int:
     return run("cmr.tools.importing.import_log")
 
 
+def laws() -> int:
+    """Start cmr-laws."""
+    return run("cmr.diagnosis.collection_command")
+
+
 def log() -> int:
     """Start cmr-log."""
     return run("cmr.tools.logs.main")

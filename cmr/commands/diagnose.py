@@ -21,9 +21,12 @@ from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
 from cmr.diagnosis.job import DOCUMENT, Job, JobError, Outcome, attempt, perform, robots_in
 from cmr.diagnosis.many import Pool, jobs_of
 from cmr.diagnosis.result import Against
+from cmr.model.catalogue import LAWS, learn
+from cmr.model.laws.law import LawError
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load, sha256_of
 from cmr.parameters.following import ParameterFollower
+from cmr.parameters.laws import LawFileError, laws_beside, read_law
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.recordings.recording import RecordingError, choose_robot
 
@@ -35,6 +38,7 @@ LIVE = "live.txt"
 def main(arguments: list[str]) -> int:
     """Run cmr-diagnose."""
     options = _options(arguments)
+    _learn(options.laws, options.parameters)
     nominal, against = _nominal(options.parameters), None
     if options.against is not None:
         nominal, against = _baseline(options.against)
@@ -52,6 +56,7 @@ def main(arguments: list[str]) -> int:
         against=against,
         held_out=tuple(options.held_out),
         report=not options.no_report,
+        laws=tuple(LAWS.values()),
     )
     try:
         jobs = jobs_of(options.logs, pattern, each=options.each)
@@ -119,6 +124,15 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
         help="name only what departs from the robot of this parameter file, its effects included",
     )
     options.add_argument(
+        "--laws",
+        type=Path,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="PATH",
+        help="files law_*.yaml, or folders of them, to test by name; those beside the file of --parameters always are",
+    )
+    options.add_argument(
         "--held-out",
         type=Path,
         nargs="+",
@@ -162,6 +176,18 @@ def _contradiction(chosen: argparse.Namespace) -> str:
 def _cores() -> int:
     """Return on how many cores this process may run."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _learn(paths: Sequence[Path], parameters: Path | None) -> None:
+    """Have the catalogue know the laws in files, in folders, and beside the parameters."""
+    files = [file for path in paths for file in (laws_beside(path) if path.is_dir() else [path])]
+    files += laws_beside(parameters) if parameters else []
+    for file in dict.fromkeys(file.resolve() for file in files):
+        try:
+            entry = read_law(file)
+            learn(entry.law, {name: one.value for name, one in entry.coefficients.items()})
+        except (LawFileError, LawError) as error:
+            raise CommandError(str(error) if isinstance(error, LawFileError) else f"{file}: {error}") from error
 
 
 def _nominal(path: Path | None) -> ParameterFile | None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from cmr.diagnosis.result import (
     EFFECTS_FOUND,
+    LAW_FOUND,
     NO_EFFECT,
     PARAMETERS_DIFFER,
     UNEXPLAINED,
@@ -113,6 +114,8 @@ def _departures(estimates: Mapping[str, Estimate], given: Mapping[str, float]) -
 def _verdict(effects: Sequence[NamedEffect], departures: Sequence[Departure], diagnosis: Diagnosis) -> str:
     if effects:
         return EFFECTS_FOUND
+    if diagnosis.laws.found:
+        return LAW_FOUND
     if diagnosis.unexplained.present:
         return UNEXPLAINED
     return PARAMETERS_DIFFER if departures else NO_EFFECT
@@ -131,7 +134,7 @@ def _sentence(diagnosis: Diagnosis) -> str:
     against = diagnosis.against
     assert against is not None
     file = f"{against.name} (sha256 {against.sha256[:12]})"
-    if diagnosis.verdict == UNEXPLAINED:
+    if diagnosis.verdict in (LAW_FOUND, UNEXPLAINED):
         return f"Against {file}: {diagnosis.sentence}"
     parts = [effect.cause for effect in diagnosis.effects]
     parts += [

@@ -8,6 +8,7 @@ import numpy as np
 
 from cmr.diagnosis.against_file import compared, with_given_baseline
 from cmr.diagnosis.against_nominal import notes_on_nominal
+from cmr.diagnosis.laws import experiment_to_decide
 from cmr.diagnosis.next_experiment import (
     WITHOUT_POSES,
     AnyDriver,
@@ -22,10 +23,6 @@ from cmr.diagnosis.next_experiment import (
 from cmr.diagnosis.paths import most_telling, paths_of
 from cmr.diagnosis.result import (
     BAD_DATA,
-    EFFECTS_FOUND,
-    GENERIC,
-    NO_EFFECT,
-    UNEXPLAINED,
     Against,
     Candidate,
     Diagnosis,
@@ -33,8 +30,8 @@ from cmr.diagnosis.result import (
     Fitted,
     NamedEffect,
 )
+from cmr.diagnosis.sentence import sentence_of, verdict_of
 from cmr.diagnosis.showing import residuals_of
-from cmr.diagnosis.words import regressor_name, signal_name
 from cmr.estimation.averaging import Posterior
 from cmr.estimation.commanded_speeds import (
     as_duties,
@@ -49,6 +46,7 @@ from cmr.estimation.estimation import Estimation, estimate, fit_estimate, nomina
 from cmr.estimation.free_runs import WINDOW, Errors
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.laws.result import Laws
 from cmr.estimation.preparation import Ready
 from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect
 from cmr.estimation.search.cross_validation import alternatives
@@ -179,12 +177,13 @@ def _diagnosis(
     found, unexplained = estimation.found, _unexplained(whole.extended, measured.gain)
     named = zip(found.named, shifts(found), strict=True)
     effects = tuple(_named(one, moved_by, estimation, driver) for one, moved_by in named)
-    verdict = EFFECTS_FOUND if effects else UNEXPLAINED if unexplained.present else NO_EFFECT
+    laws = whole.extended.laws
     baseline, extended = _fitted_models(estimation)
     return Diagnosis(
         robot_id=robot_id,
-        verdict=verdict,
-        sentence=_sentence(effects, unexplained, found),
+        verdict=verdict_of(effects, laws, unexplained),
+        sentence=sentence_of(effects, laws, unexplained, found, extended),
+        laws=laws,
         unexplained=unexplained,
         baseline=baseline,
         extended=extended,
@@ -196,7 +195,7 @@ def _diagnosis(
         candidates=_candidates(found),
         checks=ready.checks,
         notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
-        next_experiment=_next(driver, effects, found, unexplained),
+        next_experiment=_next(driver, effects, found, unexplained, laws),
         not_visible=found.unseen,
         parameters=values_in_words_of(estimation.parameters, controller),
         sources=sources,
@@ -314,13 +313,16 @@ def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estim
     )
 
 
-def _next(driver: Driver, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained) -> str | None:
+def _next(
+    driver: Driver, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained, laws: Laws
+) -> str | None:
     """Return what to drive to explain what nothing explains, else to show effects of which these drives say nothing.
 
     None if nothing remains, and all effects would have shown.
     """
     poses = any(len(predictor.segment.observations.pose) for predictor in found.problem.predictors)
     sentences = [] if poses else [WITHOUT_POSES]
+    sentences += filter(None, [experiment_to_decide(laws, driver)])
     if unexplained.signal:
         sentences.append(experiment_to_explain(unexplained.signal, unexplained.regressors, driver))
         return " ".join(sentences)
@@ -350,7 +352,7 @@ def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
 
     Where nothing else does, the term's gain is that of the whole model.
     """
-    term = whole.term
+    term = whole.generic
     if term is None:
         return whole.unexplained
     estimates = {name: fit_estimate(term.fit, name, whole.found) for name in term.names}
@@ -366,28 +368,3 @@ def p_value(drop: float, parameters: int, inflation: float) -> float:
     from scipy.special import chdtrc  # of scipy.stats it would do the same, and take a second to import
 
     return float(min(1.0, len(definitions_of(CATALOGUE)) * chdtrc(parameters, max(drop, 0.0) / inflation)))
-
-
-def _sentence(effects: Sequence[NamedEffect], unexplained: Unexplained, search: Search) -> str:
-    found = " ".join(effect.cause for effect in effects)
-    if unexplained.present:
-        goes_with = " and ".join(map(regressor_name, unexplained.regressors))
-        signal = signal_name(str(unexplained.signal))
-        rest = f"{'There remain errors' if effects else 'There are errors'} that no effect of the catalogue explains: "
-        sentence = f"{found} {rest}those of the {signal} depend on {goes_with}.".strip()
-        return f"{sentence} {_generic_sentence(unexplained.generic)}" if unexplained.generic else sentence
-    if found:
-        return found
-    count = len(search.problem.possible)
-    nothing = f"The data show none of the {count} effects in the catalogue"
-    if any(why == TOO_SMALL for _, why in search.others):
-        nothing = f"None of the {count} effects in the catalogue is large enough to matter here"
-    if search.unseen:
-        return f"{nothing}, but {len(search.unseen)} of them would not be visible in these drives."
-    if unexplained.not_judged:
-        return f"{nothing}. Whether the remaining errors have structure was not judged."
-    return f"{nothing}: the paper's model is sufficient."
-
-
-def _generic_sentence(term: GenericTerm) -> str:
-    return f"The extended model has {GENERIC}, which improves its predictions of left-out data: {term.formula}."

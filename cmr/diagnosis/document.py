@@ -10,16 +10,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cmr.diagnosis.laws import constants_of, law_sentence, values_of
 from cmr.diagnosis.result import GENERIC, Against, Candidate, Departure, Diagnosis, Fitted, NamedEffect
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.laws.result import LawFound
 from cmr.estimation.search.trace import Decision, Measure
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained
 from cmr.files import write_atomically
 from cmr.model.catalogue import definition, effects_on
+from cmr.model.laws.sentence import equation
 from cmr.model.parameters import DEFINITIONS
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 from cmr.parameters.file import ParameterFile, Value
+from cmr.parameters.laws import law_content
 from cmr.recordings.faults.findings import Finding
 from cmr.recordings.lateness import Lateness
 
@@ -41,11 +45,12 @@ def document(diagnosis: Diagnosis) -> Document:
     limit, and whether the effect is certain but `too_small_to_matter`; `sources` and `samples`, what was fitted;
     `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the `sentence` of each
     data check; `command_lateness`, measured in each recording whose driver reports what it applied; `decisions`, the
-    steps of the search with the `measures` that decided; and `generic_term`, which extends the model without naming a
-    cause, or null. Its `shift` and those of all effects add up to the difference between `baseline` and the fit with
-    all of them. Parameters without a standard deviation were given, not fitted. `against`, else null, is the parameter
-    file whose robot is the baseline, and the parameters beside those of effects that depart from it; `in_file` are the
-    parameters of an effect there, empty where it lacks the effect.
+    steps of the search with the `measures` that decided; `laws`, formulas for physics that no entry of the catalogue
+    describes, with the answer on them, reasons and what they are not distinguished from; and `generic_term`, which
+    extends the model without naming a cause, or null. Its `shift` and those of all effects add up to the difference
+    between `baseline` and the fit with all of them. Parameters without a standard deviation were given, not fitted.
+    `against`, else null, is the parameter file whose robot is the baseline, and the parameters beside those of effects
+    that depart from it; `in_file` are the parameters of an effect there, empty where it lacks the effect.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {
@@ -60,6 +65,7 @@ def document(diagnosis: Diagnosis) -> Document:
         "gain": _gain(diagnosis.gain),
         "nominal": _fitted(diagnosis.nominal),
         "gain_over_nominal": _gain(diagnosis.gain_over_nominal),
+        "laws": _laws(diagnosis),
         "unexplained": _unexplained(diagnosis.unexplained),
         "generic_term": _generic(diagnosis.unexplained.generic),
         "command_lateness": [_lateness(name, one) for name, one in diagnosis.lateness.items()],
@@ -203,6 +209,47 @@ def _gain(gain: Gain | None) -> Document:
         "held_out_path_rmse_ratio": _finite(gain.ratio) if gain else None,
         "ci95": _interval(gain.interval if gain else (math.nan, math.nan)),
         "signals": _numbers(gain.signals) if gain else {},
+    }
+
+
+def _laws(diagnosis: Diagnosis) -> Document:
+    laws = diagnosis.laws
+    path_rmse = diagnosis.extended.held_out_path_rmse if diagnosis.extended else math.nan
+    return {
+        "answer": laws.answer,
+        "found": [_law(one, law_sentence(one, path_rmse)) for one in laws.found],
+        "indistinguishable_from": [_law(one, law_sentence(one)) for one in laws.rivals],
+        "names_withdrawn": list(laws.names_withdrawn),
+        "reasons": list(laws.reasons),
+        "manoeuvre": laws.manoeuvre or None,
+    }
+
+
+def _law(found: LawFound, sentence: str) -> Document:
+    law, units = found.law, found.law.units
+    known = {**found.estimates, **{n: Estimate(v, math.nan) for n, v in constants_of(found).items()}}
+    parameters = {
+        name: {
+            "value": _finite(one.value),
+            "unit": units[name],
+            "std": _finite(one.std),
+            "ci95": _interval(one.interval),
+        }
+        for name, one in known.items()
+    }
+    return {
+        "name": law.name,
+        **{"side": "", **law_content(law)},
+        "equation": equation(law, values_of(found)),
+        "parameters": parameters,
+        "held_out_path_rmse_ratio": _finite(found.gain.ratio),
+        "ci95": _interval(found.gain.interval),
+        "evidence": {
+            "score": _finite(found.score),
+            "held_out": _finite(found.held_out),
+            "left": _finite(found.left),
+        },
+        "sentence": sentence,
     }
 
 

@@ -13,6 +13,8 @@ from cmr.diagnosis.result import Against, Diagnosis
 from cmr.estimation.estimates import EstimationError
 from cmr.estimation.search.trace import Decision
 from cmr.files import folder_for_results
+from cmr.model.catalogue import learn
+from cmr.model.laws import Law
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.recordings.arrivals import KEPT
 from cmr.recordings.events import EventReader
@@ -34,7 +36,7 @@ class Job:
 
     `robot_id` None stands for the only robot of the logs, `nominal` None for what they announce. With `against`, which
     says what file `nominal` is, departures from it are named. On `held_out` the gain is measured. `report` says whether
-    to write report.html.
+    to write report.html. `laws` are tested by name, as effects are.
     """
 
     logs: tuple[Path, ...]
@@ -44,6 +46,7 @@ class Job:
     against: Against | None = None
     held_out: tuple[Path, ...] = ()
     report: bool = True
+    laws: tuple[Law, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +106,8 @@ def _perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
     # The engine takes a while to load; a command line that is wrong should not have to wait for it.
     from cmr.diagnosis.diagnose import diagnose
 
+    for law in job.laws:  # a process of its own does not know them yet
+        learn(law)
     try:
         tell(f"Reading {_names(job.logs)}.")
         for log in (*job.logs, *job.held_out):

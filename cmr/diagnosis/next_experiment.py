@@ -18,7 +18,7 @@ from cmr.geometry.manoeuvres import MANOEUVRES, TYPICAL, Manoeuvre, in_sequence
 from cmr.geometry.manoeuvres.in_words import Pace, instruction
 from cmr.geometry.manoeuvres.table import BETWEEN
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.effect import GROUPS
+from cmr.model.effect import GROUPS, LAWS
 from cmr.model.parameters import RobotParameters
 
 HOPELESS = "none: "  # so begin the catalogue's texts where nothing distinguishes two effects
@@ -158,7 +158,7 @@ def drive_showing(names: Sequence[str]) -> tuple[tuple[Manoeuvre, ...], tuple[st
 
 def causes(names: Sequence[str]) -> str:
     """Return effects in words, MOST_NAMED at most: of each group of the catalogue one first; empty without any."""
-    by_group = [[name for name in names if CATALOGUE[name].group == group] for group in GROUPS]
+    by_group = [[name for name in names if CATALOGUE[name].group == group] for group in (*GROUPS, LAWS)]
     in_turn = [name for row in zip_longest(*by_group) for name in row if name]
     first, more = in_turn[:MOST_NAMED], len(in_turn) - MOST_NAMED
     others = [f"{more} other {'effect' if more == 1 else 'effects'}"] if more > 0 else []

@@ -8,6 +8,7 @@ from pathlib import PurePath
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.laws.result import Laws
 from cmr.estimation.search.trace import Decision, Measure
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.faults.findings import Finding
@@ -15,9 +16,10 @@ from cmr.recordings.lateness import Lateness
 from cmr.recordings.signal import Floats
 
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
+LAW_FOUND = "law_found"  # a law stands in the model, and no name of the catalogue
 PARAMETERS_DIFFER = "parameters_differ"  # only against a parameter file: no effect departs from it, parameters do
 GENERIC = "a generic term, no physical cause"  # how such a term is labelled everywhere
-VERDICTS = (EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA, PARAMETERS_DIFFER)
+VERDICTS = (EFFECTS_FOUND, LAW_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA, PARAMETERS_DIFFER)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,8 +174,9 @@ NOTHING_TO_DRAW = Evidence(window=math.nan)
 class Diagnosis:
     """What a diagnosis found of one robot.
 
-    `effects` are ordered by evidence, `candidates` are the runners-up. `baseline` is the paper's model, `extended`
-    that with the effects named and any generic term, both None with bad data. `parameters` holds all values the
+    `effects` are ordered by evidence, `candidates` are the runners-up. `laws` is the answer on physics that no entry of
+    the catalogue describes. `baseline` is the paper's model, `extended` that with the effects named, laws and any
+    generic term, both None with bad data. `parameters` holds all values the
     extended model runs with, by name. `checks` says what was wrong with the data, `notes` are sentences on what else a
     reader should know, `next_experiment` what to do next if nothing, or not enough, was found, `not_visible` all
     effects that would not show in these drives if the robot had them. `sources` names the recordings, `samples` counts
@@ -194,6 +197,7 @@ class Diagnosis:
     gain: Gain | None = None
     nominal: Fitted | None = None
     gain_over_nominal: Gain | None = None
+    laws: Laws = field(default_factory=Laws)
     unexplained: Unexplained = field(default_factory=Unexplained)
     checks: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
@@ -208,7 +212,8 @@ class Diagnosis:
     against: Against | None = None
 
     def __repr__(self) -> str:
-        effects = ", ".join(effect.name for effect in self.effects) or self.verdict
+        names = [*(effect.name for effect in self.effects), *(one.law.name for one in self.laws.found)]
+        effects = ", ".join(names) or self.verdict
         return f"<{type(self).__name__} of robot {self.robot_id}: {effects}>"
 
     def _repr_html_(self) -> str:
@@ -232,7 +237,8 @@ class Diagnosis:
     def is_extended(self) -> bool:
         """Whether the extended model is another than the baseline."""
         departs = self.against is not None and bool(self.against.departures)
-        return bool(self.effects) or self.unexplained.generic is not None or departs
+        found = bool(self.effects) or bool(self.laws.found)
+        return found or self.unexplained.generic is not None or departs
 
     @property
     def baseline_words(self) -> str:

@@ -25,6 +25,7 @@ def summary(diagnosis: Diagnosis) -> str:
     parts = [
         _wrapped(f"Robot {diagnosis.robot_id}: {diagnosis.sentence}"),
         _table(diagnosis.effects) if diagnosis.effects else "",
+        "\n".join(_wrapped(text, indent=len(INDENT)) for text in _laws(diagnosis)),
         _wrapped(harmless_sentence(diagnosis.harmless)),
         _error_table(diagnosis.evidence.window, errors) if len(errors) > 1 else "",
         "\n".join(map(_wrapped, [*remarks, *diagnosis.notes, *following])),
@@ -64,6 +65,15 @@ def _table(effects: Sequence[NamedEffect]) -> str:
             lines.append((row + (evidence if position == 0 else "")).rstrip())
         lines += [_wrapped(INDENT + sentence, indent=len(INDENT)) for sentence in _sentences(effect)]
     return "\n".join(lines)
+
+
+def _laws(diagnosis: Diagnosis) -> list[str]:
+    """Return what there is to say on laws; nothing where none was looked for, or nothing was there to be found."""
+    laws = diagnosis.laws
+    if not laws.found:
+        return [f"No law: {' '.join(laws.reasons)}"] if laws.manoeuvre else []
+    names = " and ".join(one.law.name for one in laws.found)
+    return [f"Laws ({laws.answer}): {names}. {' '.join(laws.reasons)}"]
 
 
 def _sentences(effect: NamedEffect) -> list[str]:
@@ -163,10 +173,11 @@ def _error_table(window: float, models: Sequence[tuple[str, Fitted]]) -> str:
 
 def _added(diagnosis: Diagnosis) -> str:
     """Return what the extended model has beyond the paper's."""
+    laws = {0: [], 1: ["the law"]}.get(len(diagnosis.laws.found), ["the laws"])
     generic = [GENERIC] if diagnosis.unexplained.generic else []
     departs = diagnosis.against is not None and bool(diagnosis.against.departures)
     parameters = ["the parameters found"] if departs and not diagnosis.effects else []
-    return " and ".join([*(["the effects"] if diagnosis.effects else []), *parameters, *generic])
+    return " and ".join([*(["the effects"] if diagnosis.effects else []), *laws, *parameters, *generic])
 
 
 def _error(fitted: Fitted) -> str:

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.catalogue import CATALOGUE, LAWS, definition
 from cmr.model.effect import Effect
 from cmr.model.extended.statements import changed_by
 from cmr.model.parameters import ParameterDefinition, Quantity
@@ -86,6 +86,7 @@ class Excitation:
     interval: float = USUAL_INTERVAL
     controlled: bool = False
     poses_late: float = 0.0
+    laws: frozenset[str] = frozenset()
     given: Mapping[str, float] = field(default_factory=dict)
 
     def neutral(self, name: str) -> float:
@@ -263,9 +264,9 @@ def _speaks_of(lines: str, name: str) -> bool:
     return re.search(rf"\b{name}\b", lines) is not None
 
 
-def effects_of_rolling() -> tuple[Effect, ...]:
-    """Return the effects that may show in a robot that rolls as its wheels say, without commands."""
-    hidden = (*OF_ACCELERATIONS, *AS_THE_RADIUS)
+def effects_of_rolling(laws: Collection[str] = ()) -> tuple[Effect, ...]:
+    """Return the effects that may show in a robot that rolls as its wheels say, without commands; of laws only some."""
+    hidden = (*OF_ACCELERATIONS, *AS_THE_RADIUS, *(name for name in LAWS if name not in laws))
     return tuple(e for e in CATALOGUE.values() if set(e.equations) - DRIVING and e.name not in hidden)
 
 

@@ -13,6 +13,7 @@ in the order of its stages, each with formulas and references in its module:
         exchange          search/exchange.py, search/leap.py
     backward elimination  search/elimination.py
     what remains          unexplained/extending.py
+    laws                  laws/proposing.py, laws/searching.py: formulas for what no effect describes
     verdict               usefulness.py: names that are of no use on left-out data are taken back
     averaging             averaging.py: the parameters, over what these drives may hide
 
@@ -120,7 +121,8 @@ class Estimation:
         """
         assert self.whole is not None
         values = dict(self.whole.model.values)
-        named: set[str] = set()
+        term = self.whole.extended.term
+        named: set[str] = set(term.names if term else ())
         for one in self.found.named:
             named.update(parameter.name for parameter in one.candidate.effect.parameters)
             values.update({name: estimate.value for name, estimate in one.estimates.items()})
@@ -178,10 +180,10 @@ def estimate(
         ready = _with_held_out(ready, looked, unseen)
         found = with_late_wheels(look(ready, progress), late)
         progress("Looking at what remains ...")
-        whole = extended(problem if found.problem.by_moments else found.problem, found)
-        progress("Averaging over what these drives may hide ...")
         segments = [predictor.segment for predictor in problem.predictors]
         others = [segment for one in unseen for segment in one.segments]
+        whole = extended(problem if found.problem.by_moments else found.problem, found, others)
+        progress("Averaging over what these drives may hide ...")
         delivered, measured = that_holds(whole, segments, others)
         given = _nominal_values(nominal, ready, departing) if against_nominal else {}
         against = (given, measured, segments, others, delivered.model.values)

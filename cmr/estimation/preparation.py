@@ -15,7 +15,7 @@ from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
 from cmr.estimation.thinning import part_of, thinned, thinning_of
 from cmr.geometry.manoeuvres import TYPICAL
-from cmr.model.catalogue import CATALOGUE, MODELLED
+from cmr.model.catalogue import CATALOGUE, LAWS, MODELLED
 from cmr.model.command_kinds import DUTY
 from cmr.model.observer.observer import MOTION, Gains
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -126,7 +126,12 @@ def prepare(looked: Sequence[Checked], nominal: ParameterFile, *, departing: boo
     gains = choose_gains(ready, start.values)
     errors = errors_of(ready, start.values, gains)
     given = given_effects(nominal) if departing else {}
-    excitation = replace(_excitation(ready, start.values, errors), poses_late=_poses_late(looked), given=given)
+    excitation = replace(
+        _excitation(ready, start.values, errors),
+        poses_late=_poses_late(looked),
+        given=given,
+        laws=frozenset(nominal.effects) & frozenset(LAWS),
+    )
     problem = Problem(ready, gains, excitation)
     base = _first_fit(problem, start.values, start.names, errors)
     problem.excitation = replace(excitation, parameters=base.values)
@@ -168,7 +173,8 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile, departing: bool) 
 
     Under which circumstances effects act is given, like the wheel radius, which `nominal` must have.
     """
-    from_nominal = ("wheel_radius", *GIVEN)
+    given = (parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
+    from_nominal = ("wheel_radius", *given)
     start = _Start({name: nominal.value(name) for name in from_nominal if nominal.has(name)})
     _add_width(start, ready, nominal)
     driven = [predictor for predictor in ready if not len(predictor.segment.observations.given)]

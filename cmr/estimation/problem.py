@@ -24,7 +24,7 @@ from cmr.estimation.gauss_newton import (
 )
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
-from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.catalogue import CATALOGUE, LAWS, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
 from cmr.model.observer.observer import MOTION, Gains, Observer
@@ -114,7 +114,7 @@ class Problem:
     def effects(self) -> tuple[Effect, ...]:
         """The effects that may show: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
-        effects = effects_of_rolling() if rolls else self.possible
+        effects = effects_of_rolling(self.excitation.laws) if rolls else self.possible
         hidden = (*self.as_the_delay, *(OF_ONE_FRAME if self._set_to_one_pose else ()))
         return tuple(effect for effect in effects if effect.name not in hidden)
 
@@ -144,9 +144,13 @@ class Problem:
 
     @cached_property
     def possible(self) -> tuple[Effect, ...]:
-        """The effects of the catalogue that may show with commands of the kind that the robot takes."""
+        """The effects of the catalogue that may show with commands of the kind that the robot takes.
+
+        Of laws only those that the robot is said to have: others came with other robots.
+        """
         kinds = {predictor.segment.observations.kind for predictor in self.predictors}
-        return tuple(effect for effect in CATALOGUE.values() if kinds & {*effect.with_commands})
+        known = (effect for name, effect in CATALOGUE.items() if name not in LAWS or name in self.excitation.laws)
+        return tuple(effect for effect in known if kinds & {*effect.with_commands})
 
     @cached_property
     def seed(self) -> int:

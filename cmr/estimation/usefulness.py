@@ -148,9 +148,9 @@ class _Judge:
         ]
 
     def without_the_worst(self, whole: Extended) -> Extended:
-        """Return the model without its generic term, or without the effect that gains least."""
+        """Return the model without its laws or generic term, or without the effect that gains least."""
         if whole.term:
-            return replace(whole, term=None)
+            return whole.without_term()
         fitted = _fitted(whole.found)
         problem, chance = whole.found.problem, chance_of(whole.found)
         without_it = problem.without(whole.final, [[one.candidate.effect] for one in fitted])

@@ -11,7 +11,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING
 
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.effect import GENERIC, Effect
+from cmr.model.effect import GENERIC, LAWS, Effect
 from cmr.model.stages import STAGES
 
 if TYPE_CHECKING:
@@ -97,11 +97,15 @@ BY_TARGET: dict[str, dict[str, Carried]] = {
 
 def carried(target: str, effect: Effect, is_younger: bool = False) -> Carried:
     """Return how well a target carries an effect; `is_younger` where it makes readings younger than their stamps."""
+    if effect.group == LAWS and effect.is_sensor:
+        return Carried(Carry.NOT, "a law of a sensor, which only CMR's own simulation has")
     if target in WHOLE_MODEL:
         return YOUNGER if is_younger else STEPS_THE_MODEL
     known = BY_TARGET[target].get(effect.name)
     if known is not None:
         return known
+    if effect.group == LAWS:
+        return Carried(Carry.NOT, "a law, which only the model has")
     if effect.group == GENERIC:
         return Carried(Carry.NOT, "a generic term, which only the model has")
     return Carried(Carry.NOT, (OF_SENSORS if effect.is_sensor else NOT_IN)[target])
@@ -115,7 +119,7 @@ def of_robot(target: str, robot: "ExportedRobot") -> dict[str, Carried]:
 def _is_younger(effect: Effect, robot: "ExportedRobot") -> bool:
     """Tell whether an effect lets a sensor show a moment after its stamp, at the beginning or after a while."""
     for stage in effect.equations:
-        if "moment" not in STAGES[stage].changes:
+        if "moment" not in STAGES[stage].changes or effect.group == LAWS:
             continue
         for stamp in (0.0, 1e3):
             scope = {"moment": stamp, "time": stamp, "filtered": 0.0}

@@ -49,7 +49,8 @@ def recording_of(readings: Floats, robot: ExportedRobot, left: Floats, right: Fl
     ]
     psi = [sensors.wheel_speed(count, time, TICKS) for count in ticks]
     unknown = np.full(len(time), math.nan)  # the controller does not say what it drives
-    rate = sensors.gyro(neutral, time, readings[:, 2], readings[:, 5], REALISTIC, random)
+    motion = readings[:, 2], readings[:, 5], np.zeros(len(time))  # the gyro of this robot does not feel its speed
+    rate = sensors.gyro(neutral, time, motion, REALISTIC, random)
     seen, (x, y, theta) = time[::POSE_EVERY], readings[::POSE_EVERY, 3:].T
     poses = sensors.pose(neutral, seen, (x, y, theta), REALISTIC, random)
     wheels = ("ticks_left", "ticks_right", "psi_left", "psi_right", "applied_left", "applied_right")

@@ -13,6 +13,7 @@ from cmr.model.stages import STAGES
 
 GROUPS = ("battery and electronics", "motors and gearing", "wheels and ground", "sensors")
 GENERIC = "generic terms"  # the group of what has no cause
+LAWS = "laws"  # the group of what was found as a formula, on robots of which the catalogue does not say enough
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,9 @@ class Effect:
     lateness_of: str = ""
 
     def __post_init__(self) -> None:
-        if self.group not in (*GROUPS, GENERIC):
-            raise ValueError(f"effect {self.name}: group {self.group!r} is none of {', '.join((*GROUPS, GENERIC))}")
+        groups = (*GROUPS, GENERIC, LAWS)
+        if self.group not in groups:
+            raise ValueError(f"effect {self.name}: group {self.group!r} is none of {', '.join(groups)}")
         unknown = sorted(set(self.equations) - set(STAGES))
         if unknown:
             raise ValueError(f"effect {self.name}: unknown stages {', '.join(unknown)}; known: {', '.join(STAGES)}")

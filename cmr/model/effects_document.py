@@ -35,13 +35,22 @@ the left and -1.0 on the right. The stages of the step, in which the equations s
 """
 
 
+LAWS_SECTION = """## Laws
+
+A law is a formula at a place in the model, for physics that no entry describes: `cmr-diagnose` proposes laws, and a
+file `law_*.yaml` or a parameter file brings them. From then on it is an entry like those above, with equations that
+come from its formulas, and only models in which one is used are compiled with it. [The reference](reference/laws.md)
+has all that formulas may say, and [a guide](how_to/keep_a_law.md) how to keep one.
+"""
+
+
 def document(showcases: dict[str, Showcase], example: str) -> str:
     """Return the whole page; `example` is the source of an effect of the reader's own."""
     parts = [INTRODUCTION, _contents()]
     for group in GROUPS:
         parts.append(f"## {group.capitalize()}\n")
         parts += [_entry(effect, showcases[effect.name]) for effect in CATALOGUE.values() if effect.group == group]
-    return "\n".join([*parts, _velocity_controllers(), _generic_terms(), _stages(), _own(example)])
+    return "\n".join([*parts, _velocity_controllers(), LAWS_SECTION, _generic_terms(), _stages(), _own(example)])
 
 
 def _contents() -> str:

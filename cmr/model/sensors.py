@@ -5,15 +5,14 @@ stamps. Noise is not part of the model.
 """
 
 from collections.abc import Callable, Mapping
-from functools import cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, remembered
 from cmr.model.extended.evaluating import Evaluated, evaluated
-from cmr.model.extended.statements import SIDES
+from cmr.model.extended.statements import OF_MOTION, SIDES, read_by
 from cmr.model.filtering import FILTER_AGES, FILTER_WEIGHTS
 from cmr.model.motion import Floats, Trajectory
 from cmr.model.parameters import RobotParameters
@@ -58,7 +57,15 @@ def read_sensors(
     }
     seen = _stage("gyro_time")({**values, "time": np.asarray(gyro_time), "moment": np.asarray(gyro_time)})["moment"]
     turning = np.interp(seen, time, yaw_rate(time, motion.theta))
-    gyro = _stage("gyro")({**values, "time": np.asarray(gyro_time), "reading": turning, "yaw_rate": turning})
+    gyro = _stage("gyro")(
+        {
+            **values,
+            **(_place(motion, time, seen) if _asked("gyro") else {}),
+            "time": np.asarray(gyro_time),
+            "reading": turning,
+            "yaw_rate": turning,
+        }
+    )
     pose = pose_seen(time, motion, parameters, pose_time)
     return Readings(sides["left"], sides["right"], gyro["reading"], *pose)
 
@@ -98,7 +105,8 @@ def pose_seen(
         )
         for name in ("x", "y", "theta")
     }
-    pose = _stage("pose")({**values, **place})
+    moving = _moving(motion, time, moments[0]) if _asked("pose") else {}
+    pose = _stage("pose")({**values, **moving, **place})
     return pose["x"], pose["y"], pose["theta"]
 
 
@@ -107,22 +115,43 @@ def yaw_rate(time: Times, theta: Floats) -> Floats:
     return np.gradient(theta, time)
 
 
+def _place(motion: Trajectory, time: Times, at: Floats) -> dict[str, ArrayLike]:
+    """Return where the robot was, and how fast it went, at some times [s]."""
+    place = {name: np.interp(at, time, getattr(motion, name)) for name in ("x", "y", "theta")}
+    return {**place, **_moving(motion, time, at)}
+
+
+def _moving(motion: Trajectory, time: Times, at: Floats) -> dict[str, ArrayLike]:
+    """Return the forward speed [m/s] and the yaw rate [rad/s] at some times [s], between those of the trajectory."""
+    step = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
+    dt = time[step + 1] - time[step]
+    moved_x, moved_y, turned = ((values[step + 1] - values[step]) / dt for values in (motion.x, motion.y, motion.theta))
+    heading = 0.5 * (motion.theta[step] + motion.theta[step + 1])
+    return {"speed": moved_x * np.cos(heading) + moved_y * np.sin(heading), "yaw_rate": turned}
+
+
+@remembered
+def _asked(stage: str) -> bool:
+    """Return whether any effect of a sensor asks how the robot moved."""
+    return any(read_by(effect, stage) & {*OF_MOTION[stage]} for effect in CATALOGUE.values() if effect.is_sensor)
+
+
 def _values(parameters: RobotParameters) -> dict[str, ArrayLike | None]:
     """Return all parameters by name, neutral ones too."""
     return {**_neutral(), **parameters.values}
 
 
-@cache
+@remembered
 def _neutral() -> dict[str, ArrayLike | None]:
     """Return the neutral value of each of the sensors' parameters."""
     return {
         parameter.name: parameter.neutral
         for effect in CATALOGUE.values()
         if effect.is_sensor
-        for parameter in effect.parameters
+        for parameter in effect.all_parameters
     }
 
 
-@cache
+@remembered
 def _stage(stage: str, side: str | None = None) -> Evaluated:
     return evaluated(tuple(name for name, effect in CATALOGUE.items() if effect.is_sensor), stage, side)

@@ -49,6 +49,16 @@ ONCE, ENDS, POINTS, SENSOR = (
     "at the two Gauss points of a step",
     "when a sensor is read",
 )
+LOAD = {"load_share": "current drawn: sum over both sides of max(0, duty (duty - 0.8 K1 psi))"}
+# `other_` is what the wheel on the other side has.
+OTHER = {"other_psi": "", "other_domega": "", "other_duty": ""}
+BEGUN = {**OTHER, "domega": "wheel acceleration where the step begins [rad/s^2]"}
+WHEELS_OF_BOTH_SIDES = {
+    "psi_left": "wheel speed [rad/s]",
+    "psi_right": "wheel speed [rad/s]",
+    "domega_left": "wheel acceleration [rad/s^2]",
+    "domega_right": "wheel acceleration [rad/s^2]",
+}
 STAGES = {
     "start": Stage(
         "when a robot is placed",
@@ -68,14 +78,17 @@ STAGES = {
         {},
         per_side=True,
     ),
-    "place": Stage(ONCE, {}, {"x_ahead": "where the step ends [m]", "y_ahead": "where the step ends [m]"}),
+    "place": Stage(
+        ONCE, {}, {"x_ahead": "where the step ends [m]", "y_ahead": "where the step ends [m]", **WHEELS_OF_BOTH_SIDES}
+    ),
     "voltage": Stage(
         ENDS,
         {"voltage": "of the motor, as a duty"},
         {
             "duty": "",
             "psi": "wheel speed [rad/s]",
-            "load_share": "current drawn: sum over both sides of max(0, duty (duty - 0.8 K1 psi))",
+            **LOAD,
+            **BEGUN,
         },
         per_side=True,
     ),
@@ -92,7 +105,7 @@ STAGES = {
             "friction": "deceleration by friction while the wheel turns [rad/s^2]",
             "break_away": "acceleration that friction withstands at rest [rad/s^2]",
         },
-        {"psi": "", "cosine": "of the heading", "sine": "of the heading"},
+        {"psi": "", "cosine": "of the heading", "sine": "of the heading", "duty": "", **LOAD, **BEGUN},
         per_side=True,
     ),
     "coupling": Stage(
@@ -100,11 +113,23 @@ STAGES = {
         {"acceleration_left": "with friction [rad/s^2]", "acceleration_right": "with friction [rad/s^2]"},
         {"free_left": "0.0 where the wheel sticks, else 1.0", "free_right": "the same of the right side"},
     ),
-    "wheel": Stage(ONCE, {}, {"turned": "angle by which the motor shaft turned [rad]"}, per_side=True),
+    "wheel": Stage(
+        ONCE,
+        {"turned": "angle by which the motor shaft turned, as its encoder counts it [rad]"},
+        {"duty": "", "other_turned": "", **LOAD, **BEGUN},
+        per_side=True,
+    ),
     "ground": Stage(
         POINTS,
         {"radius": "of the wheel [m]", "rolling": "speed of the tyre over the ground [rad/s]"},
-        {"psi": "", "domega": "wheel acceleration [rad/s^2]", "angle": "of the wheel since the start [rad]"},
+        {
+            "psi": "",
+            "domega": "wheel acceleration [rad/s^2]",
+            "angle": "of the wheel since the start [rad]",
+            "duty": "",
+            **LOAD,
+            **OTHER,
+        },
         per_side=True,
     ),
     "width": Stage(
@@ -115,17 +140,25 @@ STAGES = {
     "body": Stage(
         POINTS,
         {"speed": "forward [m/s]", "sideways": "to the left [m/s]", "yaw_rate": "[rad/s]"},
-        {},
+        {**WHEELS_OF_BOTH_SIDES, **LOAD},
     ),
-    "memory": Stage("at the end of a step", {}, {"duty": "", "psi": "at the end"}, per_side=True),
-    "robot_memory": Stage("at the end of a step", {}, {"load_share": "mean over the step"}),
+    "memory": Stage(
+        "at the end of a step",
+        {},
+        {"duty": "", "psi": "at the end", "domega": "at the end", **LOAD, **OTHER},
+        per_side=True,
+    ),
+    "robot_memory": Stage("at the end of a step", {}, {**LOAD, **WHEELS_OF_BOTH_SIDES}),
     "encoder_time": Stage(
         SENSOR, {"moment": "that a stamped time shows [s]"}, {"time": "the stamp [s]"}, of_sensors=True
     ),
     "encoder": Stage(SENSOR, {"reading": "wheel angle [rad]"}, {"time": "[s]"}, per_side=True, of_sensors=True),
     "gyro_time": Stage(SENSOR, {"moment": "that a stamped time shows [s]"}, {"time": "the stamp [s]"}, of_sensors=True),
     "gyro": Stage(
-        SENSOR, {"reading": "yaw rate [rad/s]"}, {"time": "[s]", "yaw_rate": "the true one"}, of_sensors=True
+        SENSOR,
+        {"reading": "yaw rate [rad/s]"},
+        {"time": "[s]", "yaw_rate": "the true one", "speed": "forward [m/s]"},
+        of_sensors=True,
     ),
     "pose_time": Stage(
         SENSOR,
@@ -136,5 +169,10 @@ STAGES = {
         {"time": "the stamp [s]"},
         of_sensors=True,
     ),
-    "pose": Stage(SENSOR, {"x": "[m]", "y": "[m]", "theta": "[rad]"}, {"time": "[s]"}, of_sensors=True),
+    "pose": Stage(
+        SENSOR,
+        {"x": "[m]", "y": "[m]", "theta": "[rad]"},
+        {"time": "[s]", "yaw_rate": "the true one", "speed": "forward [m/s]"},
+        of_sensors=True,
+    ),
 }

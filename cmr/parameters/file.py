@@ -3,26 +3,27 @@
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TypeVar, cast
-
-import yaml
 
 from cmr.bus.messages import make, now_utime
 from cmr.cli.configuration import LARGEST_ROBOT_ID
 from cmr.documents.bounds import Bounds
 from cmr.documents.document import DocumentError, Item, quoted, read, read_file
 from cmr.files import write_atomically
+from cmr.model.laws.law import Law, LawError
 from cmr.model.parameters import DEFINITIONS, ParameterDefinition, RobotParameters
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS, NEEDED, VelocityController, motor_of
 from cmr.msg import parameters_t
+from cmr.parameters.laws import MOST_LAWS, flow, law_content, law_of, learned
 
 SCHEMA = 1
 MOTOR = ("k2_over_k3", "k1")  # of robots that take duties; those with a velocity controller have others in their place
 NO_MAPPING = "it is not a YAML mapping with schema, robot_id and parameters"
 COUNTED_WIDTH = "turn_rate_limit_base_width"  # the base width of commands, to the effect that limits turns
+KEYS = ("schema", "robot_id", "written", "parameters", "effects", "laws", "provenance")
 Part = TypeVar("Part", dict[str, object], list[str])
 
 
@@ -71,6 +72,19 @@ class ParameterFile:
             _check_value(name, value)
         _check_kind(self.values)
         _check_effects(self.effects, self.values)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"fields": dict(self.__dict__), "laws": self.laws}
+
+    def __setstate__(self, state: Mapping[str, object]) -> None:
+        """Let the process that receives the parameters, such as a worker, know their laws, too."""
+        laws = cast("list[Law]", state["laws"])
+        if laws:
+            from cmr.model.catalogue import learn
+
+            for law in laws:
+                learn(law)
+        self.__dict__.update(cast("dict[str, object]", state["fields"]))
 
     def value(self, name: str) -> float:
         """Return a parameter's value.
@@ -134,9 +148,27 @@ class ParameterFile:
         }
         written = self.written.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
         lines = [f"schema: {SCHEMA}", f"robot_id: {self.robot_id}", f"written: {written}", "parameters:"]
-        lines += [f"  {name}: {_flow(entry)}" for name, entry in entries.items()] or ["  {}"]
-        lines += [f"effects: {_flow(list(self.effects))}", f"provenance: {_flow(dict(self.provenance))}"]
+        lines += [f"  {name}: {flow(entry)}" for name, entry in entries.items()] or ["  {}"]
+        lines.append(f"effects: {flow(list(self.effects))}")
+        laws = self.laws
+        if laws:
+            lines += ["laws:", *(f"  {law.name}: {flow(law_content(law))}" for law in laws)]
+        lines.append(f"provenance: {flow(dict(self.provenance))}")
         return "\n".join(lines) + "\n"
+
+    @property
+    def laws(self) -> list[Law]:
+        """The laws among the effects in use, with the constants that this robot has."""
+        if not self.effects:
+            return []
+        from cmr.model.catalogue import LAWS
+
+        found = [LAWS[name] for name in self.effects if name in LAWS]
+        return [replace(law, constants={name: self._constant(law, name) for name in law.constants}) for law in found]
+
+    def _constant(self, law: Law, name: str) -> float:
+        parameter = law.parameter_of(name)
+        return self.values[parameter].value if parameter in self.values else law.constants[name]
 
     def announcement(self, sequence: int) -> parameters_t:
         """Return the parameters_t message that announces this file; `sequence` is its version, larger is newer."""
@@ -169,20 +201,50 @@ def _parsed(root: Item) -> ParameterFile:
             raise ParameterFileError(
                 f"schema is {quoted(content.get('schema'))}; this version reads schema {SCHEMA}", inside=("schema",)
             )
-        unknown = set(content) - {"schema", "robot_id", "written", "parameters", "effects", "provenance"}
+        unknown = set(content) - {*KEYS}
         if unknown:
             key = min(map(str, unknown))
             raise ParameterFileError(f"unknown key {quoted(key)}", inside=(key,))
-        robot_id = cast(int, content.get("robot_id"))  # of the right type or not: ParameterFile says so
-        return ParameterFile(
-            robot_id=robot_id,
-            values=_parse_values(content.get("parameters")),
-            effects=tuple(_part(content, "effects", list)),
-            provenance=_part(content, "provenance", dict),
-            written=_parse_time(content.get("written")),
-        )
+        laws = _parse_laws(content)
+        if not laws:
+            return _checked(content, {})
+        with learned(laws):  # a file that turns out wrong leaves nothing behind
+            return _checked(content, laws)
+    except LawError as error:
+        raise ParameterFileError(str(error), "laws", *error.within).placed(root) from None
     except ParameterFileError as error:
         raise error.placed(root) from None
+
+
+def _checked(content: Mapping[str, object], laws: Mapping[str, Law]) -> ParameterFile:
+    """Return the parameters in a document's plain values; what `laws` say of their constants holds if nothing else."""
+    robot_id = cast(int, content.get("robot_id"))  # of the right type or not: ParameterFile says so
+    values = _parse_values(content.get("parameters"))
+    effects = tuple(_part(content, "effects", list))
+    for law in laws.values():
+        for name, value in law.constants.items() if law.name in effects else ():
+            values.setdefault(law.parameter_of(name), Value(float(value)))
+    return ParameterFile(
+        robot_id=robot_id,
+        values=values,
+        effects=effects,
+        provenance=_part(content, "provenance", dict),
+        written=_parse_time(content.get("written")),
+    )
+
+
+def _parse_laws(content: Mapping[str, object]) -> dict[str, Law]:
+    """Return the laws of a file by name."""
+    entries = _part(content, "laws", dict)
+    if len(entries) > MOST_LAWS:
+        raise ParameterFileError(f"a robot has at most {MOST_LAWS} laws, not {len(entries)}", "laws")
+    laws = {}
+    for name, entry in entries.items():
+        try:
+            laws[name] = law_of(name, entry)
+        except LawError as error:
+            raise ParameterFileError(str(error), "laws", str(name), *error.within) from None
+    return laws
 
 
 def load(path: Path) -> ParameterFile:
@@ -203,18 +265,6 @@ def announcement(robot_id: int, text: str, sequence: int) -> parameters_t:
 def sha256_of(text: str) -> str:
     """Return the SHA-256 of a file's text, in hexadecimal."""
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes what is in two places twice: a parameter file has no aliases."""
-
-    def ignore_aliases(self, _data: object) -> bool:
-        return True
-
-
-def _flow(content: object) -> str:
-    """Return YAML on one line, as in `{value: 118.0, unit: rad/s^2}`."""
-    return yaml.dump(content, Dumper=_Dumper, default_flow_style=True, sort_keys=False, width=float("inf")).strip()
 
 
 def _part(content: Mapping[str, object], key: str, kind: type[Part]) -> Part:

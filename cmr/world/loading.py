@@ -25,6 +25,7 @@ class Loader:
         self._threads: dict[Key, Thread] = {}
         self._since: float = 0.0
         self._ready: set[Key] = set()
+        self._simulated: list[RobotParameters] = []
         self._failure = ""
         self._one_at_a_time = Lock()
 
@@ -57,14 +58,16 @@ class Loader:
         return self._failure
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
-        """Simulate one robot by these parameters, and prepare behaviours, which loads all that it takes."""
+        """Simulate one robot by these parameters, and prepare behaviours, which loads all that it takes.
+
+        Each set of laws is a model of its own, so that it is also simulated beside those that were loaded before.
+        """
         try:
             with self._one_at_a_time:
                 self._prepare_behaviours()
-                fleet = Fleet()
-                fleet.place([(0, VIRTUAL)], RobotState.at_rest(np.zeros(1)), parameters)
-                fleet.command(0, [(0.0, 0.0)])
-                fleet.advance(STEP)
+                for together in ([parameters], [*self._simulated, parameters]) if self._simulated else ([parameters],):
+                    _simulate(together)
+                self._simulated.append(parameters)
         except Exception as error:  # of whatever kind: an effect that a package adds is anybody's code
             self._failure = f"Robots cannot be simulated by the newest parameters: {error}"
             return
@@ -77,3 +80,12 @@ class Loader:
             behaviour = self._behaviours.pop()
             if isinstance(behaviour, TeamBehaviour):
                 behaviour.prepare()
+
+
+def _simulate(robots: list[RobotParameters]) -> None:
+    """Let a step pass for a robot of each of these parameters."""
+    fleet = Fleet()
+    for robot_id, parameters in enumerate(robots):
+        fleet.place([(robot_id, VIRTUAL)], RobotState.at_rest(np.zeros(1)), parameters)
+        fleet.command(robot_id, [(0.0, 0.0)])
+    fleet.advance(STEP)

@@ -37,7 +37,7 @@ COMMANDS = sorted(
 )
 LOGS_ALONE = ("cmr-log", "cmr-plot")  # these need no LCM
 # These end by themselves; cmr-ros2 does where no rclpy is installed.
-WITHOUT_BUS = ("cmr-export", "cmr-import", "cmr-fidelity", "cmr-log", "cmr-plot", "cmr-ros2", "cmr-sweep")
+WITHOUT_BUS = ("cmr-export", "cmr-import", "cmr-fidelity", "cmr-laws", "cmr-log", "cmr-plot", "cmr-ros2", "cmr-sweep")
 SERVICES = [name for name in COMMANDS if name not in WITHOUT_BUS]
 NEEDED = {
     "cmr-agent": ["--insecure"],
@@ -45,6 +45,7 @@ NEEDED = {
     "cmr-driver": ["--port", "/dev/null"],
     "cmr-export": ["robot_0.yaml", "--to", "python"],
     "cmr-fidelity": ["line.yaml", "--out", "fidelity"],
+    "cmr-laws": ["robot_0.yaml"],
     "cmr-log": ["info", "run.lcm"],
     "cmr-plot": ["run.lcm", "POSE_0.x"],
     "cmr-replay": ["run.lcm"],

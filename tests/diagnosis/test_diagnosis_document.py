@@ -119,7 +119,7 @@ def test_the_extended_model_tells_what_was_given_and_not_fitted(tmp_path: Path) 
 def test_what_goes_beyond_schema_1_is_what_the_documentation_says(tmp_path: Path) -> None:
     content = written(DIAGNOSIS, tmp_path)
     beyond = {"sentence", "notes", "next_experiment", "candidates", "sources", "samples", "generic_term"}
-    beyond |= {"command_lateness", "decisions", "nominal", "gain_over_nominal", "not_visible", "against"}
+    beyond |= {"command_lateness", "decisions", "nominal", "gain_over_nominal", "not_visible", "against", "laws"}
     assert set(content) - set(SCHEMA_1) - {"data_checks"} == beyond
     documentation = document.__doc__ or ""
     assert all(f"`{name}`" in documentation for name in beyond)

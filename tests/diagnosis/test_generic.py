@@ -1,4 +1,4 @@
-"""Where nothing explains what remains, a generic term may extend the model: labelled as such, and only if it helps."""
+"""Where nothing explains what remains, a law extends the model, or a generic term: only if it helps."""
 
 from functools import cache
 from pathlib import Path
@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from cmr.diagnosis.diagnose import diagnose
-from cmr.diagnosis.document import document, extended_file
-from cmr.diagnosis.report import report_of
-from cmr.diagnosis.result import GENERIC, UNEXPLAINED, Diagnosis
-from cmr.diagnosis.summary import summary
+from cmr.diagnosis.document import extended_file
+from cmr.diagnosis.result import LAW_FOUND, Diagnosis
 from cmr.estimation.checks import looked_at
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.laws.result import LAW
+from cmr.estimation.laws.searching import LEFT
 from cmr.estimation.preparation import prepare
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect
 from cmr.estimation.search.selection import Search
-from cmr.estimation.unexplained.extending import WITHDRAWN, extended
+from cmr.estimation.unexplained.extending import BY_A_LAW, extended
 from cmr.estimation.unexplained.generic import extension, formula, improves
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import load
@@ -55,38 +55,28 @@ def weak_in_reverse() -> Diagnosis:
     return diagnose(hidden("weak_reverse").recording, held_out=[other])
 
 
-def test_a_generic_term_extends_the_model_and_another_drive_is_predicted_better() -> None:
+def test_a_law_extends_the_model_and_another_drive_is_predicted_better() -> None:
     found = weak_in_reverse()
-    assert (found.verdict, found.effects) == (UNEXPLAINED, ())
-    term = found.unexplained.generic
-    assert term is not None
+    assert (found.verdict, found.effects, found.laws.answer) == (LAW_FOUND, (), LAW)
+    (law,) = found.laws.found
+    assert (law.law.place, law.law.side, law.law.formulas) == ("wheel_voltage", "both", ("abs(u)",))
     # u (1 - g) where u < 0 is u (1 - g / 2) + |u| g / 2, and the first of these is a motor as any other.
     half = 0.5 * hidden("weak_reverse").truth.parameters["weak_reverse"]
-    assert set(term.estimates) == {"generic_drive_abs_u"}
-    estimate = term.estimates["generic_drive_abs_u"]
+    (estimate,) = law.estimates.values()
     assert abs(estimate.value - half / (1.0 - half)) < 3.0 * estimate.std
-    assert term.held_out > 100.0
+    assert law.held_out > 100.0
+    assert law.left < LEFT
+    assert found.unexplained.generic is None
     assert found.baseline is not None
     assert found.extended is not None
     assert found.extended.held_out_path_rmse < 0.7 * found.baseline.held_out_path_rmse
 
 
-def test_sentence_document_and_report_label_the_term_as_what_it_is() -> None:
-    found = weak_in_reverse()
-    assert GENERIC == "a generic term, no physical cause"
-    for text in (found.sentence, summary(found).replace("\n", " "), report_of(found)):
-        assert GENERIC in text
-    term = document(found)["generic_term"]
-    assert term["label"] == GENERIC
-    assert term["formula"] in found.sentence
-    assert term["parameters"]["generic_drive_abs_u"]["std"] > 0.0
-    assert document(found)["effects"] == []
-
-
-def test_the_extended_file_runs_in_a_world_as_it_is(tmp_path: Path) -> None:
+def test_the_law_runs_in_a_world_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / "robot_0.yaml"
-    extended_file(weak_in_reverse(), {}).save(path)
-    assert "generic_drive" in load(path).effects
+    found = weak_in_reverse()
+    extended_file(found, {}).save(path)
+    assert found.laws.found[0].law.name in load(path).effects
     world = World([VirtualRobot(7, FigureEight(start=0.0), parameters_of=0)], lambda n: ParameterFollower(n, path))
     for turn in range(300):
         world.advance(turn * 10_000)
@@ -98,16 +88,18 @@ def test_a_robot_without_effects_gets_no_term_even_where_one_is_looked_for() -> 
     assert extension(*prepared("")) is None
 
 
-def test_what_only_imitates_is_withdrawn_where_a_term_alone_does_far_better() -> None:
+def test_what_only_imitates_is_withdrawn_where_a_law_alone_does_far_better() -> None:
     problem, base = prepared("cubic_motor")
     found = search_that_named("coulomb_friction", problem, base)
     whole = extended(problem, found)
     assert whole.found.named == []
-    assert [(tested.effect.name, why) for tested, why in whole.found.others] == [("coulomb_friction", WITHDRAWN)]
-    assert whole.term is not None
-    assert whole.term.names == ("generic_drive_u_cubed",)
+    assert [(tested.effect.name, why) for tested, why in whole.found.others] == [("coulomb_friction", BY_A_LAW)]
+    assert whole.laws.names_withdrawn == ("coulomb_friction",)
+    (law,) = whole.laws.found
+    assert (law.law.place, law.law.formulas) == ("wheel_voltage", ("u ** 3",))
     cubic = hidden("cubic_motor").truth.parameters["cubic_motor"]
-    assert whole.final.values["generic_drive_u_cubed"] == pytest.approx(cubic / (1.0 - cubic), rel=0.03)
+    (estimate,) = law.estimates.values()
+    assert estimate.value == pytest.approx(cubic / (1.0 - cubic), rel=0.03)
 
 
 def test_what_is_there_is_not_withdrawn() -> None:

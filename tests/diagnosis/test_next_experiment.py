@@ -25,6 +25,7 @@ from cmr.diagnosis.next_experiment import (
     telling_apart,
 )
 from cmr.diagnosis.words import REGRESSORS
+from cmr.estimation.laws.result import Laws
 from cmr.geometry.manoeuvres import MANOEUVRES, TYPICAL, in_sequence
 from cmr.geometry.manoeuvres.in_words import WORDS, Pace
 from cmr.model.catalogue import CATALOGUE, typical, with_effects
@@ -180,7 +181,7 @@ def test_what_is_the_same_as_what_was_named_is_not_said_to_be_visible_in_another
 
     def said(*named: str) -> str:
         effects = cast(Any, [SimpleNamespace(name=name, next_experiment=None) for name in named])
-        return str(_next(Pilot(), effects, found, unexplained))
+        return str(_next(Pilot(), effects, found, unexplained, Laws()))
 
     assert said("motor_gain_asymmetry", "wheel_radius_asymmetry").startswith("Backlash would be visible in")
     assert said("gyro_bias").startswith("Backlash and encoder asymmetry would be visible in")

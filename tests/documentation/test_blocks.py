@@ -14,8 +14,10 @@ from setuptools.config.pyprojecttoml import read_configuration
 
 from cmr.commands import scenarios
 from cmr.exporting.command import main as export
+from cmr.model.catalogue import LAWS, unlearn
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.file import parse as parse_parameters
+from cmr.parameters.laws import parse_law
 from cmr.tracker.profile import Profile
 from robot_driver.emulator.settings import load_settings
 from robot_driver.ros2.profile import Profile as Ros2Profile
@@ -37,12 +39,17 @@ ONLY_PARSED = {
     "cmr-camera 0": "needs a camera",
     "cmr-camera calibrate": "needs a camera",
     "cmr-diagnose --live": "listens to a robot on the bus",
+    "cmr-diagnose next.lcm --laws": "as the diagnosis of one log, which is run",
+    "cmr-diagnose next.lcm --held-out": "tests/documentation/test_unwritten_physics.py runs it",
+    "cmr-diagnose run.lcm --held-out other.lcm": "tests/documentation/test_unwritten_physics.py runs it",
     "cmr-diagnose run.lcm next.lcm": "as the diagnosis of one log, which is run",
     "cmr-diagnose runs": "as the diagnosis of one log, which is run",
     "cmr-driver": "needs a robot on a serial port",
     "cmr-emulate": "runs until it is stopped",
     "cmr-fidelity": "takes minutes; tests/experiments/fidelity/test_fidelity.py runs it",
     "cmr-import optiodom": "needs a recording of OptiOdom; tests/tools/importing/test_real_recordings.py has one",
+    "cmr-laws diagnosis": "tests/documentation/test_unwritten_physics.py runs it",
+    "cmr-laws diagnoses": "tests/diagnosis/test_collection.py runs it on parameter files with laws",
     "cmr-pilot": "commands a robot on the bus",
     "cmr-plot run.lcm": "opens a window",
     "cmr-replay run.lcm --remap": "takes as long as the log",
@@ -85,6 +92,7 @@ NOT_OURS = {
 # Python that is no program by itself, and the test that has it.
 EXCERPTS = {
     "docs/effects.md": "the equations of the catalogue: tests/model/test_effects_document.py",
+    "docs/tutorials/unwritten_physics.md": "drives for a minute: tests/documentation/test_unwritten_physics.py",
     "docs/how_to/add_an_effect.md": "needs a package with an entry point: tests/model/test_effects.py",
 }
 
@@ -193,7 +201,14 @@ def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path:
         readers = {"tracker": lambda: Profile.parse(block.text)}
     if "wheels" in content:
         readers = {"wheels": lambda: Ros2Profile.parse(block.text)}
+    if "law" in content:
+        readers = {"law": lambda: parse_law(block.text, str(block))}
+    if "laws" in content:
+        readers = {"schema": lambda: parse_parameters(block.text, str(block))}
+    known = set(LAWS)
     used = [read() for key, read in readers.items() if key in content]
+    for name in set(LAWS) - known:
+        unlearn(name)
     assert used or block.page in (
         "cmr/tools/importing/mappings/README.md",
     )  # its examples leave out what "..." stands for

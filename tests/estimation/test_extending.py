@@ -5,6 +5,8 @@ from typing import Any
 
 import pytest
 
+from cmr.estimation.laws.proposing import Proposal
+from cmr.estimation.laws.result import Laws
 from cmr.estimation.search.selection import Search
 from cmr.estimation.search.trace import ADDED, REMOVED, Decision
 from cmr.estimation.unexplained import extending
@@ -28,6 +30,7 @@ def test_what_is_unexplained_remains_with_and_without_small_effects(
     monkeypatch.setattr(extending, "with_small_effects", lambda _found: fit)
     monkeypatch.setattr(extending, "remaining", lambda _study, of, _base: SimpleNamespace(unexplained=left[id(of)]))
     monkeypatch.setattr(extending, "extension", lambda _study, _fit: None)
+    monkeypatch.setattr(extending, "proposed", lambda *_all: Proposal(Laws()))
     assert extending.extended(found.problem, found).unexplained.present == expected
 
 
@@ -42,6 +45,7 @@ def test_names_withdrawn_for_a_generic_term_stand_in_the_decisions_of_the_search
     term: Any = SimpleNamespace(names=("generic",))
     monkeypatch.setattr(extending, "_unexplained", lambda _found: PRESENT)
     monkeypatch.setattr(extending, "extension", lambda _problem, _fit: term)
+    monkeypatch.setattr(extending, "proposed", lambda *_all: Proposal(Laws()))
     monkeypatch.setattr(extending, "_makes_up_for", lambda *_all: True)
     monkeypatch.setattr(extending, "remaining", lambda *_all: SimpleNamespace(unexplained=PRESENT))
     first, last = extending.extended(BY_MOMENTS, found).found.decisions

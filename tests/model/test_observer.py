@@ -1,6 +1,7 @@
 """The observer predicts what sensors say, and is drawn towards them."""
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -27,10 +28,10 @@ def observed_finely(what: Observations, values: dict[str, float]) -> Innovations
 
 
 def test_one_observer_is_compiled_for_all_recordings_however_long_their_steps_are() -> None:
-    what = observations()
+    what, compiled = observations(), cast(Any, observing._module)
     for dt in (STEP, 0.012, 0.05):
         observe(replace(what, dt=dt), ROBOT, FREE)
-    assert observing._module.cache_info().currsize == 1
+    assert compiled.cache_info().currsize == 1
 
 
 def observations(**parameters: float) -> Observations:

@@ -25,18 +25,31 @@ from tests.hidden_effects.cases import (
 )
 from tests.hidden_effects.driving import commands_of, eight
 from tests.hidden_effects.hiding import truth_of
+from tests.hidden_effects.laws.kinds import KINDS
+from tests.hidden_effects.laws.visibility import VISIBLE, visibility
 from tests.hidden_effects.robots import TYPICAL_ROBOT
 from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import SILENT, TYPICAL, drive
+from tests.support.lanes import further
 from tests.support.project import PROJECT
 
 pytestmark = pytest.mark.slow
 
+ROOMS = ("hidden_effects", "hidden_effects/laws", "reference_plant")
 GENERATOR = [
-    *(path for room in ("hidden_effects", "reference_plant") for path in PROJECT.glob(f"tests/{room}/*.py")),
+    *(
+        path
+        for room in ("hidden_effects", "hidden_effects/laws", "reference_plant")
+        for path in PROJECT.glob(f"tests/{room}/*.py")
+    ),
     *PROJECT.glob("cmr/plant/*.py"),
 ]
-MEASURING = {"diagnosing.py", "rows.py"}  # they call the diagnosis; the others make what it is measured on
+MEASURING = {
+    "diagnosing.py",
+    "rows.py",
+    "answers.py",
+}  # they call the diagnosis; the others make what it is measured on
+SOME_KINDS = ("understeer", "cogging", "gyro_field")
 SECOND = 100  # samples of wheels and gyro
 HIDDEN = {**TYPICAL, **UNKNOWN}
 
@@ -142,6 +155,11 @@ def test_what_is_hidden_shows_on_the_rich_drive_several_times_as_large_as_the_no
     truth = truth_of(Case((name,), RICH, seed=3))
     weakest = {"gyro_bias": 2.0, "gyro_drift": 2.0}.get(name, 3.0)  # they are there all the time
     assert difference(truth, truth.robot) > weakest
+
+
+@pytest.mark.parametrize("kind", [*SOME_KINDS, *further(*(kind for kind in KINDS if kind not in SOME_KINDS))])
+def test_physics_of_the_literature_shows_clearly_to_an_observer_who_knows_it(kind: str) -> None:
+    assert visibility(truth_of(Case((kind,), RICH, seed=3))) > VISIBLE
 
 
 @pytest.mark.parametrize("law", [law for law in FRICTIONS if law != "dry"])

@@ -8,6 +8,7 @@ import numpy as np
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
+    LAW_FOUND,
     NO_EFFECT,
     PARAMETERS_DIFFER,
     UNEXPLAINED,
@@ -23,7 +24,9 @@ from cmr.diagnosis.result import (
 )
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain
+from cmr.estimation.laws.result import LAW, LawFound, Laws
 from cmr.estimation.unexplained.result import Unexplained
+from cmr.model.laws import Law
 from cmr.recordings.faults.findings import Finding
 from cmr.recordings.signal import Floats
 
@@ -235,8 +238,28 @@ DEPARTED = replace(
         departures=(Departure(name="base_width", given=0.161, estimate=BASELINE.estimates["base_width"]),),
     ),
 )
+LAWFUL = replace(
+    NOTHING,
+    verdict=LAW_FOUND,
+    sentence="Speed costs turning: w = w_wheels (1 - 0.061 s/m abs(v)), -0.061 +- 0.002 s/m.",
+    laws=Laws(
+        answer=LAW,
+        found=(
+            LawFound(
+                law=Law("law_turn_cost", "yaw_rate", ("w * abs(v)",)),
+                estimates={"law_turn_cost": Estimate(-0.061, 0.002)},
+                gain=Gain(ratio=3.4, interval=(3.0, 4.0), signals={"pose": 3.4}),
+                held_out=210.0,
+                score=1800.0,
+                left=4.0,
+            ),
+        ),
+        reasons=("It explains 1810 of -2 log likelihood on the data fitted.",),
+    ),
+)
 ALL = {
     EFFECTS_FOUND: FOUND,
+    LAW_FOUND: LAWFUL,
     NO_EFFECT: NOTHING,
     UNEXPLAINED: STRANGE,
     BAD_DATA: SPOILT,

@@ -13,6 +13,7 @@ from cmr.diagnosis.report.terms import regressor, signal_words
 from cmr.diagnosis.result import (
     BAD_DATA,
     EFFECTS_FOUND,
+    LAW_FOUND,
     NO_EFFECT,
     PARAMETERS_DIFFER,
     UNEXPLAINED,
@@ -31,6 +32,7 @@ from cmr.report.table import table
 
 BADGES = {
     EFFECTS_FOUND: "effects found",
+    LAW_FOUND: "law found",
     NO_EFFECT: "no effect",
     UNEXPLAINED: "unexplained",
     BAD_DATA: "bad data",
@@ -38,12 +40,14 @@ BADGES = {
 }
 TONES = {  # of the style sheet
     EFFECTS_FOUND: "plain",
+    LAW_FOUND: "plain",
     NO_EFFECT: "good",
     UNEXPLAINED: "doubtful",
     BAD_DATA: "bad",
     PARAMETERS_DIFFER: "plain",
 }
 NOTHING_NAMED = {
+    LAW_FOUND: "No effect in the catalogue was named; what the data show is a law, which has no name yet: see below.",
     NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter.",
     UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
     "residuals\u201d below.",

@@ -13,6 +13,7 @@ from cmr.diagnosis.words import share_sentence
 from cmr.estimation.estimates import Estimate
 from cmr.model.catalogue import DEFINITIONS as OF_MODEL
 from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.parameters import ParameterDefinition
 from cmr.model.velocity_controller import CONTROLLER_DEFINITIONS
 from cmr.report.markup import Html
 from cmr.report.numbers import (
@@ -23,7 +24,6 @@ from cmr.report.section import Section, code, folded, paragraph, quiet, section
 from cmr.report.table import table
 
 MOST_REMAINING = 3  # regressors drawn of what remains
-DEFINITIONS = {**PAPER, **CONTROLLER_DEFINITIONS, **OF_MODEL}
 
 
 def paths(diagnosis: Diagnosis) -> Section:
@@ -37,6 +37,7 @@ def paths(diagnosis: Diagnosis) -> Section:
         f"{which}{each}."
     )
     causes: list[str] = [code(effect.name) for effect in diagnosis.effects]
+    causes += [code(one.law.name) for one in diagnosis.laws.found]
     causes += ["the generic term"] if diagnosis.unexplained.generic else []
     window = diagnosis.evidence.window
     baseline = diagnosis.baseline_words
@@ -88,18 +89,25 @@ def parameters(diagnosis: Diagnosis) -> Section:
     return section("Parameters", table(headings, rows, numbers=(2, 3)), given_ones)
 
 
+def _definitions() -> dict[str, ParameterDefinition]:
+    """Return all parameters there are by now: those of laws come while a process runs."""
+    return {**PAPER, **CONTROLLER_DEFINITIONS, **OF_MODEL}
+
+
 def _unit(name: str) -> str:
-    return DEFINITIONS[name].unit if name in DEFINITIONS else ""
+    known = _definitions()
+    return known[name].unit if name in known else ""
 
 
 def _in_order(names: Iterable[str]) -> list[str]:
     """Return names in the order of the catalogue, unknown ones last."""
-    known = list(DEFINITIONS)
-    return sorted(names, key=lambda name: (known.index(name) if name in DEFINITIONS else len(known), name))
+    known = list(_definitions())
+    return sorted(names, key=lambda name: (known.index(name) if name in known else len(known), name))
 
 
 def _meaning(name: str) -> str:
-    return DEFINITIONS[name].meaning if name in DEFINITIONS else ""
+    known = _definitions()
+    return known[name].meaning if name in known else ""
 
 
 def _value(name: str, estimates: Mapping[str, Estimate], others: Mapping[str, float]) -> str:

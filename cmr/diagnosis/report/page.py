@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cmr.diagnosis.report import found, improvement, measured, origin
+from cmr.diagnosis.report import found, improvement, laws, measured, origin
 from cmr.diagnosis.report.decisions import decisions
 from cmr.diagnosis.report.pairs import pairs_of
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
@@ -34,6 +34,7 @@ def _sections(diagnosis: Diagnosis) -> list[Section]:
         *((data, next_steps) if spoilt else ()),
         found.named(diagnosis),
         measured.paths(diagnosis),
+        laws.laws(diagnosis),
         found.tell_tales(diagnosis, pairs),
         improvement.gain(diagnosis),
         found.runners_up(diagnosis),

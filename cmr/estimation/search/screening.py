@@ -80,7 +80,7 @@ def screen(
     errors = problem.errors(lanes_of(sets))
     rows = problem.rows(errors)
     off = list(range(1 + len(names), 1 + len(names) + len(selected)))
-    changes = [_changes(one) for one in errors]
+    changes = [changes_of(one) for one in errors]
     explaining = [number for number in range(len(sets)) if number not in off]
     without = [chosen([one], off)[0] for one in changes]
     changes = chosen(changes, explaining) if off else changes
@@ -140,7 +140,7 @@ def _together(best: Score, scores: Sequence[Score]) -> Score:
     return Score(replace(best.trial, values=values), best.drop, 1.0)
 
 
-def _changes(errors: Errors) -> Errors:
+def changes_of(errors: Errors) -> Errors:
     """Return what each candidate but the first changes of the first one's errors, in the place of its own.
 
     They are large, and so are written over.

@@ -1,13 +1,19 @@
-"""What a search leaves: structure that nothing explains, and a generic term that extends the model all the same."""
+"""What a search leaves: structure that nothing explains, and what extends the model all the same.
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+That is a law, where one holds; else a generic term.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from cmr.estimation.gain import measure
 from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.laws.proposing import Proposal, proposed
+from cmr.estimation.laws.result import Laws
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, with_small_effects
 from cmr.estimation.search.trace import with_removed
+from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.generic import LEAST_GAIN, Extension, extension
 from cmr.estimation.unexplained.remaining import remaining
 from cmr.estimation.unexplained.result import Unexplained
@@ -16,15 +22,28 @@ SURPASSED = 0.8  # of some error of free runs with the named effects: so little 
 # Of models fitted by free runs, whose odometry has errors of its own on every real robot (OptiOdom: 0.18 and 1.10).
 MUCH_UNEXPLAINED, MUCH_GAINED = 0.25, 1.25  # share of a signal's errors of single moments; of the path's of free runs
 WITHDRAWN = "A generic term predicts much better than it does, and as well without it."
+BY_A_LAW = "A law explains more than it does, and as well without it."
+OF_NO_USE = "With it, free runs on data left out of the fit are less accurate than with the paper's model."
 
 
 @dataclass(frozen=True)
 class Extended:
-    """What was found, what remains unexplained beside it, and the generic term accepted, if any."""
+    """What was found, what remains unexplained beside it, and the term accepted, if any: that of `laws`, or generic."""
 
     found: Search
     unexplained: Unexplained
     term: Extension | None = None
+    laws: Laws = field(default_factory=Laws)
+
+    @property
+    def generic(self) -> Extension | None:
+        """The generic term, if it is one that extends the model."""
+        return None if self.laws.found else self.term
+
+    def without_term(self) -> "Extended":
+        """Return the same without its term, which did harm."""
+        laws = Laws(reasons=(*self.laws.reasons, OF_NO_USE)) if self.laws.found else self.laws
+        return replace(self, term=None, laws=laws)
 
     @property
     def final(self) -> Fit:
@@ -32,17 +51,30 @@ class Extended:
         return self.term.fit if self.term else self.found.final
 
 
-def extended(problem: Problem, found: Search) -> Extended:
+def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) -> Extended:
     """Look at what a search of a problem leaves, and extend the model where structure remains.
 
-    Effects that only imitate what they do not explain are withdrawn: where a generic term predicts left-out data far
+    Laws come first; they must hold in the `held_out` segments, or in a part of the data that is left out. Effects that
+    only imitate what they do not explain are withdrawn: where a law, or a generic term, predicts left-out data far
     better than they do, and needs none of them, nothing supports them.
     """
     unexplained = _unexplained(found)
+    proposal = proposed(problem, found, held_out, unexplained.present)
+    if proposal.extension:
+        return _with_laws(problem, found, proposal)
     if not unexplained.present:
-        return Extended(found, unexplained)
-    result = _with_term(problem, found, unexplained)
-    return result if problem.by_moments or _matters(result) else Extended(found, Unexplained())
+        return Extended(found, unexplained, laws=proposal.laws)
+    result = replace(_with_term(problem, found, unexplained), laws=proposal.laws)
+    return result if problem.by_moments or _matters(result) else Extended(found, Unexplained(), laws=proposal.laws)
+
+
+def _with_laws(problem: Problem, found: Search, proposal: Proposal) -> Extended:
+    """Return what was found with the laws that stand in the model, and what remains beside them."""
+    assert proposal.extension is not None
+    if proposal.alone:
+        found = _without_names(problem, found, BY_A_LAW)
+    left = remaining(found.problem, proposal.extension.fit, found.base).unexplained
+    return Extended(found, left, proposal.extension, proposal.laws)
 
 
 def _matters(result: Extended) -> bool:
@@ -58,7 +90,7 @@ def _with_term(problem: Problem, found: Search, unexplained: Unexplained) -> Ext
         alone = extension(problem, found.base)
         if alone and _makes_up_for(alone, beside, problem, found):
             left = remaining(problem, found.base, found.base).unexplained
-            return Extended(_without_names(problem, found), left if left.present else unexplained, alone)
+            return Extended(_without_names(problem, found, WITHDRAWN), left if left.present else unexplained, alone)
     return Extended(found, unexplained, beside)
 
 
@@ -77,11 +109,11 @@ def _unexplained(found: Search) -> Unexplained:
     return left
 
 
-def _without_names(problem: Problem, found: Search) -> Search:
-    """Return what was found of a problem as if nothing had been named."""
-    others = [*((one.candidate, WITHDRAWN) for one in found.named), *found.others]
+def _without_names(problem: Problem, found: Search, why: str) -> Search:
+    """Return what was found of a problem as if nothing had been named, for a reason."""
+    others = [*((one.candidate, why) for one in found.named), *found.others]
     removed = [(one.candidate.effect.name, one.candidate.drop) for one in found.named]
-    decisions = with_removed(found.decisions, removed, WITHDRAWN)
+    decisions = with_removed(found.decisions, removed, why)
     return replace(found, problem=problem, final=found.base, named=[], others=others, doubts={}, decisions=decisions)
 
 

@@ -97,7 +97,7 @@ def remainder(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> Remainder
             times.append(moments + predictor.segment.observations.time)
             recordings.append(np.full(len(moments), predictor.segment.recording))
             sizes = fit.noise.of[name].sizes[number]
-            jerks.append(_jerky(predictor, error.motion, fit.values, sizes) if name == "yaw_rate" else sizes < 0.0)
+            jerks.append(jerky(predictor, error.motion, fit.values, sizes) if name == "yaw_rate" else sizes < 0.0)
     loud = np.where(np.concatenate(jerks), 0.0, problem.made_white(errors, fit.noise)[:, 0])
     calm = np.clip(loud, -LARGE, LARGE)
     return Remainder(
@@ -111,7 +111,7 @@ def remainder(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> Remainder
     )
 
 
-def _jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], sizes: Floats) -> Mask:
+def jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], sizes: Floats) -> Mask:
     """Tell which of the gyro's readings (n,) fall together with a jump of the acceleration.
 
     Within a step the model knows the mean yaw rate only, so such readings err by more than their noise.

@@ -19,7 +19,7 @@ from cmr.recordings.signal import Floats
 
 # What can be disturbed: the wheels' accelerations [rad/s^2]; the yaw rate [rad/s] and the forward and sideways speed
 # [m/s] of the body; the speed that an encoder reports [rad/s]; the readings of the gyro [rad/s], of the pose's heading
-# [rad] and position in the world [m].
+# [rad] and position in the world [m], and as the robot stands, ahead of it and to its left [m]; how late poses are [s].
 DISTURBED = (
     "left",
     "right",
@@ -32,9 +32,13 @@ DISTURBED = (
     "heading",
     "east",
     "north",
+    "ahead",
+    "beside",
+    "lateness",
 )
 (
-    LEFT, RIGHT, YAW_RATE, FORWARD, SIDEWAYS, LEFT_ENCODER, RIGHT_ENCODER, GYRO, HEADING, EAST, NORTH,
+    LEFT, RIGHT, YAW_RATE, FORWARD, SIDEWAYS, LEFT_ENCODER, RIGHT_ENCODER, GYRO, HEADING, EAST, NORTH, AHEAD, BESIDE,
+    LATENESS,
 ) = range(len(DISTURBED))  # fmt: skip
 # What `follow_traces` is given in `numbers`.
 DT, SLOWING, RADIUS, WIDTH, HOLDS, ROLLING, GAIN_ANGLE, GAIN_PSI, GAIN_POSITION, GAIN_THETA = range(10)
@@ -51,7 +55,8 @@ SEEN_IN: Mapping[str, tuple[str, ...]] = {
     "yaw_rate": BODY,
     "gyro": BODY,
     "heading": POSE_SIGNALS,
-    **dict.fromkeys(("forward", "sideways", "east", "north"), ("forward", "sideways")),
+    "lateness": POSE_SIGNALS,
+    **dict.fromkeys(("forward", "sideways", "east", "north", "ahead", "beside"), ("forward", "sideways")),
 }
 PSI_LEFT, PSI_RIGHT, THETA = (MOTION.index(name) for name in ("psi_left", "psi_right", "theta"))
 OF_WHEELS = [LEFT, RIGHT, LEFT_ENCODER, RIGHT_ENCODER]
@@ -61,7 +66,7 @@ EARLY = 1e-3  # of a step, by which a gyro reading may seem to come early; as in
 
 @dataclass(frozen=True)
 class Disturbances:
-    """Disturbances: how each goes with time, `courses` (T, C), and how far it acts on each of DISTURBED, (11, C)."""
+    """Disturbances: how each goes with time, `courses` (T, C), and how far it acts on each of DISTURBED, (14, C)."""
 
     courses: Floats
     shares: Floats
@@ -172,15 +177,23 @@ def read_encoder(wheel_error, side, body, share, theta, turn_per_angle, numbers)
 
 @inlined
 def read_pose(  # type: ignore[no-untyped-def]
-    forward_error, sideways_error, heading_error, body, course, shares, heading, restart, numbers
+    forward_error, sideways_error, heading_error, body, course, shares, heading, now, restart, numbers
 ):
-    """Read the pose, which has this heading, and correct the body by it; all the way when the path begins again."""
+    """Read the pose, which has this heading, and correct the body by it; all the way when the path begins again.
+
+    The robot moves as the row `now` of its motion says: a late pose shows where it was.
+    """
+    speed = 0.5 * numbers[RADIUS] * (now[PSI_LEFT] + now[PSI_RIGHT])
+    turning = numbers[RADIUS] / numbers[WIDTH] * (now[PSI_RIGHT] - now[PSI_LEFT])
     followed = 1.0 if restart else numbers[GAIN_POSITION]
     followed_theta = 1.0 if restart else numbers[GAIN_THETA]
     cosine, sine = cos(heading), sin(heading)
     for i in range(len(course)):
-        error_theta = body[TURNED, i] + shares[HEADING, i] * course[i]
-        error_x, error_y = body[X, i] + shares[EAST, i] * course[i], body[Y, i] + shares[NORTH, i] * course[i]
+        late = shares[LATENESS, i] * course[i]
+        ahead, beside = shares[AHEAD, i] * course[i] - speed * late, shares[BESIDE, i] * course[i]
+        error_theta = body[TURNED, i] + shares[HEADING, i] * course[i] - turning * late
+        error_x = body[X, i] + shares[EAST, i] * course[i] + cosine * ahead - sine * beside
+        error_y = body[Y, i] + shares[NORTH, i] * course[i] + sine * ahead + cosine * beside
         if not restart:
             forward_error[i] = cosine * error_x + sine * error_y
             sideways_error[i] = cosine * error_y - sine * error_x
@@ -232,6 +245,6 @@ def follow_traces(  # type: ignore[no-untyped-def]
         while pose < len(pose_time) and pose_time[pose] <= now:
             read_pose(
                 forward_error[pose], sideways_error[pose], heading_error[pose],
-                body, course, shares, pose_theta[pose], pose_use[pose] == 0, numbers,
+                body, course, shares, pose_theta[pose], at_end, pose_use[pose] == 0, numbers,
             )  # fmt: skip
             pose += 1

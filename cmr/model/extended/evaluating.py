@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS, LAWS, remembered
 from cmr.model.extended.statements import OF_A_SIDE, SIDES, Statements, changed_by
 
 Floats = NDArray[np.float64]
@@ -15,7 +15,7 @@ Evaluated = Callable[[Mapping[str, ArrayLike | None]], dict[str, Floats]]
 FUNCTIONS = {name: getattr(np, name) for name in ("exp", "cos", "sin", "sqrt", "floor", "where", "sign", "inf", "pi")}
 
 
-@cache
+@remembered
 def evaluated(effects: tuple[str, ...], stage: str, side: str | None = None) -> Evaluated:
     """Return a function from the variables of a stage, by name, to their values after these effects."""
     statements = Statements(tuple(CATALOGUE[name] for name in effects), DEFINITIONS)
@@ -56,8 +56,9 @@ def slip_time(values: Mapping[str, Floats]) -> NDArray[np.float64]:
 
 @cache
 def _of_slip() -> tuple[str, ...]:
-    """Return the effects by which the ground lags behind the wheels, whatever happened before."""
-    return tuple(name for name, one in CATALOGUE.items() if "rolling" in changed_by(one, "ground") and not one.memory)
+    """Return the effects by which the ground lags behind the wheels, whatever happened before, and however it moves."""
+    lagging = (name for name, one in CATALOGUE.items() if "rolling" in changed_by(one, "ground") and not one.memory)
+    return tuple(name for name in lagging if name not in LAWS)
 
 
 @cache

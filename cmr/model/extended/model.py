@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cmr.litter import temporary_beside
 from cmr.model.cache import cache_folder
-from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, MODELLED
+from cmr.model.catalogue import CATALOGUE, GENERIC_TERMS, LAWS, MODELLED, needed, remembered
 from cmr.model.effect import Effect
 from cmr.model.extended.compose import LANES, RECORDED, compose, late, layout_of, rows_of
 from cmr.model.extended.step_statements import LONGEST_STEP
@@ -157,17 +157,21 @@ def aligned(count: int) -> Floats:
 
 
 def model_of(names: Collection[str]) -> ExtendedModel:
-    """Return the model that has parameters with these names: generic terms are compiled in only where one is used.
+    """Return the model that has parameters with these names: generic terms and laws are in it only where one is used.
 
-    They would slow down all other models by an eighth.
+    Generic terms would slow down all other models by an eighth.
     """
-    return _extended_model(any(parameter.name in names for e in GENERIC_TERMS.values() for parameter in e.parameters))
+    used = {effect.name for effect in needed(MODELLED, names) if effect.name in LAWS}
+    return _extended_model(
+        any(parameter.name in names for e in GENERIC_TERMS.values() for parameter in e.parameters), frozenset(used)
+    )
 
 
-@cache
-def _extended_model(generic: bool) -> ExtendedModel:
-    """Return the model with all effects of the catalogue, with or without generic terms."""
-    return ExtendedModel(tuple((MODELLED if generic else CATALOGUE).values()))
+@remembered
+def _extended_model(generic: bool, laws: frozenset[str]) -> ExtendedModel:
+    """Return the model with all effects of the catalogue, of laws these, with or without generic terms."""
+    effects = MODELLED if generic else CATALOGUE
+    return ExtendedModel([effect for name, effect in effects.items() if name not in LAWS or name in laws])
 
 
 def drive(

@@ -12,7 +12,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from cmr.model.catalogue import effects_on
+from cmr.model.catalogue import LAWS, effects_on
 from cmr.model.effect import Effect
 from cmr.model.extended.statements import Statements, memories
 from cmr.model.extended.step_statements import CHANGED, COLLOCATION, HELD, NOT_LATE, step_parts
@@ -38,8 +38,8 @@ class Program:
     `state` is kept from step to step. `begin` sets memory and `duty_left`, `duty_right`, which hold the speeds, from
     psi_left and psi_right. `packet` sets `delay` [s] and `lost` of the command with number `count`, with `dt`, `seed`
     and `robot`. `step` takes command_left, command_right, dt and COEFFICIENTS to the new state, and leaves
-    `yaw_rate_end` [rad/s]. `sensors` are stages by name: they change `moment` (the stamp before), `filtered`, `reading`
-    (of a side: reading_left, reading_right) and x, y, theta, and read `time`, the stamp.
+    `yaw_rate_end` [rad/s]. `sensors` are stages by name, without laws: they change `moment` (the stamp before),
+    `filtered`, `reading` (of a side: reading_left, reading_right) and x, y, theta, and read `time`, the stamp.
     """
 
     effects: tuple[Effect, ...]
@@ -68,7 +68,8 @@ def program_of(parameters: RobotParameters) -> Program:
     """
     effects = effects_on(parameters.values)
     motion = [effect for effect in effects if not effect.is_sensor]
-    sensing = [effect for effect in effects if effect.is_sensor]
+    # Laws of sensors read how the robot moves when a sensor looks, which is no part of these stages.
+    sensing = [effect for effect in effects if effect.is_sensor and effect.name not in LAWS]
     constants = _constants(effects, parameters)
     of_motion, of_sensors = Statements(motion, constants), Statements(sensing, constants)
     return Program(

@@ -9,6 +9,10 @@ from cmr.model.effect import Effect
 from cmr.model.stages import ALWAYS, FUNCTIONS, STAGES
 
 SIDES = {"left": 1.0, "right": -1.0}
+ACROSS = {"left": "right", "right": "left"}
+# What stages of sensors read of the motion beyond what their sensor shows.
+OF_MOTION = {"gyro": ("speed", "x", "y", "theta"), "pose": ("speed", "yaw_rate")}
+OTHER = "other_"  # so begin the names of what the wheel on the other side has
 OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*stage.changes, *stage.reads)} - {
     *("load_share", "cosine", "sine", "time")
 }
@@ -75,6 +79,13 @@ def changed_by(effect: Effect, stage: str) -> set[str]:
     return _stored(effect, stage) & {*STAGES[stage].changes}
 
 
+def read_by(effect: Effect, stage: str) -> set[str]:
+    """Return the names in the statements that an effect has for a stage."""
+    if stage not in effect.equations:
+        return set()
+    return {node.id for node in ast.walk(_parsed(effect, stage)) if isinstance(node, ast.Name)}
+
+
 def _stored(effect: Effect, stage: str) -> set[str]:
     nodes = ast.walk(_parsed(effect, stage))
     return {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
@@ -96,8 +107,7 @@ def _own_names(effect: Effect) -> dict[str, bool]:
 def _check(effect: Effect, name: str, known: set[str]) -> None:
     stage = STAGES[name]
     given = {*known, *FUNCTIONS, *ALWAYS, *stage.changes, *stage.reads, *(("side",) if stage.per_side else ())}
-    read = {node.id for node in ast.walk(_parsed(effect, name)) if isinstance(node, ast.Name)}
-    unknown = sorted(read - given)
+    unknown = sorted(read_by(effect, name) - given)
     if unknown:
         raise ValueError(f"effect {effect.name}, stage {name}: nothing gives {', '.join(unknown)}")
 
@@ -118,6 +128,8 @@ class _Rename(ast.NodeTransformer):
             return ast.parse(f"random_number(seed, count, robot, {stream})", mode="eval").body
         if name in self._own:
             return self._named(f"{self._effect}_{name}", node, self._own[name])
+        if self._side and name in OF_A_SIDE and name.startswith(OTHER):
+            return ast.Name(f"{name.removeprefix(OTHER)}_{ACROSS[self._side]}", node.ctx)
         return self._named(name, node, name in OF_A_SIDE)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:

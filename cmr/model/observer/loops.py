@@ -2,7 +2,7 @@
 
 IMPORTS = '''"""Composed by cmr.model.observer.observer: do not edit, it is written again whenever an effect changes."""
 
-from math import inf, pi
+from math import inf, pi, sqrt
 
 import numpy as np
 from numpy import floor
@@ -18,6 +18,25 @@ from cmr.model.extended.step_helpers import sign, where
 from cmr.model.extended.stepping import EQUATIONS, LAYOUT, ROBOTS, prepare, prepare_each, send
 '''
 
+# How the robot moved, and where it was, when a sensor looked: between the two borders of the step.
+_MOTION = (
+    "first = min(max(int(floor(position)), border - (history - 2)), border - 1)",
+    "one, other = past[place(first, mask)], past[place(first + 1, mask)]",
+    "theta = 0.5 * (one[2, i] + other[2, i])",
+    "speed = ((other[0, i] - one[0, i]) * cos(theta) + (other[1, i] - one[1, i]) * sin(theta)) / dt",
+)
+GYRO_MOTION = (
+    "position = own[GYRO_AT + i]",
+    *_MOTION,
+    "x = 0.5 * (one[0, i] + other[0, i]) + own[OFFSET_X + i]",
+    "y = 0.5 * (one[1, i] + other[1, i]) + own[OFFSET_Y + i]",
+    "theta = theta + own[OFFSET_THETA + i]",
+)
+POSE_MOTION = (
+    "position = border + (own[AT_TIME + i] - now) / dt",
+    *_MOTION,
+    "yaw_rate = (other[2, i] - one[2, i]) / dt",
+)
 LOOPS = '''
 @compiled(
     EQUATIONS, LAYOUT, "i8[::1]", "i8", "f8[::1]", ROBOTS, "i8", "i8", "f8[:, :, ::1]", "i8[::1]", "f8", "i8", "i8",
@@ -249,6 +268,7 @@ def observe(
                             own[GYRO_READING + i] = reading + own[OFFSET_YAW_RATE + i]
                     for i in range(filled):
     GYRO_NUMBERS
+    GYRO_MOTION
                         yaw_rate = own[GYRO_READING + i]
                         reading = yaw_rate
     GYRO
@@ -337,6 +357,7 @@ def observe(
                             own[AT_THETA + i] += part * turned
                     for i in range(filled):
     POSE_NUMBERS
+    POSE_MOTION
                         at_x, at_y, at_theta = own[AT_X + i], own[AT_Y + i], own[AT_THETA + i]
                         # What the sensor would say a little further on: where it stretches or folds space, following
                         # its error itself may lead away.

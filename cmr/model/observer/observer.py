@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import groupby, pairwise
 from types import ModuleType
 from typing import NamedTuple
@@ -20,13 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model.catalogue import CATALOGUE, DEFINITIONS
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS, LAWS, needed, remembered
 from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
+from cmr.model.effect import Effect
 from cmr.model.extended.compose import LANES
 from cmr.model.extended.evaluating import mean_radii, slip_time
 from cmr.model.extended.model import START, Candidates, aligned, composed_module, model_of
-from cmr.model.extended.statements import SIDES, Statements, memories
+from cmr.model.extended.statements import OF_MOTION, SIDES, Statements, memories, read_by
 from cmr.model.extended.step_statements import CHANGED
 from cmr.model.observer import helpers, loops
 from cmr.model.observer.drives import Drives
@@ -144,7 +145,9 @@ class Observer:
         self._model = model_of(values)
         lanes = np.minimum(np.arange(-(-self._count // LANES) * LANES), self._count - 1)  # leftovers repeat the last
         self._lanes = lanes
-        neutral = {name: DEFINITIONS[name].neutral or 0.0 for name in _sensor_parameters()}
+        used = needed(CATALOGUE, values)
+        self._laws = tuple(effect.name for effect in used if effect.is_sensor and effect.name in LAWS)
+        neutral = {name: DEFINITIONS[name].neutral or 0.0 for name in _sensor_parameters(self._laws)}
         sensors = (self._values.get(name, usual) for name, usual in neutral.items())
         wheels = (*_encoder_scales(self._values, self._count), *mean_radii(self._values), slip_time(self._values))
         given = (*gains, *wheels, *sensors)
@@ -184,7 +187,7 @@ class Observer:
         profiles = np.stack([drives.profile(float(delay)) for delay in delays])
         profile = np.ascontiguousarray(which.ravel()[self._lanes])
         result = _to_fill(drives, count)
-        ends, compiled, model = drives.ends, _module().observe, self._model
+        ends, compiled, model = drives.ends, _module(self._laws).observe, self._model
         at_rest, robots = candidates.rows.copy(), blocks.arguments
         lasting = np.array([LANES * model.row[name] for name in memories(model.effects, lasting=True)], np.int64)
 
@@ -267,18 +270,22 @@ def _split(innovations: Innovations, drives: Drives) -> list[Innovations]:
     ]
 
 
-@cache
-def _sensor_parameters() -> tuple[str, ...]:
-    """Return the parameters that sensors have, and the paper's, which their effects may read."""
-    effects = [effect for effect in CATALOGUE.values() if effect.is_sensor]
-    return (*PAPER, *(parameter.name for effect in effects for parameter in effect.parameters))
+def _sensing(laws: tuple[str, ...]) -> list[Effect]:
+    """Return the effects of sensors: those of the catalogue, of laws these."""
+    return [one for name, one in CATALOGUE.items() if one.is_sensor and (name not in LAWS or name in laws)]
+
+
+@remembered
+def _sensor_parameters(laws: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the parameters that sensors have, with these laws, and the paper's, which their effects may read."""
+    return (*PAPER, *(parameter.name for effect in _sensing(laws) for parameter in effect.all_parameters))
 
 
 def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
     """Return how many radians a wheel turns for one that its encoder tells, shape (2, count): left, right."""
     from cmr.model.sensors import encoder_reading
 
-    known = {name: value for name, value in values.items() if name in _sensor_parameters()}
+    known = {name: value for name, value in values.items() if name in _sensor_parameters(())}
     known.pop("encoder_quantisation", None)
     return np.stack([1.0 / encoder_reading(known, side, np.ones(count)) for side in SIDES])
 
@@ -288,18 +295,18 @@ def _history(dt: float) -> int:
     return 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
 
 
-@cache
-def _module() -> ModuleType:
+@remembered
+def _module(laws: tuple[str, ...]) -> ModuleType:
     """Return the compiled observer, with all effects of sensors; those on the motion are compiled apart."""
-    return composed_module(_source, [effect for effect in CATALOGUE.values() if effect.is_sensor])
+    return composed_module(lambda: _source(laws), _sensing(laws))
 
 
-def _source() -> str:
-    """Return the source of the observer with all effects of sensors of the catalogue."""
+def _source(laws: tuple[str, ...]) -> str:
+    """Return the source of the observer with all effects of sensors of the catalogue, of laws these."""
     text = helpers.HELPERS + loops.LOOPS
-    for place, lines in _sensor_lines().items():
+    for place, lines in _sensor_lines(laws).items():
         text = text.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
-    rows = (*CHANGING, *GIVEN, *_sensor_parameters())
+    rows = (*CHANGING, *GIVEN, *_sensor_parameters(laws))
     constants = {
         "CHANGED_FIELDS": len(MOTION) - 1,
         **{name.upper(): LANES * i for i, name in enumerate(rows)},
@@ -314,9 +321,9 @@ def _source() -> str:
     )
 
 
-def _sensor_lines() -> dict[str, Sequence[str]]:
+def _sensor_lines(laws: tuple[str, ...]) -> dict[str, Sequence[str]]:
     """Return what sensors make of the motion, and the parameters that they read first: lines, by place in the loops."""
-    statements = Statements(tuple(effect for effect in CATALOGUE.values() if effect.is_sensor), DEFINITIONS)
+    statements = Statements(_sensing(laws), DEFINITIONS)
     stages: dict[str, Sequence[str]] = {
         "GYRO_TIME": statements.of("gyro_time"),
         "GYRO": statements.of("gyro"),
@@ -324,7 +331,11 @@ def _sensor_lines() -> dict[str, Sequence[str]]:
         "POSE_TIME": statements.of("pose_time"),
         "POSE": statements.of("pose"),
     }
-    row = {name: f"own[{name.upper()} + i]" for name in _sensor_parameters()}
+    # Few effects ask how a robot moved and where it was when a sensor looked: for others that is not computed.
+    for stage, motion in (("gyro", loops.GYRO_MOTION), ("pose", loops.POSE_MOTION)):
+        asked = any(read_by(effect, stage) & {*OF_MOTION[stage]} for effect in _sensing(laws))
+        stages[f"{stage.upper()}_MOTION"] = motion if asked else ()
+    row = {name: f"own[{name.upper()} + i]" for name in _sensor_parameters(laws)}
     reads = {
         "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),
         "ENCODER_NUMBERS": stages["ENCODER"],

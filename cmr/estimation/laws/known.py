@@ -1,0 +1,77 @@
+"""What the catalogue has already: laws that do the same to the sensors are never offered.
+
+No list says which formulas are which effects. An effect of the catalogue is moved a little, or as far as it is usually
+large, and what that changes of the errors is compared with the traces of a law: so identities are found, too, such as
+the scale of poses, which is the wheels' radius.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.estimation.candidates import lanes_of, trials
+from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.linearised import Linearised, mixed, seen_in
+from cmr.estimation.laws.rest import Rest
+from cmr.estimation.laws.scan import LEAST_OWN
+from cmr.estimation.search.screening import changes_of
+from cmr.recordings.signal import Floats
+
+ALIKE = 0.985  # share of a law's own trace that one effect does: they are then the same on this drive
+
+
+@dataclass(frozen=True)
+class Known:
+    """What effects of the catalogue do beside a model, by name: orthonormal columns (n, k), and what each gains."""
+
+    columns: dict[str, Floats]
+    gains: dict[str, float]
+    rest: Rest
+
+    def same_as(self, model: Linearised, law: Candidate) -> str:
+        """Return the name of the effect that does what a law does; empty if there is none."""
+        signals = seen_in(law.place)
+        rows = self.rest.rows(signals)
+        traces = np.zeros((len(self.rest.white), len(law.formulas)))
+        traces[rows] = mixed(law, model.white_traces([law], self.rest.noise, signals))
+        traces *= self.rest.mask[:, None]
+        own = _orthonormal(traces - self.rest.basis @ (self.rest.basis.T @ traces), traces)
+        for name, columns in self.columns.items():
+            if own.shape[1] and float(np.sum((columns.T @ own) ** 2)) > ALIKE * own.shape[1]:
+                return name
+        return ""
+
+
+def known_beside(model: Linearised, rest: Rest, selected: Sequence[str]) -> Known:
+    """Return what the effects of the catalogue do beside a model that leaves `rest` and has some `selected`."""
+    problem = model.problem
+    others = [one for one in problem.effects if one.name not in selected and one.beside in ("", *selected)]
+    tried = [one for one in trials(problem.excitation, others) if not one.local]
+    sets = [dict(model.values), *({**model.values, **trial.values} for trial in tried)]
+    white = problem.made_white([changes_of(one) for one in problem.errors(lanes_of(sets))], rest.noise)
+    changes = np.nan_to_num(white[:, 1:]) * rest.mask[:, None]
+    free = changes - rest.basis @ (rest.basis.T @ changes)
+    columns: dict[str, Floats] = {}
+    gains: dict[str, float] = {}
+    for name in dict.fromkeys(trial.effect for trial in tried):
+        own = [number for number, trial in enumerate(tried) if trial.effect == name]
+        # Trials of a limit are as many effects: what one of them does is not what two do together.
+        groups = [[number] for number in own] if any(tried[number].threshold for number in own) else [own]
+        for number, group in enumerate(groups):
+            part = _orthonormal(free[:, group], changes[:, group])
+            if part.shape[1]:
+                columns[name if number == 0 else f"{name}#{number}"] = part
+                gains[name] = max(gains.get(name, 0.0), float(np.sum((part.T @ rest.white) ** 2)))
+    return Known(columns, gains, rest)
+
+
+def _orthonormal(columns: Floats, before: Floats) -> Floats:
+    """Return an orthonormal basis of columns (n, k) of which enough is left of what they were `before`."""
+    left = np.sum(columns**2, axis=0) > LEAST_OWN * np.maximum(np.sum(before**2, axis=0), 1e-12)
+    kept = columns[:, left]
+    if not kept.shape[1]:
+        return kept
+    kept = kept / np.linalg.norm(kept, axis=0)
+    u, sizes, _ = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(u[:, sizes > 1e-3 * sizes[0]])

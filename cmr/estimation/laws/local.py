@@ -1,0 +1,126 @@
+"""Laws of a moment, of a place and of a vibration: where and how fast is looked for, not tried in steps.
+
+Vibrations leave lines in the spectra of the white errors, whatever they shake; moments and places are tried on a raster
+over all that the drives reached, and the polish moves them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.linearised import Linearised, is_of_wheels
+from cmr.estimation.laws.rest import Rest
+from cmr.model.laws.places import PLACES
+from cmr.recordings.signal import Floats
+
+MOMENTS = 11  # at which something may begin
+DISCS, RADII = 5, (0.15, 0.3)  # centres of places each way, and their radii as shares of the way across
+FREQUENCIES = 8  # highest lines of a spectrum
+SLOWEST, FASTEST = 0.3, 45.0  # Hz
+HIGH = 12.0  # times the mean of a spectrum: chance makes such a line once in 1e5
+NEAR = 3  # lines that belong to one peak
+BASES = {
+    "wheel_voltage": ("s", "u", "1"),
+    "wheel_slip": ("psi",),
+    "encoder_rate": ("psi",),
+    "forward_speed": ("v",),
+    "yaw_rate": ("v", "w", "1"),
+    "lateral_speed": ("v",),
+    "gyro": ("1", "w"),
+    "pose_theta": ("1",),
+    "pose_ahead": ("1",),
+    "pose_beside": ("1",),
+}
+SIZE = 4  # of a formula with a moment, a frequency or a place: what is chosen among so many is counted, too
+
+
+def local_laws(model: Linearised, rest: Rest, more: bool) -> list[Candidate]:
+    """Return laws that belong to a frequency for what a model leaves; where there is `more`, to a moment or place."""
+    vibrations = _of_frequencies(rest)
+    return [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
+
+
+def _times(first: str, other: str) -> tuple[str, ...]:
+    return (other,) if first == "1" else (first, other)
+
+
+def _of_moments(rest: Rest) -> list[Candidate]:
+    begin, end = float(rest.time.min()), float(rest.time.max())
+    moments = np.linspace(begin, end, MOMENTS + 2)[1:-1]
+    reach = {"moment": float(moments[1] - moments[0])}
+    return [
+        Candidate(place, _times(base, "step(t, moment)"), SIZE, constants={"moment": float(moment)}, reach=reach)
+        for place, bases in BASES.items()
+        for base in bases
+        for moment in moments
+    ]
+
+
+def _of_places(model: Linearised) -> list[Candidate]:
+    x, y = (np.concatenate([of.body[name] for of in model.variables]) for name in ("x", "y"))
+    across = max(float(np.ptp(x)), float(np.ptp(y)), 1e-3)
+    reach = dict.fromkeys(("east", "north"), across / DISCS) | {"radius": 0.5 * RADII[0] * across}
+    centres = [
+        (float(east), float(north))
+        for east in np.linspace(x.min(), x.max(), DISCS + 2)[1:-1]
+        for north in np.linspace(y.min(), y.max(), DISCS + 2)[1:-1]
+    ]
+    return [
+        Candidate(
+            place,
+            _times(base, "disc(east, north, radius)"),
+            SIZE,
+            constants={"east": east, "north": north, "radius": share * across},
+            reach=reach,
+        )
+        for place, bases in BASES.items()
+        if not PLACES[place].of_sensors
+        for base in bases[:1]
+        for east, north in centres
+        for share in RADII
+    ]
+
+
+def _of_frequencies(rest: Rest) -> list[Candidate]:
+    """Return vibrations at the highest lines of the white errors' spectra, at every place that shows there."""
+    reach = {"rate": 2.0 * np.pi / max(float(np.ptp(rest.time)), 1.0)}
+    found = sorted({frequency for signal in np.unique(rest.signal) for frequency in _lines(rest, int(signal))})
+    return [
+        Candidate(
+            place,
+            _times(base, "sin(rate * t)"),
+            SIZE,
+            others=(_times(base, "cos(rate * t)"),),
+            constants={"rate": 2.0 * np.pi * frequency},
+            reach=reach,
+        )
+        for place, bases in BASES.items()
+        for base in bases
+        if base == "1" or not is_of_wheels(place)
+        for frequency in found
+    ]
+
+
+def _lines(rest: Rest, signal: int) -> Sequence[float]:
+    """Return the frequencies [Hz] of the highest lines of a signal's spectrum: those that chance hardly makes."""
+    own = rest.signal == signal
+    time, white = rest.time[own], rest.white[own]
+    step = float(np.median(np.diff(time))) if len(time) > 2 else 0.0
+    if step <= 0.0:
+        return []
+    number = np.round((time - time[0]) / step).astype(np.int64)
+    raster: Floats = np.zeros(int(number.max()) + 1)
+    raster[np.clip(number, 0, len(raster) - 1)] = white
+    power = np.abs(np.fft.rfft(raster)) ** 2
+    frequency = np.fft.rfftfreq(len(raster), step)
+    power[(frequency < SLOWEST) | (frequency > FASTEST)] = 0.0
+    usual = float(np.mean(power[power > 0.0])) if np.any(power > 0.0) else 0.0
+    lines: list[float] = []
+    while len(lines) < FREQUENCIES:
+        best = int(np.argmax(power))
+        if power[best] <= HIGH * usual:
+            break
+        lines.append(float(frequency[best]))
+        power[max(0, best - NEAR) : best + NEAR + 1] = 0.0
+    return lines

@@ -1,0 +1,208 @@
+"""Fit laws together with a model's parameters, and the noise with both: to first order, again about what was found.
+
+With the errors e, the slopes E of the model's parameters and the traces G of the laws, all in the units of the signals,
+and a noise that makes white with W,
+
+    minimise  sum rho(W (e + E d - G c))    over steps d (p,) and coefficients c (k,)
+
+where rho is Huber's loss. The noise is then estimated again from e + E d - G c: what the laws explain is noise no more.
+`quality` is -2 log likelihood but for a constant: the sum of rho and of 2 ln of the sizes of the noise.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.gauss_newton import moved
+from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.linearised import Linearised, mixed
+from cmr.estimation.laws.rest import Rest, jerks, signals_of, times_of
+from cmr.estimation.laws.scan import penalty, scan
+from cmr.estimation.noise import Noise
+from cmr.estimation.prediction import Errors
+from cmr.estimation.problem import LARGE, Problem
+from cmr.recordings.signal import Floats, Mask
+
+RENEWED = 2  # times that the noise is estimated again
+STEPS = 3  # towards the least sum of Huber's loss
+RIDGE = 1e-10  # of a column's square: keeps columns that say the same solvable
+GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2: the golden section
+TURNS = 2  # of several constants
+SECTIONS = 7  # of a search for an inner constant
+STRETCH = 2.0  # factor by which it looks to either side
+
+
+@dataclass(frozen=True)
+class Polished:
+    """A model fitted with laws: its `values`, the laws with their `coefficients`, and the noise that is left.
+
+    `model` is what it was linearised about, `white` (n,) are its errors made white, `columns` (n, p + k) the white
+    slopes of parameters and traces of laws, `mask` (n,) says which errors were fitted. `sizes` (n,) are those of the
+    noise.
+    """
+
+    model: Linearised
+    values: Mapping[str, float]
+    laws: tuple[Candidate, ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    noise: Noise
+    white: Floats
+    columns: Floats
+    mask: Mask
+    sizes: Floats
+
+    def quality(self, rows: Mask | None = None) -> float:
+        """Return -2 log likelihood, but for a constant, over the rows that were fitted, or over others."""
+        counted = self.mask if rows is None else rows
+        return float(np.sum(loss(self.white[counted]) + 2.0 * np.log(self.sizes[counted])))
+
+    @property
+    def rest(self) -> Rest:
+        """What the model leaves with its laws, freed of what these and its parameters can do."""
+        mask = self.mask.astype(np.float64)
+        basis = np.linalg.qr(self.columns * mask[:, None])[0]
+        white = np.clip(self.white, -LARGE, LARGE) * mask
+        white -= basis @ (basis.T @ white)
+        return Rest(white, basis, mask, signals_of(self.model), times_of(self.model), self.noise)
+
+
+def loss(white: Floats) -> Floats:
+    """Return Huber's loss of white errors, twice as usual: their squares where they are small."""
+    size = np.abs(white)
+    return np.where(size > LARGE, LARGE * (2.0 * size - LARGE), size * size)
+
+
+def polished(
+    model: Linearised,
+    laws: Sequence[Candidate],
+    counted: Mask | None = None,
+    fixed: Sequence[Sequence[float]] | None = None,
+) -> Polished | None:
+    """Fit laws with a model's parameters to the errors that are `counted` (n,), by default all.
+
+    Where coefficients are `fixed`, nothing but the noise is. None where the data do not determine them.
+    """
+    stacked = _stacked(model, laws)
+    step = np.zeros(next(iter(stacked[0].of.values())).shape[1] - 1)
+    if fixed is not None:
+        step[len(model.names) :] = [one for own in fixed for one in own]
+    mask = np.ones(model.problem.batch.rows, np.bool_) if counted is None else counted
+    noise = model.problem.found(_combined(stacked, step))
+    columns = errors = np.empty(0)
+    for number in range(RENEWED + 1):
+        white = model.problem.made_white(stacked, noise)
+        calm = ~jerks(model, noise)
+        columns, errors = white[:, 1:] * calm[:, None], white[:, 0] * calm
+        step = step if fixed is not None else _fitted(columns, errors, mask, step)
+        if not np.all(np.isfinite(step)):
+            return None
+        noise = model.problem.found(_combined(stacked, step)) if number < RENEWED else noise
+    return Polished(
+        model,
+        moved(model.values, model.names, step[: len(model.names)]),
+        tuple(laws),
+        _by_law(laws, step[len(model.names) :]),
+        noise,
+        errors + columns @ step,
+        columns,
+        mask,
+        _sizes(model, noise),
+    )
+
+
+def _by_law(laws: Sequence[Candidate], coefficients: Floats) -> tuple[tuple[float, ...], ...]:
+    ends = np.cumsum([len(law.formulas) for law in laws])
+    return tuple(tuple(part.tolist()) for part in np.split(coefficients, ends[:-1])) if laws else ()
+
+
+def polished_twice(
+    problem: Problem, names: Sequence[str], first: Polished, counted: Mask | None = None
+) -> Polished | None:
+    """Fit the laws of a model again, linearised about the values that were found with them."""
+    return polished(Linearised.about(problem, first.values, names), first.laws, counted)
+
+
+def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candidate:
+    """Return a law with the inner constants with which it explains most of what is left, by golden section.
+
+    Several are found in turn, twice.
+    """
+    for name in [*law.constants] * (1 if len(law.constants) == 1 else TURNS):
+        law = _with_best(model, law, name, rest)
+    return law
+
+
+def _with_best(model: Linearised, law: Candidate, name: str, rest: Rest) -> Candidate:
+    """Return a law with the best value of one constant: within its reach, or within a factor either way."""
+    value, reach = law.constants[name], law.reach.get(name)
+
+    def tried(off: float) -> Candidate:
+        moved_by = value + reach * off if reach is not None else value * STRETCH**off
+        return law.with_constants({**law.constants, name: moved_by})
+
+    def gain(off: float) -> float:
+        found = scan(model, rest, [tried(off)])
+        return found[0].gain if found else -math.inf
+
+    low, high = -1.0, 1.0
+    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    of_left, of_right = gain(left), gain(right)
+    for _ in range(SECTIONS):
+        if of_left > of_right:
+            high, right, of_right = right, left, of_left
+            left = high - GOLDEN * (high - low)
+            of_left = gain(left)
+        else:
+            low, left, of_left = left, right, of_right
+            right = low + GOLDEN * (high - low)
+            of_right = gain(right)
+    off, best = max((left, of_left), (right, of_right), key=lambda one: one[1])
+    return tried(off) if best > gain(0.0) else law
+
+
+def _fitted(columns: Floats, errors: Floats, mask: Mask, start: Floats) -> Floats:
+    """Return the step (m,) that leaves least of white errors (n,)."""
+    step = start.copy()
+    inside = columns[mask]
+    normal = inside.T @ inside
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    for _ in range(STEPS if len(step) else 0):
+        left = np.clip(errors + columns @ step, -LARGE, LARGE)[mask]
+        step = step - np.linalg.solve(scaled, (inside.T @ left) / scale) / scale
+    return step
+
+
+def _stacked(model: Linearised, laws: Sequence[Candidate]) -> list[Errors]:
+    """Return errors, slopes and the traces of laws, with the opposite sign, in each segment, side by side."""
+    result = []
+    raw = [model.raw([law]) for law in laws]
+    for number, (error, slope) in enumerate(zip(model.errors, model.slopes, strict=True)):
+        of = {}
+        for name, own in error.of.items():
+            of_laws = [-mixed(law, one[number].of[name]) for law, one in zip(laws, raw, strict=True)]
+            of[name] = np.concatenate([own, slope.of[name], *of_laws], axis=1)
+        result.append(replace(error, of=of))
+    return result
+
+
+def _combined(stacked: Sequence[Errors], step: Floats) -> list[Errors]:
+    """Return the errors (n, 1) that are left by a step."""
+    weights = np.append(1.0, step)[:, None]
+    return [replace(one, of={name: of @ weights for name, of in one.of.items()}) for one in stacked]
+
+
+def _sizes(model: Linearised, noise: Noise) -> Floats:
+    """Return the sizes of the noise of all white errors, (n,)."""
+    return np.concatenate(
+        [noise.of[name].sizes[number] for number, one in enumerate(model.problem.predictors) for name in one.times]
+    )
+
+
+def score_of(before: Polished, after: Polished, inflation: float = 1.0) -> float:
+    """Return by how much laws that one model has more improve it, less what so free a search finds by chance."""
+    samples = int(np.count_nonzero(after.mask))
+    more = sum(penalty(law, samples) for law in after.laws) - sum(penalty(law, samples) for law in before.laws)
+    return (before.quality() - after.quality()) / inflation - more

@@ -1,0 +1,85 @@
+"""What a search for laws answers: the laws found, their rivals, and what a picture of them draws."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from cmr.estimation.estimates import Estimate
+from cmr.estimation.gain import Gain
+from cmr.model.laws.law import Law
+from cmr.recordings.signal import Floats
+
+LAW = "law"
+APPROXIMATION = "approximation"
+TIE = "tie"
+NO_LAW = "no law"
+ANSWERS = (LAW, APPROXIMATION, TIE, NO_LAW)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFound:
+    """A law in the model, with what it is worth.
+
+    `estimates` are those of its parameters by name. `gain` is that of free runs over the model without the law, on data
+    left out of the fit, `held_out` the log-likelihood that the law adds there. `score` is the drop of -2 log likelihood
+    on the data that it was fitted to, less what so free a search finds by chance; `left` is the best score of any
+    further law beside it.
+    """
+
+    law: Law
+    estimates: Mapping[str, Estimate]
+    gain: Gain
+    held_out: float
+    score: float
+    left: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """A residual against a law's own variable, in equal bins of it: what a picture of the law draws.
+
+    `at` (n,) are the bins' centres in the variable's unit, `count` (n,) how many errors each holds. `before` and
+    `after` (n,) are what the model lacks there without and with the law, in the unit of the law's place, `std` (n,) is
+    the standard deviation of the mean, and `law` (n,) what the law itself adds there. NaN where a bin is empty.
+    """
+
+    at: Floats
+    count: Floats
+    before: Floats
+    after: Floats
+    std: Floats
+    law: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """What a report draws of one law, on data that it was fitted to and on data held out, if there are any.
+
+    `law` names the law, `variable` is a variable or an expression of the grammar, with its `unit`; `place_unit` is that
+    of the law's place.
+    """
+
+    law: str
+    variable: str
+    unit: str
+    place_unit: str
+    training: Course
+    held_out: Course | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Laws:
+    """The answer of a search for laws.
+
+    `answer` is one of ANSWERS. `found` are at most two laws, which stand in the model together. `rivals` explain the
+    data as well as the first of them, or are left where no law is claimed because they tie. `names_withdrawn` are
+    effects that the catalogue's search had named and that the laws make up for. `reasons` are sentences that say why
+    the answer is what it is. `manoeuvre` names what a drive needs that would tell, empty where this one did.
+    """
+
+    answer: str = NO_LAW
+    found: tuple[LawFound, ...] = ()
+    rivals: tuple[LawFound, ...] = ()
+    names_withdrawn: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+    curve: tuple[Curve, ...] = field(default=())
+    manoeuvre: str = ""

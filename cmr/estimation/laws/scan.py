@@ -1,0 +1,149 @@
+"""Score all laws beside a model, to first order: what would each explain of the errors that the model leaves?
+
+With white errors w (n,), what the model's own parameters do, orthonormal, Q (n, p), and the traces of a law M (n, k)
+
+    pull  = M' (w - Q Q' w),    size = M' M - M' Q Q' M
+    LR    = pull' size^-1 pull
+    score = LR / inflation - k ln n - 2 (K + 1) ln 2 - 2 ln N_K - c ln n
+
+with K the size of the formula, N_K the number of formulas of that size, and c its inner constants: Schwarz's penalty of
+what is fitted, and twice the logarithm of how many laws were tried (G. Schwarz, Annals of Statistics 6, 1978).
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from cmr.estimation.laws.candidates import Candidate, candidates
+from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels, seen_in
+from cmr.estimation.laws.rest import Rest
+from cmr.recordings.signal import Floats
+
+ABREAST = 64  # traces observed side by side
+LEAST_OWN = 3e-4  # share of a trace's square below which the model's parameters imitate it
+NOTHING = 1e-9  # white errors squared: a law that changes less says nothing
+
+
+@dataclass(frozen=True)
+class Score:
+    """A law with its likelihood ratio `gain`, to first order, its `score`, and its coefficients (k,)."""
+
+    candidate: Candidate
+    gain: float
+    score: float
+    coefficients: tuple[float, ...]
+
+
+def scan(model: Linearised, rest: Rest, laws: Sequence[Candidate] | None = None) -> list[Score]:
+    """Return the scores of laws beside a model that leaves `rest`, the best first; by default of all."""
+    chosen = [model.sized(one) for one in (candidates() if laws is None else laws)]
+    result: list[Score] = []
+    for place in dict.fromkeys(one.place for one in chosen):
+        signals = seen_in(place)
+        seen = _Seen.of(rest, signals)
+        if not len(seen.white):
+            continue
+        for chunk in _chunks([one for one in chosen if one.place == place]):
+            result += _scored(chunk, model.white_traces(chunk, rest.noise, signals), rest, seen)
+    result.sort(key=lambda one: -one.score)
+    return result
+
+
+@cache
+def sizes_of_grammar() -> Mapping[int, int]:
+    """Return how many laws of each size there are, wheels counted with each of their sides."""
+    counts: Counter[int] = Counter()
+    for one in candidates():
+        counts[one.size] += len(SIDES) if is_of_wheels(one.place) else 1
+    return counts
+
+
+def penalty(candidate: Candidate, samples: int) -> float:
+    """Return what a law's likelihood ratio must exceed for a score above 0."""
+    fitted = len(candidate.formulas) + len(candidate.constants)
+    tried = math.log(max(sizes_of_grammar().get(candidate.size, 1), 1))
+    return fitted * math.log(max(samples, 2)) + 2.0 * (candidate.size + 1) * math.log(2.0) + 2.0 * tried
+
+
+def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
+    """Yield laws, as many as are observed side by side."""
+    chunk: list[Candidate] = []
+    count = 0
+    for one in laws:
+        width = len(one.formulas) * (2 if is_of_wheels(one.place) else 1)
+        if chunk and count + width > ABREAST:
+            yield chunk
+            chunk, count = [], 0
+        chunk.append(one)
+        count += width
+    if chunk:
+        yield chunk
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What a model leaves of some signals: white errors (n,), basis (n, p) and mask (n,)."""
+
+    white: Floats
+    basis: Floats
+    mask: Floats
+
+    @classmethod
+    def of(cls, rest: Rest, signals: Sequence[str]) -> "_Seen":
+        rows = rest.rows(signals)
+        return cls(rest.white[rows], np.ascontiguousarray(rest.basis[rows].T), rest.mask[rows])
+
+
+def _scored(chunk: Sequence[Candidate], traces: Floats, rest: Rest, seen: _Seen) -> Iterator[Score]:
+    """Yield the scores of laws whose white traces stand side by side."""
+    if rest.samples < len(rest.mask):
+        traces *= seen.mask[:, None]
+    along, pulls = seen.basis @ traces, seen.white @ traces
+    before = np.einsum("nc,nc->c", traces, traces)
+    first = 0
+    for one in chunk:
+        wheels = is_of_wheels(one.place)
+        last = first + len(one.formulas) * (2 if wheels else 1)
+        own = traces[:, first:last]
+        size = own.T @ own if last - first > 1 else before[first:last, None]
+        imitated, pull = along[:, first:last].T @ along[:, first:last], pulls[first:last]
+        first = last
+        for side in SIDES if wheels and not one.side else (one.side,):
+            found = _judged(*_on_side(size, imitated, pull, side))
+            if found is not None:
+                gain, coefficients = found
+                law = one.on(side) if wheels else one
+                yield Score(law, gain, gain / rest.inflation - penalty(law, rest.samples), coefficients)
+
+
+def _on_side(size: Floats, imitated: Floats, pull: Floats, side: str) -> tuple[Floats, Floats, Floats]:
+    """Return products (k, k) and pulls (k,) of a law on some wheels from those of left and right, side by side."""
+    if not side:
+        return size, imitated, pull
+    mixing = np.kron(np.eye(len(pull) // 2), SIDES[side][:, None]) if len(pull) > 2 else SIDES[side][:, None]
+    return mixing.T @ size @ mixing, mixing.T @ imitated @ mixing, mixing.T @ pull
+
+
+def _judged(size: Floats, imitated: Floats, pull: Floats) -> tuple[float, tuple[float, ...]] | None:
+    """Return a law's likelihood ratio and coefficients; None where the model imitates it, or it does nothing."""
+    if len(pull) == 1:
+        whole, own = float(size[0, 0]), float(size[0, 0] - imitated[0, 0])
+        if whole < NOTHING or own < LEAST_OWN * whole:
+            return None
+        return float(pull[0]) ** 2 / own, (float(pull[0]) / own,)
+    before = np.diag(size)
+    if np.any(before < NOTHING):
+        return None
+    free = size - imitated
+    if np.any(np.diag(free) < LEAST_OWN * before):
+        return None
+    scale = np.sqrt(np.diag(free))
+    scaled = free / np.outer(scale, scale)
+    if np.linalg.eigvalsh(scaled)[0] < LEAST_OWN:
+        return None
+    solved = np.linalg.solve(scaled, pull / scale)
+    return float(solved @ (pull / scale)), tuple(map(float, solved / scale))

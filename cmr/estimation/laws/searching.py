@@ -1,0 +1,261 @@
+"""Search for a law where a model leaves structure: a formula of the state, proved on data that it was not fitted on.
+
+Names of the catalogue, names and a law, and a law alone are rival hypotheses. A law is looked for beside both the model
+with all that was named and the paper's model; it is scored to first order (scan.py), the best are fitted with the
+model's parameters and the noise (polish.py), what the catalogue has is never offered (known.py), and what then is best
+must hold on data held out: with their coefficients from the data that were fitted. What is left beside it says whether
+it is a law, or an approximation of something unknown.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.known import known_beside
+from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.local import local_laws
+from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
+from cmr.estimation.laws.rest import Rest, rest_of, times_of
+from cmr.estimation.laws.scan import Score, penalty, scan
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
+from cmr.recordings.signal import Mask
+
+LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
+PROMISING = -5.0  # score to first order from which a law is fitted: noise that was found without it hides a part
+HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
+OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
+ALONE = 0.1  # share by which names and a law must be better than a law alone
+LEFT = 15.0  # score of a further law from which a law is only an approximation
+LARGEST_MOVE = 0.3  # share by which a law may move K2/K3: beyond, law and parameter run away against each other
+BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise brings
+SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
+MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
+TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
+IDENTICAL = 0.99  # share of a law's own trace that another does where both are the same mathematics
+RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
+SHOWN = 40  # best scores that are compared with what the catalogue has
+NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
+
+
+@dataclass(frozen=True)
+class Offer:
+    """Laws beside a model: the fit `before` them and `after`, and what they are worth.
+
+    `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
+    laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished.
+    """
+
+    before: Polished
+    after: Polished
+    gain: float
+    score: float
+    held_out: float
+    left: float
+    alike: tuple[Polished, ...]
+
+    @property
+    def laws(self) -> tuple[Candidate, ...]:
+        """The laws."""
+        return self.after.laws
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
+
+    `several` says that another drive could tell.
+    """
+
+    reason: str
+    before: Polished | None = None
+    several: bool = False
+    rivals: tuple[Polished, ...] = ()
+
+
+@dataclass(frozen=True)
+class Data:
+    """A problem, which of its errors are fitted, and on which a law is tried: others of them, or another problem."""
+
+    problem: Problem
+    fitted: Mask
+    tried: Mask | None
+    other: Problem | None = None
+
+    @classmethod
+    def of(cls, problem: Problem, model: Linearised, other: Problem | None) -> "Data":
+        """Return the data: of a problem alone, the last third of the time is for trying."""
+        times = times_of(model)
+        if other is not None:
+            return cls(problem, np.ones(len(times), np.bool_), None, other)
+        border = float(times.min()) + TRAINING * float(np.ptp(times))
+        return cls(problem, times < border, times >= border)
+
+    def held_out(self, before: Polished, after: Polished) -> float:
+        """Return by how much -2 log likelihood drops with laws on data that nothing was fitted on."""
+        if self.other is None:
+            assert self.tried is not None
+            return before.quality(self.tried) - after.quality(self.tried)
+        return self._elsewhere(before) - self._elsewhere(after)
+
+    def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
+        """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
+        if self.other is None:
+            return None, self.tried
+        return polished(Linearised.about(self.other, fit.values, ()), fit.laws, fixed=fit.coefficients), None
+
+    def _elsewhere(self, fit: Polished) -> float:
+        """Return -2 log likelihood of the other problem with all as it was fitted."""
+        fixed, _ = self.tried_on(fit)
+        return np.inf if fixed is None else fixed.quality()
+
+
+def offered(data: Data, model: Linearised, selected: Sequence[str], named: float) -> Offer | Refused:
+    """Return the law that stands beside a model which has some effects `selected`, or why there is none.
+
+    `named` is how much these explain: a law beside them must explain a share of it.
+    """
+    before = polished(model, (), data.fitted)
+    if before is None:
+        return Refused("The data do not determine the model's own parameters.")
+    rest = rest_of(model, before.noise, data.fitted)
+    scores = _scanned(model, rest)
+    if not scores or scores[0].score < PROMISING:
+        return Refused("No formula explains more than chance finds among so many.", before)
+    promising = _promising(model, rest, scores, selected)
+    if not promising:
+        return Refused("What formulas explain here, effects of the catalogue do as well.", before)
+    fits = _polished_all(model, rest, [one.candidate for one in promising[:BEST]], data)
+    if not fits:
+        return Refused("No formula could be fitted together with the model's parameters.", before)
+    best = min(fits, key=lambda fit: _cost(fit, data))
+    again = rest_of(model, best.noise, data.fitted)
+    met = {law.key for fit in fits for law in fit.laws}
+    rescored = scan(model, again, [one.candidate for one in scores[:RESCORED]])
+    newcomers = [one for one in _promising(model, again, rescored, selected) if one.candidate.key not in met]
+    fits += _polished_all(model, again, [one.candidate for one in newcomers[:NEWCOMERS]], data)
+    found = _judged(data, before, fits, named)
+    if isinstance(found, Offer) and found.left > LEFT:
+        return _with_second(data, found, selected)
+    return found
+
+
+def _scanned(model: Linearised, rest: Rest) -> list[Score]:
+    """Return the scores of all laws, the best first; those of moments and places only where others find something."""
+    scores = scan(model, rest)
+    more = bool(scores) and scores[0].score > 0.0
+    scores += scan(model, rest, local_laws(model, rest, more))
+    return sorted(scores, key=lambda one: -one.score)
+
+
+def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
+    """Return the offer with a second law beside the first, where one holds and leaves less."""
+    model, rest = first.after.model, first.after.rest
+    promising = _promising(model, rest, _scanned(model, rest), selected)
+    fits = [
+        fit
+        for one in promising[:NEWCOMERS]
+        if (fit := polished(model, [*first.laws, with_best_constants(model, one.candidate, rest)], data.fitted))
+        and _makes_sense(fit)
+    ]
+    if not fits:
+        return first
+    second = _judged(data, first.after, fits, OF_NAMES * first.gain)
+    if isinstance(second, Refused) or second.left > first.left:
+        return first
+    gain = first.before.quality() - second.after.quality()
+    held_out = data.held_out(first.before, second.after)
+    score = score_of(first.before, second.after)
+    return Offer(first.before, second.after, gain, score, held_out, second.left, second.alike)
+
+
+def _left(further: Sequence[Score], inflation: float) -> float:
+    """Return the best score that a further law has, with this inflation."""
+    return max((one.gain / inflation - (one.gain - one.score) for one in further), default=0.0)
+
+
+def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected: Sequence[str]) -> list[Score]:
+    """Return the best scores, without laws that the catalogue has."""
+    good = [one for one in scores[:SHOWN] if one.score > PROMISING]
+    if not good:
+        return []
+    known = known_beside(model, rest, selected)
+    best = max(known.gains.values(), default=0.0)
+    result: list[Score] = []
+    for one in good:
+        if len(result) >= BEST + NEWCOMERS:
+            break
+        again = any(one.candidate.key == other.candidate.key for other in result)
+        if not again and one.gain > NEARLY * best and not known.same_as(model, one.candidate):
+            result.append(one)
+    return result
+
+
+def _polished_all(model: Linearised, rest: Rest, laws: Sequence[Candidate], data: Data) -> list[Polished]:
+    """Return the fits of laws, each with its best inner constants, that make sense."""
+    fits = [polished(model, [with_best_constants(model, law, rest)], data.fitted) for law in laws]
+    return [fit for fit in fits if fit is not None and _makes_sense(fit)]
+
+
+def _makes_sense(fit: Polished) -> bool:
+    """Return whether a law leaves the motor's gain about where it was without it."""
+    moved = fit.values["k2_over_k3"] / fit.model.values["k2_over_k3"]
+    return 1.0 / (1.0 + LARGEST_MOVE) < moved < 1.0 + LARGEST_MOVE
+
+
+def _cost(fit: Polished, data: Data) -> float:
+    """Return -2 log likelihood with the penalty of the laws, on the data that are fitted."""
+    return fit.quality() + sum(penalty(law, int(np.count_nonzero(data.fitted))) for law in fit.laws)
+
+
+def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float) -> Offer | Refused:
+    """Return the best of some fits with a law, if it holds, with those that are not distinguished from it."""
+    problem, names = data.problem, before.model.names
+    best = min(fits, key=lambda fit: _cost(fit, data))
+    after = polished_twice(problem, names, best, data.fitted) or best
+    if not _makes_sense(replace(after, model=before.model)):
+        after = best
+    further = scan(after.model, after.rest)
+    inflation = inflation_of(further)
+    gain, score = before.quality() - after.quality(), score_of(before, after, inflation)
+    held_out = data.held_out(before, after)
+    if score < LEAST or gain < OF_NAMES * named:
+        return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
+    if held_out < max(LEAST, HOLDS * gain):
+        return Refused("The best formula does not hold on data that it was not fitted on.", before)
+    margin = max(SET, SHARE_OF_SET * gain)
+    at_best = _cost(best, data) + _tried(data, best)
+    alike = tuple(
+        fit
+        for fit in fits
+        if fit is not best and _cost(fit, data) + _tried(data, fit) < at_best + margin and not _is_same(fit, best)
+    )
+    if len(alike) >= MOST_ALIKE:
+        reason = f"This drive does not distinguish {len(alike) + 1} formulas that explain the errors as well."
+        return Refused(reason, before, several=True, rivals=(best, *alike))
+    return Offer(before, after, gain, score, held_out, _left(further, inflation), alike)
+
+
+def _is_same(fit: Polished, best: Polished) -> bool:
+    """Return whether the last laws of two fits do the same, once the model's parameters are fitted, or say the same."""
+    if fit.laws[-1].key == best.laws[-1].key:
+        return True
+    first = best.columns.shape[1] - len(best.coefficients[-1])
+    basis = np.linalg.qr(best.columns[:, :first])[0]
+    own = [one.columns[:, -len(one.coefficients[-1]) :] for one in (fit, best)]
+    ours, its = (np.linalg.qr(columns - basis @ (basis.T @ columns))[0] for columns in own)
+    shared = float(np.sum((ours.T @ its) ** 2))
+    return shared > float(IDENTICAL * max(ours.shape[1], its.shape[1]))
+
+
+def _tried(data: Data, fit: Polished) -> float:
+    """Return -2 log likelihood on the data on which a fit is tried."""
+    return fit.quality(data.tried) if data.tried is not None else 0.0
+
+
+def inflation_of(scores: Sequence[Score]) -> float:
+    """Return how much larger the usual law's gain is than chance would have it, at least 1."""
+    gains = [one.gain for one in scores if len(one.coefficients) == 1]
+    return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if gains else 1.0

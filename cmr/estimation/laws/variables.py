@@ -1,0 +1,88 @@
+"""The variables of formulas along a drive, as the observer saw the robot move: in the middle of each step."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.estimation.prediction import Errors, Predictor
+from cmr.model.laws.words import TURNING
+from cmr.model.observer.observer import MOTION
+from cmr.recordings.signal import Floats
+
+SIDES = ("left", "right")
+BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share takes off the duty; see cmr.model.stages
+
+
+@dataclass(frozen=True)
+class Variables:
+    """The variables of one segment by name, each (T,): those of the `body`, and of each side's wheels in `wheels`.
+
+    All mappings have the step `dt` [s], too, as what smooths needs it.
+    """
+
+    body: Mapping[str, Floats]
+    wheels: tuple[Mapping[str, Floats], Mapping[str, Floats]]
+
+
+def variables_of(
+    predictors: Sequence[Predictor], errors: Sequence[Errors], values: Mapping[str, float]
+) -> list[Variables]:
+    """Return the variables in all segments, in which a robot with these values moved as `errors` say."""
+    return [_of_segment(one, error.motion, values) for one, error in zip(predictors, errors, strict=True)]
+
+
+def _of_segment(predictor: Predictor, motion: Floats, values: Mapping[str, float]) -> Variables:
+    observations = predictor.segment.observations
+    column = dict(zip(MOTION, (0.5 * (motion[1:] + motion[:-1])).T, strict=True))
+    dt, k1 = np.full(observations.steps, observations.dt), values["k1"]
+    duty = _delayed(observations.duty, values.get("command_delay", 0.0) / observations.dt)
+    psi = [column[f"psi_{side}"] for side in SIDES]
+    domega = [np.diff(motion[:, MOTION.index(f"psi_{side}")]) / observations.dt for side in SIDES]
+    load = sum(np.maximum(0.0, u * (u - BACK_EMF_OF_LOAD * k1 * of)) for u, of in zip(duty.T, psi, strict=True))
+    v, w = _of_body(psi[0], psi[1], values)
+    dv, dw = _of_body(domega[0], domega[1], values)
+    since, way = _since_turn(v, w, observations.dt)
+    body = {
+        **{"v": v, "w": w, "dv": dv, "dw": dw, "dt": dt, "load": np.asarray(load, np.float64)},
+        **{name: column[name] for name in ("x", "y", "theta")},
+        "t": observations.time + observations.dt * (np.arange(observations.steps) + 0.5),
+        "charge": np.cumsum(load * dt),
+        "since_turn": since,
+        "way_since_turn": way,
+    }
+    wheels = [
+        {
+            **body,
+            **{"psi": psi[k], "other_psi": psi[1 - k], "domega": domega[k], "other_domega": domega[1 - k]},
+            **{"u": duty[:, k], "other_u": duty[:, 1 - k], "s": k1 * psi[k], "effort": duty[:, k] - k1 * psi[k]},
+        }
+        for k in range(2)
+    ]
+    return Variables(body, (wheels[0], wheels[1]))
+
+
+def _of_body(left: Floats, right: Floats, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+    """Return forward and turning motion of wheels that move like this."""
+    radius = values["wheel_radius"]
+    return 0.5 * radius * (left + right), radius / values["base_width"] * (right - left)
+
+
+def _delayed(duty: Floats, steps: float) -> Floats:
+    """Return the duties (T, 2) that take effect so many steps late."""
+    if steps <= 0.0:
+        return duty
+    index = np.arange(len(duty), dtype=np.float64)
+    return np.stack([np.interp(index - steps, index, side) for side in duty.T], axis=1)
+
+
+def _since_turn(v: Floats, w: Floats, dt: float) -> tuple[Floats, Floats]:
+    """Return the time [s] and the way [m] since the turn reversed, or since the first turn; each (T,)."""
+    index = np.arange(len(w))
+    latest = np.maximum.accumulate(np.where(np.abs(w) > TURNING, index, -1))
+    sense = np.where(latest >= 0, np.sign(w[np.maximum(latest, 0)]), 0.0)
+    reversed_now = np.diff(sense, prepend=sense[:1]) != 0.0
+    last = np.maximum.accumulate(np.where(reversed_now, index, 0))
+    way = np.concatenate([[0.0], np.cumsum(np.abs(v[:-1]) * dt)])
+    turned = (sense != 0.0).astype(np.float64)
+    return turned * (index - last) * dt, turned * (way - way[last])

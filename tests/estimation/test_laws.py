@@ -1,0 +1,156 @@
+"""Laws: each of the grammar that is looked for leaves the traces that it should, and is found where it is hidden."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cmr.estimation.candidates import Excitation
+from cmr.estimation.laws.candidates import Candidate, candidates
+from cmr.estimation.laws.curves import curve_of
+from cmr.estimation.laws.known import known_beside
+from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed
+from cmr.estimation.laws.naming import law_of
+from cmr.estimation.laws.polish import polished, with_best_constants
+from cmr.estimation.laws.rest import rest_of
+from cmr.estimation.laws.scan import scan
+from cmr.estimation.laws.searching import LEAST, inflation_of
+from cmr.estimation.prediction import SIGNALS, Errors, Predictor
+from cmr.estimation.problem import Problem
+from cmr.estimation.segments import segments_of
+from cmr.model.observer.observer import Gains
+from cmr.recordings.signal import Floats
+from tests.reference_plant import NEUTRAL, packets, recording
+from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
+
+ROBOT = {name: getattr(NEUTRAL, name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
+GAINS = Gains(0.2, 1.0, 0.15, 0.15)
+FREE = ("k2_over_k3", "k1", "base_width")
+# The standard deviations of errors that are simulated: about those of the plant's sensors.
+SIZES = dict(zip(SIGNALS, (0.01, 0.01, 0.01, 0.002, 0.002, 0.004), strict=True))
+BY_EFFECT = {
+    "quadratic_drag": (Candidate("wheel_acceleration", ("psi", "abs(psi)"), 2, "both"), -1.0),
+    "slope_x": (Candidate("wheel_acceleration", ("cos(theta)",), 1, "both"), -1.0),
+    "lateral_skid": (Candidate("lateral_speed", ("v", "w"), 2), -1.0),
+    "wheel_radius_asymmetry": (Candidate("wheel_slip", ("psi",), 1, "opposite"), 1.0),
+    "encoder_scale": (Candidate("encoder_rate", ("psi",), 1, "both"), 1.0),
+    "encoder_asymmetry": (Candidate("encoder_rate", ("psi",), 1, "opposite"), 1.0),
+    "gyro_bias": (Candidate("gyro", ("1",), 1), 1.0),
+    "gyro_scale": (Candidate("gyro", ("w",), 1), 1.0),
+    "pose_offset": (Candidate("pose_ahead", ("1",), 1), 1.0),
+    "pose_latency": (Candidate("pose_lateness", ("1",), 1), 1.0),
+}
+HIDDEN = {
+    "speed costs turning": (Candidate("yaw_rate", ("abs(v)", "w"), 2), -0.05),
+    "a cubic motor": (Candidate("wheel_voltage", ("u ** 3",), 3, "both"), 0.05),
+    "one wheel drags": (Candidate("wheel_voltage", ("s", "abs(s)"), 2, "left"), -0.03),
+    "wind": (Candidate("lateral_speed", ("abs(v)", "cos(theta)"), 2, others=(("abs(v)", "sin(theta)"),)), 0.03),
+}
+
+
+@cache
+def predictor() -> Predictor:
+    """A robot that is exactly the paper's, on a rich drive."""
+    (segment,) = segments_of(recording(packets(rich_drive(), RICH_DRIVE_SECONDS), {}, RICH_DRIVE_SECONDS), (), 0)
+    return Predictor(segment)
+
+
+@cache
+def model() -> Linearised:
+    """That robot, linearised about what it is."""
+    excitation = Excitation(ROBOT, turning=1.0, fastest=10.0)
+    return Linearised.about(Problem([predictor()], GAINS, excitation), ROBOT, FREE)
+
+
+def simulated(law: Candidate | None, size: float, seed: int) -> Linearised:
+    """The model where its errors are noise, and the traces of a law of this size."""
+    random, about = np.random.default_rng(seed), model()
+    of: dict[str, Floats] = {
+        name: SIZES[name] * random.standard_normal((len(t), 1)) for name, t in predictor().times.items()
+    }
+    if law is not None:
+        (traces,) = about.raw([law])
+        coefficients = size * np.array([1.0, 0.5])[: len(law.formulas)]
+        of = {name: own + (mixed(law, traces.of[name]) @ coefficients)[:, None] for name, own in of.items()}
+    return replace(about, errors=[Errors(of, about.errors[0].motion, about.errors[0].followed)])
+
+
+def test_every_law_that_is_looked_for_is_one_of_the_grammar_and_there_once() -> None:
+    laws = [one.on("both") if is_of_wheels(one.place) else one for one in candidates()]
+    written = {(one.place, one.formulas, tuple(one.constants.items())) for one in laws}
+    assert len(written) == len(laws)
+    for one in laws:
+        assert law_of(one).formulas == one.formulas
+
+
+@pytest.mark.parametrize("effect", list(BY_EFFECT))
+def test_a_law_leaves_the_traces_of_the_effect_that_does_the_same(effect: str) -> None:
+    law, sign = BY_EFFECT[effect]
+    size = 1e-4
+    problem = model().problem
+    (without,), (beside,) = problem.errors(ROBOT), problem.errors({**ROBOT, effect: size})
+    (traces,) = model().raw([law])
+    for signal in without.of:
+        real = (without.of[signal] - beside.of[signal])[:, 0] / size
+        off = sign * mixed(law, traces.of[signal])[:, 0] - real
+        assert np.linalg.norm(off) <= 0.1 * np.linalg.norm(real), signal
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_alone_gives_no_law(seed: int) -> None:
+    about = simulated(None, 0.0, seed)
+    scores = scan(about, rest_of(about, about.problem.found(about.errors)))
+    assert scores[0].score < LEAST
+    assert inflation_of(scores) < 1.5
+
+
+@pytest.mark.parametrize("hidden", list(HIDDEN))
+def test_a_hidden_law_comes_first_and_is_fitted_as_it_is(hidden: str) -> None:
+    law, size = HIDDEN[hidden]
+    about = simulated(law, size, 3)
+    rest = rest_of(about, about.problem.found(about.errors))
+    best = scan(about, rest)[0].candidate
+    assert (best.place, best.side, best.formulas) == (law.place, law.side, law.formulas)
+    before, after = polished(about, ()), polished(about, [best])
+    assert before is not None
+    assert after is not None
+    assert after.coefficients[0][0] == pytest.approx(size, rel=0.1)
+    assert before.quality() - after.quality() > 100.0
+    left = scan(about, after.rest)
+    assert left[0].score < LEAST
+
+
+def test_an_inner_constant_is_found_between_those_that_are_tried() -> None:
+    law = Candidate("yaw_rate", ("dead_zone(w, limit)",), 2, constants={"limit": 0.8})
+    about = simulated(law, 0.2, 4)
+    rest = rest_of(about, about.problem.found(about.errors))
+    found = with_best_constants(about, law.with_constants({"limit": 0.6}), rest)
+    assert found.constants["limit"] == pytest.approx(0.8, rel=0.1)
+
+
+def test_what_the_catalogue_has_is_known_identities_included() -> None:
+    about = simulated(None, 0.0, 5)
+    known = known_beside(about, rest_of(about, about.problem.found(about.errors)), ())
+    assert known.same_as(about, Candidate("gyro", ("1",), 1)) == "gyro_bias"
+    assert known.same_as(about, Candidate("lateral_speed", ("v", "w"), 2)) == "lateral_skid"
+    # A law of one wheel's voltage in proportion to its duty is unequal motors, once the gain of both is fitted.
+    assert known.same_as(about, Candidate("wheel_voltage", ("u",), 1, "left"))
+    for law, _ in HIDDEN.values():
+        assert not known.same_as(about, law)
+
+
+def test_a_picture_shows_the_law_before_and_nothing_after() -> None:
+    law, size = HIDDEN["a cubic motor"]
+    about = simulated(law, size, 6)
+    fit = polished(about, [law])
+    assert fit is not None
+    curve = curve_of(fit, 0, law_of(law), None, None)
+    assert (curve.variable, curve.unit, curve.place_unit) == ("u", "-", "-")
+    course = curve.training
+    shown = np.isfinite(course.std) & (course.std < 0.01)
+    assert np.count_nonzero(shown) >= 5
+    assert np.all(
+        np.abs(course.before - course.law)[shown] < 5.0 * course.std[shown] + 0.1 * np.max(np.abs(course.law))
+    )
+    assert np.all(np.abs(course.after)[shown] < 5.0 * course.std[shown])
