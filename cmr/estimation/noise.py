@@ -77,7 +77,7 @@ class Noise:
     def found(cls, batch: Batch, errors: Errors) -> "Noise":
         """Find the noise from the errors of the first candidate in all segments of a batch."""
         first = replace(errors, of={name: of[:, :1] for name, of in errors.of.items()})
-        sums = np.stack([of[:, 0] for of in _foreign(batch, first)])
+        sums = np.stack([of[:, 0] for of in foreign_sums(batch, first)])
         return cls({name: _found(name, batch, first, sums) for name in SPANS if name in batch.signals})
 
     @classmethod
@@ -122,14 +122,14 @@ class Noise:
         """
         candidates = next(iter(errors.of.values())).shape[1]
         result = np.empty((batch.rows, candidates))
-        foreign = _foreign(batch, errors) if any(np.any(self.of[name].foreign) for name in batch.signals) else []
+        foreign = foreign_sums(batch, errors) if any(np.any(self.of[name].foreign) for name in batch.signals) else []
         for name in batch.signals:
             noise, own = self.of[name], errors.of[name]
             if name in POSE_SIGNALS and np.any(noise.foreign):
                 own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
             weights = noise.weights(first, first + len(batch.predictors))
             whiten(
-                np.ascontiguousarray(own), batch.ends[name], *_sums(noise.past, noise.spans(name)), weights,
+                np.ascontiguousarray(own), batch.ends[name], *sums_of_past(noise.past, noise.spans(name)), weights,
                 batch.at[name], result,
             )  # fmt: skip
         return result
@@ -320,7 +320,7 @@ def _acceleration(rate: Floats, batch: Batch) -> Floats:
     return np.maximum(change[1:], change[:-1])
 
 
-def _foreign(batch: Batch, errors: Errors) -> list[Floats]:
+def foreign_sums(batch: Batch, errors: Errors) -> list[Floats]:
     """Return the sums of other signals' errors since the pose before, (poses, C) each; 0 for a segment's first pose."""
     candidates = next(iter(errors.of.values())).shape[1]
     poses = batch.ends[POSE_SIGNALS[0]]
@@ -343,7 +343,7 @@ def add_between(errors, at, ends, result):  # type: ignore[no-untyped-def]
                     result[index, column] += errors[row, column]
 
 
-def _sums(past: Floats, spans: Sequence[int]) -> tuple[Floats, Indices]:
+def sums_of_past(past: Floats, spans: Sequence[int]) -> tuple[Floats, Indices]:
     """Return shares of sums of all errors up to so many before each, which weigh its `past`; see `whiten`."""
     # A sum over a span is the difference of the sums of all errors up to its ends. Four ends are taken at once.
     count = len(spans) + 1

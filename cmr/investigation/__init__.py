@@ -1,0 +1,6 @@
+"""A robot that finds out by itself what its simulation gets wrong: arrays in, the next movement out. It knows no bus.
+
+`movements` draws candidate movements, `floor` says where the robot may be, `prediction` foretells paths and what each
+explanation would make of the sensors, `separation` scores candidates by how well they separate explanations, `judging`
+weighs the explanations on the data so far, and `engine` puts these together, decision by decision.
+"""
