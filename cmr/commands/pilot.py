@@ -14,6 +14,7 @@ from cmr.bus.streams import (
     COMMAND_OWNER,
     ESTOP,
     ESTOP_LATCH,
+    GYRO,
     MOTOR_FEEDBACK,
     PARAMETERS,
     POSE,
@@ -86,6 +87,7 @@ def _listen(process: Process, robot: int) -> None:
     process.subscribe(ESTOP, every=True)
     process.subscribe(ESTOP_LATCH, robot)
     process.subscribe(MOTOR_FEEDBACK, robot, every=True)
+    process.subscribe(GYRO, robot, every=True)
     process.subscribe(POSE, robot, every=True)
     process.subscribe(PARAMETERS, robot)
     process.subscribe(WAYPOINTS, robot)

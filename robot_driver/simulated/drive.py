@@ -39,6 +39,8 @@ OWN_USB = {"mbot"}  # boards that no adapter stands before
 class SimulatedDrive:
     """What is driven, and by what; names as on the command lines of cmr-driver, cmr-emulate and cmr-pilot.
 
+    `behaviour` may be one that is made already, which has no `behaviour_settings`.
+
     `believed` are the parameters that the pilot steers by; by default the true wheel radius, k2_over_k3, k1 and base
     width. Lost and damaged bytes follow `faults`. `gyro` None: that of the board, or none. `wired` are the settings of
     cmr-driver, by default those of a robot that is wired as it should be.
@@ -47,7 +49,7 @@ class SimulatedDrive:
     settings: Settings = field(default_factory=load_settings)
     controller: str = "roboclaw"
     gyro: str | None = "dsp3000"
-    behaviour: str = "figure_eight"
+    behaviour: str | Behaviour = "figure_eight"
     behaviour_settings: Mapping[str, str] = field(default_factory=lambda: {"size": "1.15", "laps": "3", "start": "1"})
     seconds: float = 60.0
     pose_rate: float = 50.0
@@ -141,7 +143,9 @@ class SimulatedDrive:
 
     def _steer(self, host: SimulatedHost, bus: SimulatedBus, done: threading.Event) -> None:
         """Be cmr-pilot, and what of cmr-sim it needs: the estimate of the robot."""
-        behaviour = make_behaviour(self.behaviour, self.behaviour_settings)
+        behaviour = self.behaviour
+        if isinstance(behaviour, str):
+            behaviour = make_behaviour(behaviour, self.behaviour_settings)
         pilot = Pilot(self.robot_id, behaviour, ParameterFollower(self.robot_id), keep_clear=False)
         announcement = self._announcement()
         pilot.handle(announcement.utime, PARAMETERS.channel(self.robot_id), announcement)
