@@ -55,6 +55,11 @@ def import_log() -> int:
     return run("cmr.tools.importing.import_log")
 
 
+def investigate() -> int:
+    """Start cmr-investigate."""
+    return run("cmr.commands.investigate")
+
+
 def log() -> int:
     """Start cmr-log."""
     return run("cmr.tools.logs.main")

@@ -3,12 +3,13 @@
 import argparse
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
 from cmr.bus.claiming import Claim
 from cmr.bus.messages import now_utime
-from cmr.bus.process import Process
+from cmr.bus.process import Process, Received
 from cmr.bus.streams import (
     COMMAND_CLAIM,
     COMMAND_OWNER,
@@ -31,6 +32,7 @@ from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.world.behaviours import AnyBehaviour
 from cmr.world.behaviours.help_text import help_text
 from cmr.world.guarding import MARGIN
 from cmr.world.pilot import Pilot
@@ -55,24 +57,43 @@ def main(arguments: list[str]) -> int:
         kind=options.command,
     )
     compile_first([WORLD, BEHAVIOURS])
+    return steer(pilot, behaviour, options)
+
+
+def steer(
+    pilot: Pilot,
+    behaviour: AnyBehaviour,
+    options: argparse.Namespace,
+    *,
+    program: str = "cmr-pilot",
+    hear: Callable[[Received], None] = lambda _received: None,
+    tell: Callable[[], str] = lambda: "",
+) -> int:
+    """Steer a robot until its behaviour is finished; return the exit code of the process, named `program`.
+
+    `options` are those of `add_limits` and of a bus. What is received goes to `hear`, too, and what `tell` returns is
+    said on PROCESS_STATUS while nothing else is. Raises CommandError where somebody else took over, or the behaviour
+    ended with a problem.
+    """
     pilot.prepare()
     confirmed = Event()
     signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
-    with Process("cmr-pilot", options.lcm_url) as process:
-        _listen(process, options.robot)
-        claim = Claim("cmr-pilot", options.robot, lambda: process.bus.sender, options.take_over)
+    with Process(program, options.lcm_url) as process:
+        _listen(process, pilot.robot_id)
+        claim = Claim(program, pilot.robot_id, lambda: process.bus.sender, options.take_over)
         for utime in process.loop(rate_hz=RATE):
             pilot.turn(utime)
             for received in process.received():
+                hear(received)
                 for handle in (pilot.handle, claim.handle):
                     handle(received.message.utime, received.channel, received.message)
             pilot.parameters.poll()
             _confirm(pilot, confirmed)
             if claim.lost_to:
-                raise CommandError(f"{claim.lost_to} took over robot {options.robot}.")
+                raise CommandError(f"{claim.lost_to} took over robot {pilot.robot_id}.")
             waiting_for = _command(process, pilot, claim, utime)
             process.parameters_sha256 = pilot.parameters_sha256
-            _report(process, pilot, waiting_for)
+            _report(process, pilot, waiting_for, tell())
             if behaviour.finished:
                 break
         _end(process, pilot, claim)
@@ -119,14 +140,14 @@ def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
     return pilot.waiting_for
 
 
-def _report(process: Process, pilot: Pilot, waiting_for: str) -> None:
-    """Say what the robot waits for, what was refused, and which parameters wait."""
+def _report(process: Process, pilot: Pilot, waiting_for: str, told: str) -> None:
+    """Say what the robot waits for, what was refused, which parameters wait; and what is `told`."""
     new = f"{pilot.new_parameters} {CONFIRMING.format(pid=os.getpid())}" if pilot.new_parameters else ""
     waiting = f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message
     sentences = [pilot.left_fence or waiting, pilot.gate.problem(), new]
     is_in_doubt = waiting_for or any(sentences[1:])
     process.state = process_status_t.DEGRADED if is_in_doubt else process_status_t.RUNNING
-    process.message = " ".join(filter(None, sentences))
+    process.message = " ".join(filter(None, [*sentences, told]))
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -149,11 +170,19 @@ def command_parser() -> argparse.ArgumentParser:
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
     )
     add_limits(options)
+    options.add_argument(
+        "--geofence",
+        type=geofence,
+        default=None,
+        metavar="X1,Y1,X2,Y2,...",
+        help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
+    )
+    options.add_argument("--margin", type=margin, default=MARGIN, metavar="M", help="from its border, in m")
     return options
 
 
 def add_limits(options: argparse.ArgumentParser) -> None:
-    """Add what is commanded, who may command, and what the robot is kept from."""
+    """Add what is commanded, who may command, and whether robots in the way are kept clear of."""
     options.add_argument(
         "--command",
         choices=KINDS,
@@ -167,14 +196,6 @@ def add_limits(options: argparse.ArgumentParser) -> None:
         help="command the robot although another process does, which then ends; otherwise wait until it does",
     )
     options.add_argument(
-        "--geofence",
-        type=_geofence,
-        default=None,
-        metavar="X1,Y1,X2,Y2,...",
-        help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
-    )
-    options.add_argument("--margin", type=_margin, default=MARGIN, metavar="M", help="from its border, in m")
-    options.add_argument(
         "--no-keep-clear",
         dest="keep_clear",
         action="store_false",
@@ -182,7 +203,11 @@ def add_limits(options: argparse.ArgumentParser) -> None:
     )
 
 
-def _geofence(text: str) -> Geofence:
+def geofence(text: str) -> Geofence:
+    """Return the polygon that a command line names.
+
+    Raises argparse.ArgumentTypeError where it is none.
+    """
     try:
         numbers = [float(number) for number in text.split(",")]
         if len(numbers) % 2:
@@ -194,11 +219,15 @@ def _geofence(text: str) -> Geofence:
         ) from error
 
 
-def _margin(text: str) -> float:
+def margin(text: str) -> float:
+    """Return the distance [m] that a command line gives.
+
+    Raises argparse.ArgumentTypeError where it is none.
+    """
     try:
-        margin = float(text)
+        distance = float(text)
     except ValueError:
-        margin = -1.0
-    if not 0.0 <= margin <= FURTHEST:
+        distance = -1.0
+    if not 0.0 <= distance <= FURTHEST:
         raise argparse.ArgumentTypeError(f"{text!r} is not a distance of 0 m or more")
-    return margin
+    return distance

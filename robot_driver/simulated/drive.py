@@ -1,7 +1,8 @@
 """The log of a whole drive in simulated time: pilot, driver, bytes, controller, plant, encoders and gyro, and back."""
 
+import math
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
@@ -39,7 +40,8 @@ OWN_USB = {"mbot"}  # boards that no adapter stands before
 class SimulatedDrive:
     """What is driven, and by what; names as on the command lines of cmr-driver, cmr-emulate and cmr-pilot.
 
-    `behaviour` may be one that is made already, which has no `behaviour_settings`.
+    `behaviour` may be one that is made already, which has no `behaviour_settings`; then `on_second` is called each
+    second, and the drive ends when the behaviour does.
 
     `believed` are the parameters that the pilot steers by; by default the true wheel radius, k2_over_k3, k1 and base
     width. Lost and damaged bytes follow `faults`. `gyro` None: that of the board, or none. `wired` are the settings of
@@ -58,6 +60,7 @@ class SimulatedDrive:
     faults: Faults = field(default_factory=Faults)
     believed: ParameterFile | None = None
     robot_id: int = 0
+    on_second: Callable[[], object] = lambda: None
     wired: DriverSettings | None = None
 
     def write_log(self, path: Path) -> None:
@@ -76,11 +79,23 @@ class SimulatedDrive:
             ]
             for thread in threads:
                 thread.start()
-            host.run(self.seconds)
+            self._let_drive(host)
             done.set()
             for thread in threads:
                 thread.join(ENDING)
             host.check()
+
+    def _let_drive(self, host: SimulatedHost) -> None:
+        """Let time go on; with a behaviour that was made before, until that is over and the robot rests."""
+        if isinstance(self.behaviour, str):
+            host.run(self.seconds)
+            return
+        for _ in range(math.ceil(self.seconds)):
+            over = self.behaviour.finished
+            host.run(1.0)
+            self.on_second()
+            if over:
+                break
 
     def _plug_in(self, host: SimulatedHost, bus: SimulatedBus) -> None:
         """Make the robot and plug it in."""

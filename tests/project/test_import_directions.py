@@ -48,7 +48,7 @@ KNOWN: dict[str, set[str]] = {
         *RECORDED,
         *("cmr.report", "cmr.distribution", "cmr.files", "cmr.workers", "cmr.geometry", "cmr.estimation"),
     },
-    "cmr.investigation": {*RECORDED, "cmr.geometry", "cmr.estimation"},
+    "cmr.investigation": {*RECORDED, "cmr.geometry", "cmr.estimation", "cmr.report"},
     "cmr.world": {*RECORDED, "cmr.report", "cmr.geometry", "cmr.investigation"},
     "cmr.view": {*RECORDED, "cmr.litter", "cmr.report", "cmr.geometry"},
     "cmr.teleop": {*RECORDED, "cmr.geometry", "cmr.world"},
