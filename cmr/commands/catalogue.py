@@ -25,7 +25,10 @@ COMMANDS = {
     "view": ("cmr.commands.view", "show the world in a web page, live or from a log"),
     "calibrate": ("cmr.commands.calibrate", "find the parameters of a robot, live or from a log"),
     "diagnose": ("cmr.commands.diagnose", "name what the simulation of a robot gets wrong"),
-    "investigate": ("cmr.commands.investigate", "let a robot find out by itself what its simulation gets wrong"),
+    "investigate": (
+        "cmr.commands.investigate.command",
+        "let a robot find out by itself what its simulation gets wrong",
+    ),
     "export": ("cmr.exporting.command", "take a calibrated robot to another simulator or robot description"),
     "fidelity": ("cmr.commands.fidelity", "compare teams of real robots with mixed ones"),
     "sweep": ("cmr.commands.sweep", "run a scenario many times, without hardware"),

@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import lcm
@@ -14,6 +13,7 @@ from cmr.cli.command_line import add_robot, check_writable, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, ESTIMATOR, PARTS, WORLD, compile_first
+from cmr.commands.investigate.emulated import add_emulated, drive_emulated
 from cmr.commands.pilot import add_limits, geofence, margin, steer
 from cmr.diagnosis.job import Job, JobError, perform
 from cmr.files import write_atomically
@@ -21,19 +21,13 @@ from cmr.investigation.driving import AtOnce, Driving, InThread, Planner
 from cmr.investigation.engine import LONGEST
 from cmr.investigation.floor import MARGIN
 from cmr.investigation.telling import document, line, sentences, story_page
-from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
-from cmr.plant.parameters import TYPICAL
 from cmr.world.behaviours.investigating import Investigate
 from cmr.world.pilot import Pilot
-from robot_driver.emulator.settings import Settings, SettingsError, load_settings
-from robot_driver.simulated.drive import SimulatedDrive
 
 LOG, STORY, PAGE = "run.lcm", "investigation.json", "investigation.html"
 NOT_DRIVEN = "Nothing was decided: the robot did not drive for long enough. {why}"
 FLOOR = "-1,-1,1,-1,1,1,-1,1"
-BELIEVED = {"k2_over_k3": 0.9, "k1": 1.05, "base_width": 1.05}  # of the emulated robot's own: as a data sheet is off
-OVERHEAD = 2.0  # times the driving that an emulated investigation may take, pauses included
 Say = Callable[[str], None]
 
 
@@ -54,7 +48,10 @@ def main(arguments: list[str]) -> int:
     behaviour = _behaviour(options, AtOnce() if options.emulated else InThread())
     failure, code = "", 0
     try:
-        code = _emulated(options, behaviour) if options.emulated else _live(options, behaviour)
+        if options.emulated:
+            drive_emulated(options, behaviour, folder / LOG, _Lines(behaviour, _say).newest)
+        else:
+            code = _live(options, behaviour)
     except CommandError as error:
         failure = str(error)
     driving = behaviour.driving
@@ -112,43 +109,6 @@ def _live(options: argparse.Namespace, behaviour: Investigate) -> int:
         return steer(pilot, behaviour, options, program="cmr-investigate", hear=hear, tell=lines.newest)
     finally:
         log.close()
-
-
-def _emulated(options: argparse.Namespace, behaviour: Investigate) -> int:
-    """Investigate an emulated robot in simulated time: pilot, driver, bytes, controller, plant and sensors."""
-    settings = _settings(options)
-    lines = _Lines(behaviour, _say)
-    drive = SimulatedDrive(
-        settings=settings,
-        behaviour=behaviour,
-        seconds=OVERHEAD * options.longest + 10.0,
-        seed=options.seed,
-        believed=_believed(settings, options),
-        robot_id=options.robot,
-        on_second=lines.newest,
-    )
-    drive.write_log(options.out / LOG)
-    if behaviour.problem:
-        raise CommandError(behaviour.problem)
-    return 0
-
-
-def _settings(options: argparse.Namespace) -> Settings:
-    """Return the emulated robot, with what is to be hidden in it at its usual size."""
-    try:
-        settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)
-    except SettingsError as error:
-        raise CommandError(str(error)) from error
-    hidden = {name: value for effect in options.hide for name, value in TYPICAL[effect].items()}
-    return replace(settings, effects={**settings.effects, **hidden})
-
-
-def _believed(settings: Settings, options: argparse.Namespace) -> ParameterFile:
-    """Return what is believed of the emulated robot: off as much as a data sheet is."""
-    robot = settings.robot
-    values = {"wheel_radius": Value(robot.wheel_radius)}
-    values |= {name: Value(share * getattr(robot, name)) for name, share in BELIEVED.items()}
-    return ParameterFile(options.robot, values)
 
 
 def _write(driving: Driving, options: argparse.Namespace) -> None:
@@ -211,11 +171,6 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed draws the same movements")
     options.add_argument("--parameters", type=Path, metavar="FILE", help="parameter file; otherwise robot_N.yaml")
     options.add_argument("--no-diagnosis", action="store_true", help="write the story only")
-    options.add_argument("--emulated", action="store_true", help="investigate an emulated robot in simulated time")
-    options.add_argument("--settings", type=Path, metavar="FILE", help="with --emulated: as for cmr-emulate")
-    options.add_argument("--ideal", action="store_true", help="with --emulated: a robot that is as the model says")
-    options.add_argument(
-        "--hide", nargs="+", default=[], choices=sorted(TYPICAL), metavar="EFFECT", help="with --emulated: hide these"
-    )
+    add_emulated(options)
     add_limits(options)
     return options
