@@ -149,9 +149,7 @@ class Investigation:
     def _matters(self, name: str) -> bool:
         if name == COARSE_TICKS or self._judgement is None:
             return True
-        judgement = self._judgement
-        own = {p.name: judgement.base.values[p.name] for p in CATALOGUE[name].parameters}
-        return worth_naming(own, {}, judgement.problem.excitation)
+        return _is_large(name, self._judgement.base.values, self._judgement)
 
     def _judged(self, problem: Beliefs) -> Judgement:
         """Return the judgement of all data, after adding to what is found what is sure enough."""
@@ -186,9 +184,12 @@ class Investigation:
         """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
         if time > self._longest:
             return True
-        best = judgement.best
-        quiet = best.name == NOTHING or best.evidence < NEAR * NAMED
-        return quiet and not self.not_shown(known)
+        return not self._suspected(judgement) and not self.not_shown(known)
+
+    def _suspected(self, judgement: Judgement) -> bool:
+        """Tell whether an explanation is near its name, and large enough to matter."""
+        near = [one for one in judgement.left if one.name and one.evidence > NEAR * NAMED]
+        return any(_is_large(one.name, one.values, judgement) for one in near)
 
     def not_shown(self, known: Told) -> list[str]:
         """Return the effects that would not have shown yet; one that begins at a time may always come."""
@@ -211,6 +212,12 @@ def margin(judgement: Judgement) -> float:
     ahead = min((best.evidence - one.evidence for one in rivals), default=0.0)
     close = any(_is_local(one) and one.fitted and best.drop - one.drop < LOCAL for one in rivals)
     return min(ahead, 0.0) if close else ahead
+
+
+def _is_large(name: str, values: Mapping[str, float], judgement: Judgement) -> bool:
+    """Tell whether an effect with these values is large enough to matter."""
+    own = {parameter.name: values[parameter.name] for parameter in CATALOGUE[name].parameters}
+    return worth_naming(own, {}, judgement.problem.excitation)
 
 
 def _is_local(one: Explanation) -> bool:

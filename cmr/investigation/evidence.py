@@ -11,7 +11,7 @@ import numpy as np
 from cmr.estimation.candidates import Excitation, is_limit, size
 from cmr.estimation.gains import USUAL_ANGLE, USUAL_POSE, gains_at, interval_of
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import Predictor, predictors
+from cmr.estimation.prediction import Errors, Predictor, predictors
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import segments_of
 from cmr.model.catalogue import CATALOGUE, definition
@@ -25,6 +25,7 @@ PARAMETERS = ("k2_over_k3", "k1", "base_width")
 DOUBT = {"k2_over_k3": 0.30, "k1": 0.15, "base_width": 0.15}  # share by which data sheets are off
 SIZES = 2.5  # typical sizes: standard deviation of what sizes of effects may be
 PATCH_RADIUS, PATCH_DOUBT = 0.4, 0.125  # m
+LARGEST_PAST = 1.0 / 20.0  # of the drive, from which errors are predicted: of a few seconds a longer one fits chance
 TURNING = 2.0  # rad/s, of usual turns
 Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation, by parameter
 
@@ -40,6 +41,10 @@ class Beliefs(Problem):
     def rows_of_data(self) -> int:
         """How many white errors there are of readings."""
         return self.batch.rows
+
+    def found(self, errors: Sequence[Errors]) -> Noise:
+        """Return the noise that the errors of the first candidate in each segment show, as far as so few can."""
+        return Noise.found(self.batch, self.batch.joined(errors), LARGEST_PAST)
 
     def white(self, values: Mapping[str, Quantity], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, then those of the priors, shape (n, C)."""

@@ -26,7 +26,7 @@ OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that
 FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
 MOST_FITTED = 10  # explanations that a decision fits, the most promising ones
 HOPEFUL = 0.5  # of the best score: slopes promise more, or less, than a fit keeps
-MOST_BESIDE, WORTH_EXPLAINING = 3, 20.0  # effects that may explain what is not noise; drop that each must bring
+MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which noise is looked for; drop that each must promise
 BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin anew
 NOTHING = ""  # the name of the explanation that there is nothing more
 
@@ -98,12 +98,12 @@ def judge(
     """Weigh all explanations beside effects `named`, whose fit begins at `start`; `before` is the last judgement."""
     free = (*PARAMETERS, *own_parameters(named))
     known = _known(before, named)
-    noise = _noise(problem, named, start, before)
+    count = math.log(max(problem.rows_of_data, 2))
+    noise = _noise(problem, named, start, before, count)
     base = problem.fits([(start, free)], noise)[0]
     screening = screen(problem, base.values, free, named, noise, keep_noise=True)
     scored = {score.trial.effect: score for score in screening.scores}
     promised = {name: max(_promise(name, scored), known.get(name, (0.0, {}))[0]) for name in {*scored, *known}}
-    count = math.log(max(problem.rows_of_data, 2))
     penalties = {name: _penalty(name, count) for name in promised}
     order = sorted(promised, key=lambda name: penalties[name] - promised[name])
     best = max((promised[name] - penalties[name] for name in order), default=0.0)
@@ -128,24 +128,30 @@ def _promise(name: str, scored: Mapping[str, Score]) -> float:
     return scored[name].drop if name in scored else 0.0
 
 
-def _noise(problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None) -> Noise:
-    """Return the noise that is left beside the best explanation so far and the few more effects that explain most.
+def _noise(
+    problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None, log_count: float
+) -> Noise:
+    """Return the noise that is left beside one of a few models: nothing more, the last best, the most telling effects.
 
-    Noise found beside a model that lacks something takes that for noise. All effects of the catalogue together would
-    explain the noise itself, of which there is little in the first seconds.
+    Noise found beside a model that lacks something takes that for noise; found beside one that has too much it makes
+    just that look likely. So each model is judged with the noise beside it, by its likelihood less its parameters'.
     """
-    best = before.best if before is not None and before.named == tuple(named) else None
-    there = (*named, *([best.name] if best is not None and best.name and best.evidence > 0.0 else ()))
-    values = best.values if best is not None and len(there) > len(named) else start
-    free = (*PARAMETERS, *own_parameters(there))
-    first = screen(problem, values, free, there, None)
-    more = _most_telling(first, free)
-    model = {**values, **{name: value for score in more for name, value in start_of(score).items()}}
-    names = (*free, *own_parameters([score.trial.effect for score in more]))
-    fits = problem.fits([(values, free), (model, names)], first.noise)
-    # Effects that are begun with at the sizes that slopes promise may lead away from where the best one was.
-    fit = min(fits, key=lambda one: one.squares)
-    return problem.found(problem.errors(fit.values))
+    free = (*PARAMETERS, *own_parameters(named))
+    first = screen(problem, start, free, named, None)
+    models = [(NOTHING, dict(start))]
+    if before is not None and before.named == tuple(named) and before.best.name != NOTHING:
+        models.append((before.best.name, dict(before.best.values)))
+    models += [(one.trial.effect, {**start, **start_of(one)}) for one in _most_telling(first, free)]
+    names = [(*free, *own_parameters([name] if name else [])) for name, _ in models]
+    fits = problem.fits([(values, of) for (_, values), of in zip(models, names, strict=True)], first.noise)
+    noises = [problem.found(problem.errors(fit.values)) for fit in fits]
+    costs = [
+        float(np.sum(problem.white(fit.values, noise) ** 2))
+        + noise.log_size
+        + (_penalty(name, log_count) if name else 0.0)
+        for (name, _), fit, noise in zip(models, fits, noises, strict=True)
+    ]
+    return noises[int(np.argmin(costs))]
 
 
 def _most_telling(screening: Screening, free: Sequence[str]) -> list[Score]:

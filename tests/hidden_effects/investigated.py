@@ -13,12 +13,13 @@ from cmr.investigation.driving import AtOnce, Driving, Place
 from cmr.investigation.engine import Investigation
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD
+from cmr.model.catalogue import CATALOGUE
 from cmr.model.duty_ramp import Limits
 from cmr.parameters.file import ParameterFile, Value
 from cmr.plant import sensors
 from cmr.plant.commanded import CommandedRobot
 from cmr.plant.parameters import Floats, plant_parameters
-from cmr.plant.running import PLACES, RunningRobot
+from cmr.plant.running import PLACES, STEP, RunningRobot
 from cmr.plant.sensors import REALISTIC, Noise
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Signal
@@ -95,7 +96,8 @@ class DrivenRobot:
             return np.interp(moments, all_times, truth[name])
 
         seen_at = sensors.gyro_time(p, time)
-        rate = sensors.rate_seen(p, time, at("w", seen_at), at("theta", seen_at))
+        # The plant's yaw rate is that in the middle of its last step.
+        rate = sensors.rate_seen(p, time, at("w", seen_at + 0.5 * STEP), at("theta", seen_at))
         white, walk = self._gyro_noise[:, : len(time)]
         rate = rate + noise.gyro * white + noise.gyro_walk * np.cumsum(walk) * math.sqrt(FINE * EVERY)
         moments = sensors.pose_time(p, pose_time)
@@ -214,4 +216,6 @@ def _sized(values: Mapping[str, float], size: float) -> dict[str, float]:
 def _tell(driving: Driving) -> None:
     step, decision = driving.investigation.story[-1], driving.decision
     best = [(one.name, round(one.evidence, 1)) for one in decision.judgement.explanations[:4]] if decision else []
-    print(f"{step.time:6.2f} s {step.named} {best} -> {step.movement} {step.parted}", flush=True)
+    own = decision.judgement.best if decision else None
+    sizes = {p.name: round(own.values[p.name], 4) for p in CATALOGUE[own.name].parameters} if own and own.name else {}
+    print(f"{step.time:6.2f} s {step.named} {best} {sizes} -> {step.movement} {step.parted}", flush=True)
