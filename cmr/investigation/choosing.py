@@ -97,9 +97,11 @@ def choose(
     movements = [movement for movement, _ in kept]
     told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
     added = np.stack([np.nan_to_num(one.T @ one) for one in told_by])
-    worth, need, gained = _worth(judgement, known, added, np.array([movement.seconds for movement in movements]))
+    worth, need, gained, weights = _worth(
+        judgement, known, added, np.array([movement.seconds for movement in movements])
+    )
     number = int(np.argmax(worth))
-    pair = _parted(known.columns.names, need, gained[number])
+    pair = _parted(known.columns.names, need, gained[number], weights)
     return Choice(movements[number], float(worth[number]), kept[number][1], pair)
 
 
@@ -119,15 +121,15 @@ def ensemble(judgement: Judgement) -> list[dict[str, float]]:
     return [best, *uneven, *others]
 
 
-def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the worth of each candidate (c,), what pairs need (e, e), and what candidates give them (c, e, e)."""
+def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the worth of candidates (c,), what pairs need (e, e) and get of them (c, e, e), and the weights (e,)."""
     before, after = (
         separation.separations(separation.projected(information, known.columns), known.columns)
         for information in (known.information, known.information + added)
     )
     names = known.columns.names
     need, weights = _needs(judgement, names, before)
-    return separation.scores(before, after, need, weights, seconds), need, after - before
+    return separation.scores(before, after, need, weights, seconds), need, after - before, weights
 
 
 def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[Floats, Floats]:
@@ -161,10 +163,10 @@ def _evidence(judgement: Judgement, name: str) -> float:
     return found.evidence if found is not None else 0.0
 
 
-def _parted(names: Sequence[str], need: Floats, gained: Floats) -> tuple[str, str]:
-    """Return the two explanations of which a candidate fills most of what they need."""
+def _parted(names: Sequence[str], need: Floats, gained: Floats, weights: Floats) -> tuple[str, str]:
+    """Return the two explanations of which a candidate fills most of what they need, the likelier ones first."""
     share = np.where(np.isfinite(need), np.minimum(gained / np.where(np.isfinite(need), need, 1.0), 1.0), 0.0)
-    i, j = np.unravel_index(int(np.argmax(share)), share.shape)
+    i, j = np.unravel_index(int(np.argmax(share * weights[:, None])), share.shape)
     return names[int(i)], NOTHING if i == j else names[int(j)]
 
 

@@ -35,7 +35,7 @@ SQUARE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 UNLIMITED = Limits(1e6, 1e6)  # this robot's driver has no ramp
 LIMITS = frozenset({"saturation", "current_limit", "slew_limit", "turn_rate_limit", "encoder_quantisation"})
 STAYING = ("_time", "_phase", "_x", "_y", "_radius", "_saturation")  # how names end of what has no size
-REST = 0.4  # s before the opening
+REST, AFTER = 0.4, 5.0  # s before the opening, and after a name
 
 
 class DrivenRobot:
@@ -157,8 +157,13 @@ class Outcome:
     problem: str = ""
 
 
-def investigated(case: InvestigatedCase, fence: Geofence = SQUARE, *, tell: bool = False) -> Outcome:
-    """Hide what the case says in a robot on the floor `fence`, and investigate it until that is over."""
+def investigated(
+    case: InvestigatedCase, fence: Geofence = SQUARE, *, until_named: str = "", tell: bool = False
+) -> Outcome:
+    """Hide what the case says in a robot on the floor `fence`, and investigate it until that is over.
+
+    It ends earlier, AFTER seconds of driving after an effect is named, if that effect is `until_named`.
+    """
     random = np.random.default_rng([case.seed, zlib.crc32("+".join(case.effects).encode())])
     robot = draw_robot(random)
     nominal = draw_nominal(robot, random)
@@ -178,6 +183,8 @@ def investigated(case: InvestigatedCase, fence: Geofence = SQUARE, *, tell: bool
     named: dict[str, float] = {}
     steps = 0
     while not driving.finished and driven.time < LONGEST - 1.0:
+        if until_named in named and driven.time - REST > named[until_named] + AFTER:
+            break
         state = driven.state
         now = int(utime(np.array([driven.time]))[0])
         left, right = driving.command(now, Place(state["x"], state["y"], state["theta"], 0.0))
