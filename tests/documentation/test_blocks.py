@@ -42,6 +42,7 @@ ONLY_PARSED = {
     "cmr-emulate": "runs until it is stopped",
     "cmr-fidelity": "takes minutes; tests/experiments/fidelity/test_fidelity.py runs it",
     "cmr-import optiodom": "needs a recording of OptiOdom; tests/tools/importing/test_real_recordings.py has one",
+    "cmr-investigate --robot": "commands a robot on the bus",
     "cmr-pilot": "commands a robot on the bus",
     "cmr-plot run.lcm": "opens a window",
     "cmr-replay run.lcm --remap": "takes as long as the log",
