@@ -35,7 +35,9 @@ def ensemble() -> list[dict[str, float]]:
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10**6), gain=st.floats(-0.03, 0.03), slower=st.floats(0.95, 1.0))
-def test_a_movement_that_passes_keeps_the_real_robot_on_an_l_shaped_floor(seed, gain, slower):
+def test_a_movement_that_passes_keeps_the_real_robot_on_an_l_shaped_floor(
+    seed: int, gain: float, slower: float
+) -> None:
     """The plant, which shares no code with the model, drives what passed, coasts, and stays inside the border."""
     random = np.random.default_rng(seed)
     floor = Floor(L_SHAPE)
@@ -54,7 +56,7 @@ def test_a_movement_that_passes_keeps_the_real_robot_on_an_l_shaped_floor(seed, 
         assert np.all(L_SHAPE.contains(*robot.path.T)), movement.name
 
 
-def test_a_path_is_the_one_of_the_plant():
+def test_a_path_is_the_one_of_the_plant() -> None:
     """Without noise, what is foretold of the opening is where the plant goes: within 2 mm."""
     [path] = paths(still(0.1, 0.2, 0.3), [opening()[2]], [ROBOT])
     robot = DrivenRobot(ROBOT, pose=(0.1, 0.2, 0.3))
@@ -67,7 +69,7 @@ def test_a_path_is_the_one_of_the_plant():
 
 @settings(max_examples=50, deadline=None)
 @given(x=st.floats(-2.0, 2.0), y=st.floats(-2.0, 2.0))
-def test_room_is_negative_outside_and_near_what_stands_there(x, y):
+def test_room_is_negative_outside_and_near_what_stands_there(x: float, y: float) -> None:
     """Room is the distance from the nearest border, disc or wall, less the margin; outside it is below 0."""
     floor = Floor(L_SHAPE, margin=0.1, obstacles=Obstacles([(-0.5, 0.5, 0.1)], [(0.2, -0.8, 0.6, -0.8)]))
     room = float(floor.room(np.array(x), np.array(y)))
@@ -78,12 +80,12 @@ def test_room_is_negative_outside_and_near_what_stands_there(x, y):
     assert room <= math.hypot(x - along, y + 0.8) - 0.1 + 1e-9
 
 
-def test_a_place_that_is_no_number_has_no_room():
+def test_a_place_that_is_no_number_has_no_room() -> None:
     """A model that lost its way must not count as being on the floor."""
     assert float(Floor(L_SHAPE).room(np.array(math.nan), np.array(0.0))) == -math.inf
 
 
-def test_other_robots_are_kept_clear_of():
+def test_other_robots_are_kept_clear_of() -> None:
     """Where another robot stands there is no room, and around it neither."""
     floor = Floor(L_SHAPE, margin=0.14).with_robots([(-0.5, -0.5)])
     assert float(floor.room(np.array(-0.5), np.array(-0.3))) < 0.0 < float(floor.room(np.array(0.3), np.array(-0.5)))

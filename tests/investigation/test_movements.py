@@ -9,7 +9,7 @@ from cmr.model.duty_ramp import Limits, approach
 
 
 @given(seed=st.integers(0, 2**32))
-def test_movements_are_short_and_within_their_duty(seed):
+def test_movements_are_short_and_within_their_duty(seed: int) -> None:
     """No movement is longer than 3 s, nor drives harder than 7.2 of 12 V; the same seed draws the same ones."""
     first, again = (candidates(np.random.default_rng(seed), 8) for _ in range(2))
     for movement, same in zip(first, again, strict=True):
@@ -18,20 +18,20 @@ def test_movements_are_short_and_within_their_duty(seed):
         assert np.array_equal(movement.duty, same.duty)
 
 
-def test_the_opening_leads_back_to_where_it_began():
+def test_the_opening_leads_back_to_where_it_began() -> None:
     """Each side's duties add up to nothing: what is driven forth is driven back."""
     assert np.allclose(sum(part.duty.sum(axis=0) for part in opening()), 0.0)
     assert sum(part.seconds for part in opening()) <= 3.0
 
 
-def test_movements_towards_the_middle_go_both_ways():
+def test_movements_towards_the_middle_go_both_ways() -> None:
     """There are 18, straight and curved ones, of both signs."""
     drawn = towards(0.5, 0.74, np.random.default_rng(0))
     assert len(drawn) == 18
     assert {float(np.sign(movement.duty.sum())) for movement in drawn} == {-1.0, 1.0}
 
 
-def test_commands_are_ramped_as_the_driver_does():
+def test_commands_are_ramped_as_the_driver_does() -> None:
     """A jump takes the steps of the driver's own ramp, and then stays."""
     limits = Limits(10.0, 20.0)
     time, duty = ramped(np.array([0.0]), np.array([[0.6, -0.6]]), limits, (0.0, 0.2))
@@ -43,7 +43,7 @@ def test_commands_are_ramped_as_the_driver_does():
     assert np.allclose(np.diff(time), 0.01)
 
 
-def test_duties_are_held_for_a_period():
+def test_duties_are_held_for_a_period() -> None:
     """Between two commands the older one holds; before and after a movement there is none."""
     movement = opening()[1]
     assert movement.at(0.5 * PERIOD) == tuple(movement.duty[0])
