@@ -1,5 +1,6 @@
 """Short movements, open loop: duties of both sides over 1 to 3 s, drawn anew for each decision."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -38,7 +39,7 @@ class Movement:
     @property
     def time(self) -> Floats:
         """When each duty is commanded [s since the movement's beginning], (n,)."""
-        return np.arange(len(self.duty)) * PERIOD
+        return _raster(len(self.duty))
 
     def at(self, time: float) -> tuple[float, float]:
         """Return the duties at a time [s] since the movement's beginning; 0 before and after."""
@@ -98,13 +99,18 @@ def _held(*sides: tuple[float, float]) -> Floats:
     return np.repeat(np.array(sides), _count(0.5), axis=0)
 
 
+def _raster(count: int) -> Floats:
+    """Return so many times [s], PERIOD apart."""
+    return np.arange(count, dtype=np.float64) * PERIOD
+
+
 def _count(seconds: float) -> int:
     return round(seconds / PERIOD)
 
 
 def _drawn(random: Random) -> Movement:
     """Draw one movement."""
-    time = np.arange(_count(float(random.choice(LENGTHS)))) * PERIOD
+    time = _raster(_count(float(random.choice(LENGTHS))))
     duty = float(np.exp(random.uniform(np.log(SMALLEST), np.log(LARGEST)))) * float(random.choice((-1.0, 1.0)))
     name = str(random.choice(list(KINDS)))
     if name == "rest":
@@ -152,7 +158,8 @@ def _telegraph(random: Random, time: Floats, duty: float) -> Floats:
 
 def _multisine(random: Random, time: Floats, duty: float) -> Floats:
     count = int(random.integers(2, MOST_OF_SINES + 1))
-    rates = np.exp(random.uniform(*np.log(FREQUENCIES), size=count))
+    slowest, fastest = (math.log(one) for one in FREQUENCIES)
+    rates = np.exp(random.uniform(slowest, fastest, size=count))
     waves = np.sin(2.0 * np.pi * rates * time[:, None] + random.uniform(0.0, 2.0 * np.pi, size=count))
     total = waves.sum(axis=1)
     return np.asarray(duty * total / np.max(np.abs(total)))

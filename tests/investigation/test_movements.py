@@ -35,7 +35,7 @@ def test_commands_are_ramped_as_the_driver_does() -> None:
     """A jump takes the steps of the driver's own ramp, and then stays."""
     limits = Limits(10.0, 20.0)
     time, duty = ramped(np.array([0.0]), np.array([[0.6, -0.6]]), limits, (0.0, 0.2))
-    expected = np.array([0.0, 0.2])
+    expected = [0.0, 0.2]
     for row in duty:
         expected = [approach(now, wanted, 0.01, limits) for now, wanted in zip(expected, (0.6, -0.6), strict=True)]
         assert np.allclose(row, expected)
