@@ -8,6 +8,7 @@ from pathlib import Path
 from threading import Event
 
 from cmr.bus.claiming import Claim
+from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Received
 from cmr.bus.streams import (
@@ -85,8 +86,7 @@ def steer(
             pilot.turn(utime)
             for received in process.received():
                 hear(received)
-                for handle in (pilot.handle, claim.handle):
-                    handle(received.message.utime, received.channel, received.message)
+                _hand_over(received, pilot.handle, claim.handle)
             pilot.parameters.poll()
             _confirm(pilot, confirmed)
             if claim.lost_to:
@@ -100,6 +100,12 @@ def steer(
         if behaviour.problem:
             raise CommandError(behaviour.problem)
         return process.exit_code
+
+
+def _hand_over(received: Received, *handlers: Callable[[int, str, Message], object]) -> None:
+    """Give a message to all who handle it."""
+    for handle in handlers:
+        handle(received.message.utime, received.channel, received.message)
 
 
 def _listen(process: Process, robot: int) -> None:

@@ -41,14 +41,6 @@ class Movement:
         """When each duty is commanded [s since the movement's beginning], (n,)."""
         return _raster(len(self.duty))
 
-    def at(self, time: float) -> tuple[float, float]:
-        """Return the duties at a time [s] since the movement's beginning; 0 before and after."""
-        number = int(np.floor(time / PERIOD + 1e-6))
-        if not 0 <= number < len(self.duty):
-            return 0.0, 0.0
-        left, right = self.duty[number]
-        return float(left), float(right)
-
 
 def ramped(time: Floats, duty: Floats, limits: Limits, begin: tuple[float, float]) -> tuple[Floats, Floats]:
     """Return what a driver with these limits makes of commands at `time` [s], (n,), with `duty` (n, 2).

@@ -36,6 +36,7 @@ UNLIMITED = Limits(1e6, 1e6)  # this robot's driver has no ramp
 LIMITS = frozenset({"saturation", "current_limit", "slew_limit", "turn_rate_limit", "encoder_quantisation"})
 STAYING = ("_time", "_phase", "_x", "_y", "_radius", "_saturation")  # how names end of what has no size
 REST, AFTER = 0.4, 5.0  # s before the opening, and after a name
+CHANGES_WITHIN = 30.0  # s; changes at a time come in the middle third of it
 
 
 class DrivenRobot:
@@ -164,20 +165,7 @@ def investigated(
 
     It ends earlier, AFTER seconds of driving after an effect is named, if that effect is `until_named`.
     """
-    random = np.random.default_rng([case.seed, zlib.crc32("+".join(case.effects).encode())])
-    robot = draw_robot(random)
-    nominal = draw_nominal(robot, random)
-    sizes: dict[str, float] = {}
-    for effect in case.effects:
-        sizes |= _sized(draw_sizes(effect, robot, 30.0, random), case.size)
-    if "surface_patch" in case.effects:
-        away, where = random.uniform(0.2, 0.6), random.uniform(-math.pi, math.pi)
-        sizes |= {"surface_patch_x": away * math.cos(where), "surface_patch_y": away * math.sin(where)}
-    driven = DrivenRobot({**robot, **sizes}, seed=int(random.integers(2**31)))
-    believed = ParameterFile(0, {name: Value(value) for name, value in nominal.items()})
-    investigation = Investigation(
-        believed, Floor(fence), seed=case.seed, limits=UNLIMITED, longest=case.longest, at_random=case.at_random
-    )
+    driven, investigation, sizes = _hidden(case, fence)
     driving = Driving(investigation, driven.recording, AtOnce())
     driven.drive(0.0, 0.0, REST)
     named: dict[str, float] = {}
@@ -195,17 +183,40 @@ def investigated(
             steps = len(investigation.story)
             _tell(driving)
     known = driving.decision.known if driving.decision else None
-    path = driven.path
-    within = np.where(fence.contains(*path.T), 1.0, -1.0) * fence.distance(*path.T)
     return Outcome(
         named={name: round(time, 2) for name, time in named.items() if name in investigation.named},
         also=tuple(name for name in investigation.found if name not in investigation.named),
         not_shown=tuple(investigation.not_shown(known)) if known else (),
         ended=round(driven.time - REST, 2),
-        within=float(np.min(within)),
+        within=_within(driven.path, fence),
         sizes=sizes,
         problem=driving.problem,
     )
+
+
+def _hidden(case: InvestigatedCase, fence: Geofence) -> tuple[DrivenRobot, Investigation, dict[str, float]]:
+    """Return the robot of a case, its investigation, and the sizes of what is hidden."""
+    random = np.random.default_rng([case.seed, zlib.crc32("+".join(case.effects).encode())])
+    robot = draw_robot(random)
+    nominal = draw_nominal(robot, random)
+    sizes: dict[str, float] = {}
+    for effect in case.effects:
+        sizes |= _sized(draw_sizes(effect, robot, CHANGES_WITHIN, random), case.size)
+    if "surface_patch" in case.effects:
+        away, where = random.uniform(0.2, 0.6), random.uniform(-math.pi, math.pi)
+        sizes |= {"surface_patch_x": away * math.cos(where), "surface_patch_y": away * math.sin(where)}
+    driven = DrivenRobot({**robot, **sizes}, seed=int(random.integers(2**31)))
+    believed = ParameterFile(0, {name: Value(value) for name, value in nominal.items()})
+    investigation = Investigation(
+        believed, Floor(fence), seed=case.seed, limits=UNLIMITED, longest=case.longest, at_random=case.at_random
+    )
+    return driven, investigation, sizes
+
+
+def _within(path: Floats, fence: Geofence) -> float:
+    """Return how far [m] inside the border a path always was; below 0 where it left the floor."""
+    away = fence.distance(*path.T)
+    return float(np.min(np.where(fence.contains(*path.T), away, -away)))
 
 
 def _sized(values: Mapping[str, float], size: float) -> dict[str, float]:

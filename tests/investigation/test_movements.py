@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmr.investigation.movements import LARGEST, LENGTHS, PERIOD, candidates, opening, ramped, towards
+from cmr.investigation.movements import LARGEST, LENGTHS, candidates, opening, ramped, towards
 from cmr.model.duty_ramp import Limits, approach
 
 
@@ -41,10 +41,3 @@ def test_commands_are_ramped_as_the_driver_does() -> None:
         assert np.allclose(row, expected)
     assert np.allclose(duty[-1], (0.6, -0.6))
     assert np.allclose(np.diff(time), 0.01)
-
-
-def test_duties_are_held_for_a_period() -> None:
-    """Between two commands the older one holds; before and after a movement there is none."""
-    movement = opening()[1]
-    assert movement.at(0.5 * PERIOD) == tuple(movement.duty[0])
-    assert movement.at(-PERIOD) == movement.at(movement.seconds) == (0.0, 0.0)
