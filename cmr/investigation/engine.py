@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from cmr.estimation.candidates import locality, worth_naming
 from cmr.estimation.gains import COARSE
 from cmr.estimation.search.chance import tick_of
+from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
 from cmr.investigation.choosing import SAME, SEEN, Choice, Told, choose, keeps_to, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.floor import Floor
@@ -90,7 +91,8 @@ class Investigation:
     """Finds out what a robot's model gets wrong, on a `floor`; `nominal` is what is believed of the robot.
 
     `found` are the effects found so far, of which those `named` are large enough to matter; `story` are the decisions.
-    With `at_random` movements are drawn, not chosen.
+    With `at_random` movements are drawn, not chosen; to `calibrate` is to end as soon as the robot's own parameters are
+    known.
     """
 
     def __init__(
@@ -102,13 +104,14 @@ class Investigation:
         limits: Limits | None = None,
         longest: float = LONGEST,
         at_random: bool = False,
+        calibrate: bool = False,
     ) -> None:
         self.nominal, self.floor = nominal, floor
         self.found: tuple[str, ...] = ()
         self.story: list[Step] = []
         self._random = np.random.default_rng(seed)
         self._limits = limits or Limits()
-        self._longest, self._at_random = longest, at_random
+        self._longest, self._at_random, self._calibrate = longest, at_random, calibrate
         self._judgement: Judgement | None = None
         self._suspect: _Suspect | None = None
         self._decisions = 0
@@ -184,6 +187,8 @@ class Investigation:
         """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
         if time > self._longest:
             return True
+        if self._calibrate:
+            return time > LEAST and is_calibrated(averaged(judgement, known))
         return not self._suspected(judgement) and not self.not_shown(known)
 
     def _suspected(self, judgement: Judgement) -> bool:

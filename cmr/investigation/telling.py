@@ -2,9 +2,11 @@
 
 from typing import Any
 
+from cmr.investigation.calibrating import averaged
 from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Step
 from cmr.model.catalogue import CATALOGUE
+from cmr.parameters.file import ParameterFile, Value
 from cmr.report.markup import Html, tag
 from cmr.report.page import page_of
 from cmr.report.section import paragraph, section
@@ -58,6 +60,21 @@ def document(driving: Driving) -> dict[str, Any]:
             for step in investigation.story
         ],
     }
+
+
+def calibrated(driving: Driving, robot_id: int) -> ParameterFile:
+    """Return the parameter file of a drive: the robot's own parameters averaged, and the effects found as fitted.
+
+    Raises ValueError for a drive without any decision.
+    """
+    if driving.decision is None:
+        raise ValueError("a drive without a decision calibrates nothing")
+    judgement = driving.decision.judgement
+    values = {name: Value(value) for name, value in judgement.base.values.items()}
+    own = averaged(judgement, driving.decision.known)
+    values |= {name: Value(one.value, std=one.std) for name, one in own.items()}
+    provenance = {"method": "investigation", "driven_seconds": driving.drove}
+    return ParameterFile(robot_id, values, effects=judgement.named, provenance=provenance)
 
 
 def sentences(driving: Driving) -> list[str]:

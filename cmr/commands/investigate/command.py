@@ -20,9 +20,9 @@ from cmr.files import write_atomically
 from cmr.investigation.driving import AtOnce, Driving, InThread, Planner
 from cmr.investigation.engine import LONGEST
 from cmr.investigation.floor import MARGIN
-from cmr.investigation.telling import document, line, sentences, story_page
+from cmr.investigation.telling import calibrated, document, line, sentences, story_page
 from cmr.parameters.following import ParameterFollower
-from cmr.world.behaviours.investigating import Investigate
+from cmr.world.behaviours.investigating import CALIBRATION, DIAGNOSIS, Investigate
 from cmr.world.pilot import Pilot
 
 LOG, STORY, PAGE = "run.lcm", "investigation.json", "investigation.html"
@@ -66,7 +66,8 @@ def main(arguments: list[str]) -> int:
 def _behaviour(options: argparse.Namespace, planner: Planner) -> Investigate:
     x, y = options.floor.outline
     floor = "/".join(f"{a:.9g}:{b:.9g}" for a, b in zip(x, y, strict=True))
-    return Investigate(floor, options.margin, options.longest, options.seed, planner)
+    goal = CALIBRATION if options.calibrate else DIAGNOSIS
+    return Investigate(floor, options.margin, options.longest, options.seed, goal, planner)
 
 
 class _Lines:
@@ -119,9 +120,15 @@ def _write(driving: Driving, options: argparse.Namespace) -> None:
     write_atomically(json.dumps(_finite(document(driving)), indent=1) + "\n", folder / STORY)
     write_atomically(story_page(driving, options.robot), folder / PAGE)
     _say(f"written: {folder / STORY}, {folder / PAGE}")
+    if options.calibrate:
+        path = folder / f"robot_{options.robot}.yaml"
+        calibrated(driving, options.robot).save(path)
+        _say(f"written: {path}")
+        return
     if options.no_diagnosis:
         return
-    job = Job(logs=(folder / LOG,), robot_id=options.robot, folder=folder, nominal=None, held_out=(), report=True)
+    nominal = driving.investigation.nominal
+    job = Job(logs=(folder / LOG,), robot_id=options.robot, folder=folder, nominal=nominal)
     try:
         _diagnosis, files = perform(job, lambda _sentence: None)
     except JobError as error:
@@ -170,6 +177,9 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument("--longest", type=float, default=LONGEST, metavar="S", help="end after so long (default: 60)")
     options.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed draws the same movements")
     options.add_argument("--parameters", type=Path, metavar="FILE", help="parameter file; otherwise robot_N.yaml")
+    options.add_argument(
+        "--calibrate", action="store_true", help="end when k1 and base_width are known to 1 %%, k2_over_k3 to 3 %%"
+    )
     options.add_argument("--no-diagnosis", action="store_true", help="write the story only")
     add_emulated(options)
     add_limits(options)

@@ -16,6 +16,7 @@ from cmr.world.behaviours.waypoints import read_points
 from cmr.world.view import Robot, WorldView
 
 NEEDS_FLOOR = "investigate needs a floor: give --geofence, or floor=X1:Y1/X2:Y2/...: its corners [m; world frame]."
+DIAGNOSIS, CALIBRATION = "diagnosis", "calibration"
 NAMES = ("wheel_radius", "k2_over_k3", "k1", "base_width")
 
 
@@ -23,7 +24,8 @@ class Investigate(Behaviour):
     """Find out on a floor what the robot's model gets wrong, for up to `longest` s of driving.
 
     `floor` are the corners X1:Y1/X2:Y2/... [m; world frame] of a polygon, by default those of the geofence; the robot's
-    centre keeps `margin` [m] inside of it. The same `seed` draws the same movements.
+    centre keeps `margin` [m] inside of it. The same `seed` draws the same movements. With the `goal` calibration it
+    ends as soon as k1 and base_width are known within 1 %, k2_over_k3 within 3 % (two standard deviations).
     """
 
     def __init__(
@@ -32,12 +34,16 @@ class Investigate(Behaviour):
         margin: float = MARGIN,
         longest: float = LONGEST,
         seed: int = 0,
+        goal: str = DIAGNOSIS,
         planner: Planner | None = None,
     ) -> None:
         if margin < 0.0 or longest <= 0.0:
             raise ValueError("margin must be 0 or more, longest above 0")
         self._fence = Geofence(zip(*read_points(floor), strict=True)) if floor else None
+        if goal not in (DIAGNOSIS, CALIBRATION):
+            raise ValueError(f"goal must be {DIAGNOSIS} or {CALIBRATION}")
         self._margin, self._longest, self._seed = margin, longest, seed
+        self._calibrate = goal == CALIBRATION
         self._planner = planner
         self._recorder: Recorder | None = None
         self._floor: Floor | None = None
@@ -78,5 +84,5 @@ class Investigate(Behaviour):
     def _driving(self, floor: Floor, robot_id: int, parameters: RobotParameters, recorder: Recorder) -> Driving:
         known = {name: Value(float(np.asarray(parameters.values[name]))) for name in NAMES}
         nominal = ParameterFile(robot_id, known)
-        investigation = Investigation(nominal, floor, seed=self._seed, longest=self._longest)
+        investigation = Investigation(nominal, floor, seed=self._seed, longest=self._longest, calibrate=self._calibrate)
         return Driving(investigation, recorder.recording, self._planner or InThread())
