@@ -43,7 +43,7 @@ def is_calibrated(estimates: Mapping[str, Estimate]) -> bool:
 
 
 def _variances(known: Told, name: str) -> Floats:
-    """Return the variances of PARAMETERS, (3,), beside what is found, and beside one more effect where it has a name."""
+    """Return the variances of PARAMETERS, (3,), beside what is found, and one more effect where it has a name."""
     own = list(known.columns.of.get(name, ()))
     columns = [*range(known.columns.free), *own]
     block = BELIEF * known.information[np.ix_(columns, columns)]
