@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from cmr.estimation.candidates import locality
 from cmr.investigation.calibrating import averaged
 from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Step
@@ -106,12 +107,13 @@ def _parameters(driving: Driving) -> dict[str, dict[str, float]]:
 
 
 def _excluded(driving: Driving) -> list[str]:
-    """Return the effects that would have shown and did not."""
+    """Return the effects that would have shown and did not; one of a time may come after the drive."""
     if driving.decision is None:
         return []
     hidden = _out_of_reach(driving)
     left = {one.name for one in driving.decision.judgement.left if one.evidence > 0.0}
-    return [name for name in driving.decision.known.columns.names if name not in hidden and name not in left]
+    names = [name for name in driving.decision.known.columns.names if locality(CATALOGUE[name]) != "time"]
+    return [name for name in names if name not in hidden and name not in left]
 
 
 def _out_of_reach(driving: Driving) -> dict[str, str]:
