@@ -106,6 +106,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
         *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "cmr.tools", "cmr.processes"),
+        *("cmr.investigation", "cmr.plant", "robot_driver.simulated"),
     },
     "cmr.__main__": {"cmr.commands"},
 }
