@@ -57,7 +57,7 @@ def import_log() -> int:
 
 def investigate() -> int:
     """Start cmr-investigate."""
-    return run("cmr.commands.investigate.command")
+    return run("cmr.commands.investigating.command")
 
 
 def log() -> int:

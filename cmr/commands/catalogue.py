@@ -26,7 +26,7 @@ COMMANDS = {
     "calibrate": ("cmr.commands.calibrate", "find the parameters of a robot, live or from a log"),
     "diagnose": ("cmr.commands.diagnose", "name what the simulation of a robot gets wrong"),
     "investigate": (
-        "cmr.commands.investigate.command",
+        "cmr.commands.investigating.command",
         "let a robot find out by itself what its simulation gets wrong",
     ),
     "export": ("cmr.exporting.command", "take a calibrated robot to another simulator or robot description"),

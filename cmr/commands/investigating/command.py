@@ -13,16 +13,16 @@ from cmr.cli.command_line import add_robot, check_writable, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, ESTIMATOR, PARTS, WORLD, compile_first
-from cmr.commands.investigate.emulated import add_emulated, drive_emulated
+from cmr.commands.investigating.emulated import add_emulated, drive_emulated
 from cmr.commands.pilot import add_limits, geofence, margin, steer
 from cmr.diagnosis.job import Job, JobError, perform
 from cmr.files import write_atomically
+from cmr.investigation.behaviour import CALIBRATION, DIAGNOSIS, Investigate
 from cmr.investigation.driving import AtOnce, Driving, InThread, Planner
 from cmr.investigation.engine import LONGEST
 from cmr.investigation.floor import MARGIN
 from cmr.investigation.telling import calibrated, document, line, sentences, story_page
 from cmr.parameters.following import ParameterFollower
-from cmr.world.behaviours.investigating import CALIBRATION, DIAGNOSIS, Investigate
 from cmr.world.pilot import Pilot
 
 LOG, STORY, PAGE = "run.lcm", "investigation.json", "investigation.html"

@@ -4,12 +4,12 @@ import pytest
 
 from cmr.bus.messages import make
 from cmr.geometry.obstacles import Geofence
+from cmr.investigation.behaviour import NEEDS_FLOOR, Investigate
 from cmr.investigation.engine import DATA_SHEET
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.msg import pose_xyt_t
 from cmr.world.behaviours import BehaviourError, make_behaviour
-from cmr.world.behaviours.investigating import NEEDS_FLOOR, Investigate
 from cmr.world.view import REAL, Robot, WorldView
 
 PARAMETERS = RobotParameters(wheel_radius=0.04, k2_over_k3=118.0, k1=0.054, base_width=0.16)

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from cmr.cli.errors import CommandError
+from cmr.investigation.behaviour import Investigate
 from cmr.parameters.file import ParameterFile, Value
 from cmr.plant.parameters import TYPICAL
-from cmr.world.behaviours.investigating import Investigate
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from robot_driver.simulated.drive import SimulatedDrive
 
