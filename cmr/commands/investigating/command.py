@@ -9,6 +9,7 @@ from pathlib import Path
 import lcm
 
 from cmr.bus.messages import Received
+from cmr.bus.preflight import check as check_bus
 from cmr.cli.command_line import add_robot, check_writable, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
@@ -43,6 +44,8 @@ def main(arguments: list[str]) -> int:
         raise CommandError(f"{folder} holds a run already. Choose another folder with --out.")
     if not options.emulated and (options.settings or options.hide or options.ideal):
         raise CommandError("--settings, --ideal and --hide are for --emulated: a real robot is as it is.")
+    if not options.emulated:
+        check_bus(options.lcm_url)  # what is wrong is said before anything takes time
     compile_first(PARTS if options.emulated else [WORLD, BEHAVIOURS, ESTIMATOR])
     folder.mkdir(parents=True, exist_ok=True)
     behaviour = _behaviour(options, AtOnce() if options.emulated else InThread())
@@ -55,9 +58,11 @@ def main(arguments: list[str]) -> int:
     except CommandError as error:
         failure = str(error)
     driving = behaviour.driving
-    if driving is None or driving.decision is None:
-        raise CommandError(failure or NOT_DRIVEN.format(why=behaviour.problem))
-    _write(driving, options)
+    if driving is not None and driving.decision is not None:
+        _write(driving, options, is_whole=not code)
+    else:
+        (folder / LOG).unlink(missing_ok=True)
+        failure = failure or ("" if code else NOT_DRIVEN.format(why=behaviour.problem))
     if failure:
         raise CommandError(failure)
     return code
@@ -112,8 +117,8 @@ def _live(options: argparse.Namespace, behaviour: Investigate) -> int:
         log.close()
 
 
-def _write(driving: Driving, options: argparse.Namespace) -> None:
-    """Write the story, then what a diagnosis makes of the whole drive: parameters, document and report."""
+def _write(driving: Driving, options: argparse.Namespace, *, is_whole: bool) -> None:
+    """Write the story, then what a diagnosis makes of the drive if that is whole: parameters, document and report."""
     folder = options.out
     for sentence in sentences(driving):
         _say(sentence)
@@ -125,7 +130,7 @@ def _write(driving: Driving, options: argparse.Namespace) -> None:
         calibrated(driving, options.robot).save(path)
         _say(f"written: {path}")
         return
-    if options.no_diagnosis:
+    if options.no_diagnosis or not is_whole:
         return
     nominal = driving.investigation.nominal
     job = Job(logs=(folder / LOG,), robot_id=options.robot, folder=folder, nominal=nominal)
