@@ -15,7 +15,7 @@ from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, ESTIMATOR, PARTS, WORLD, compile_first
 from cmr.commands.investigating.emulated import add_emulated, drive_emulated
-from cmr.commands.pilot import add_limits, geofence, margin, steer
+from cmr.commands.steering.steer import add_limits, geofence, margin, steer
 from cmr.diagnosis.job import Job, JobError, perform
 from cmr.files import write_atomically
 from cmr.investigation.behaviour import CALIBRATION, DIAGNOSIS, Investigate
