@@ -55,6 +55,11 @@ def import_log() -> int:
     return run("cmr.tools.importing.import_log")
 
 
+def investigate() -> int:
+    """Start cmr-investigate."""
+    return run("cmr.commands.investigating.command")
+
+
 def laws() -> int:
     """Start cmr-laws."""
     return run("cmr.diagnosis.collection_command")

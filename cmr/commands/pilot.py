@@ -1,41 +1,17 @@
 """cmr-pilot: drive a real robot by a behaviour, for example after a virtual leader."""
 
 import argparse
-import os
-import signal
 from pathlib import Path
-from threading import Event
 
-from cmr.bus.claiming import Claim
-from cmr.bus.messages import now_utime
-from cmr.bus.process import Process
-from cmr.bus.streams import (
-    COMMAND_CLAIM,
-    COMMAND_OWNER,
-    ESTOP,
-    ESTOP_LATCH,
-    MOTOR_FEEDBACK,
-    PARAMETERS,
-    POSE,
-    WAYPOINTS,
-    WORLD_STATE,
-)
 from cmr.cli.command_line import add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
 from cmr.commands.robots import behaviour_of
-from cmr.geometry.obstacles import FURTHEST, Geofence
-from cmr.model.command_kinds import KINDS
-from cmr.msg import process_status_t
+from cmr.commands.steering.steer import add_fence, add_limits, steer
 from cmr.parameters.following import ParameterFollower
-from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.world.behaviours.help_text import help_text
-from cmr.world.guarding import MARGIN
 from cmr.world.pilot import Pilot
-
-RATE = 50.0  # Hz
-CONFIRMING = "To use them at once, on this computer: kill -USR1 {pid}"
 
 
 def main(arguments: list[str]) -> int:
@@ -54,77 +30,7 @@ def main(arguments: list[str]) -> int:
         kind=options.command,
     )
     compile_first([WORLD, BEHAVIOURS])
-    pilot.prepare()
-    confirmed = Event()
-    signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
-    with Process("cmr-pilot", options.lcm_url) as process:
-        _listen(process, options.robot)
-        claim = Claim("cmr-pilot", options.robot, lambda: process.bus.sender, options.take_over)
-        for utime in process.loop(rate_hz=RATE):
-            pilot.turn(utime)
-            for received in process.received():
-                for handle in (pilot.handle, claim.handle):
-                    handle(received.message.utime, received.channel, received.message)
-            pilot.parameters.poll()
-            _confirm(pilot, confirmed)
-            if claim.lost_to:
-                raise CommandError(f"{claim.lost_to} took over robot {options.robot}.")
-            waiting_for = _command(process, pilot, claim, utime)
-            process.parameters_sha256 = pilot.parameters_sha256
-            _report(process, pilot, waiting_for)
-            if behaviour.finished:
-                break
-        _end(process, pilot, claim)
-        if behaviour.problem:
-            raise CommandError(behaviour.problem)
-        return process.exit_code
-
-
-def _listen(process: Process, robot: int) -> None:
-    """Subscribe to what the pilot and its claim take."""
-    process.subscribe(WORLD_STATE, every=True)
-    process.subscribe(ESTOP, every=True)
-    process.subscribe(ESTOP_LATCH, robot)
-    process.subscribe(MOTOR_FEEDBACK, robot, every=True)
-    process.subscribe(POSE, robot, every=True)
-    process.subscribe(PARAMETERS, robot)
-    process.subscribe(WAYPOINTS, robot)
-    process.subscribe(COMMAND_OWNER, robot)
-
-
-def _confirm(pilot: Pilot, confirmed: Event) -> None:
-    """Use the parameters that wait, once a person has confirmed them."""
-    if confirmed.is_set():
-        confirmed.clear()
-        pilot.confirm_parameters()
-
-
-def _end(process: Process, pilot: Pilot, claim: Claim) -> None:
-    """Stop the robot and give it up, unless somebody else commands it."""
-    if not claim.others(now_utime()):
-        process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), pilot.robot_id)
-        process.publish(COMMAND_CLAIM, claim.end(now_utime()), pilot.robot_id)
-
-
-def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
-    """Command the robot, unless somebody else does; return what is waited for."""
-    claimed = claim.message(utime)
-    if claimed is not None:
-        process.publish(COMMAND_CLAIM, claimed, pilot.robot_id)
-    if others := claim.others(utime):
-        return f"the end of {others}, which commands robot {pilot.robot_id}; --take-over does not wait"
-    process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), pilot.robot_id)
-    return pilot.waiting_for
-
-
-def _report(process: Process, pilot: Pilot, waiting_for: str) -> None:
-    """Say what the robot waits for, what was refused, and which parameters wait."""
-    new = f"{pilot.new_parameters} {CONFIRMING.format(pid=os.getpid())}" if pilot.new_parameters else ""
-    waiting = f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message
-    sentences = [pilot.left_fence or waiting, pilot.gate.problem(), new]
-    is_in_doubt = waiting_for or any(sentences[1:])
-    process.state = process_status_t.DEGRADED if is_in_doubt else process_status_t.RUNNING
-    process.message = " ".join(filter(None, sentences))
+    return steer(pilot, behaviour, options)
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -147,56 +53,5 @@ def command_parser() -> argparse.ArgumentParser:
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
     )
     add_limits(options)
+    add_fence(options)
     return options
-
-
-def add_limits(options: argparse.ArgumentParser) -> None:
-    """Add what is commanded, who may command, and what the robot is kept from."""
-    options.add_argument(
-        "--command",
-        choices=KINDS,
-        default=None,
-        help="what to send: duties on MOTOR_COMMAND_N, wheel speeds on WHEEL_SPEED_COMMAND_N, or velocities on "
-        "VELOCITY_COMMAND_N; by default what the robot's parameters ask for",
-    )
-    options.add_argument(
-        "--take-over",
-        action="store_true",
-        help="command the robot although another process does, which then ends; otherwise wait until it does",
-    )
-    options.add_argument(
-        "--geofence",
-        type=_geofence,
-        default=None,
-        metavar="X1,Y1,X2,Y2,...",
-        help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
-    )
-    options.add_argument("--margin", type=_margin, default=MARGIN, metavar="M", help="from its border, in m")
-    options.add_argument(
-        "--no-keep-clear",
-        dest="keep_clear",
-        action="store_false",
-        help="do not stop before robots in the way, real and virtual ones",
-    )
-
-
-def _geofence(text: str) -> Geofence:
-    try:
-        numbers = [float(number) for number in text.split(",")]
-        if len(numbers) % 2:
-            raise ValueError("it has an x without a y")
-        return Geofence(zip(numbers[::2], numbers[1::2], strict=True))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is no geofence: {error}. An example: --geofence=-2,-1,2,-1,2,1,-2,1"
-        ) from error
-
-
-def _margin(text: str) -> float:
-    try:
-        margin = float(text)
-    except ValueError:
-        margin = -1.0
-    if not 0.0 <= margin <= FURTHEST:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a distance of 0 m or more")
-    return margin

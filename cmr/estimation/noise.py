@@ -74,11 +74,14 @@ class Noise:
     of: Mapping[str, SignalNoise]
 
     @classmethod
-    def found(cls, batch: Batch, errors: Errors) -> "Noise":
-        """Find the noise from the errors of the first candidate in all segments of a batch."""
+    def found(cls, batch: Batch, errors: Errors, largest_past: float = LARGEST_PAST) -> "Noise":
+        """Find the noise from the errors of the first candidate in all segments of a batch.
+
+        They are predicted from at most so long a past, as a share of the usual segment.
+        """
         first = replace(errors, of={name: of[:, :1] for name, of in errors.of.items()})
-        sums = np.stack([of[:, 0] for of in _foreign(batch, first)])
-        return cls({name: _found(name, batch, first, sums) for name in SPANS if name in batch.signals})
+        sums = np.stack([of[:, 0] for of in foreign_sums(batch, first)])
+        return cls({name: _found(name, batch, first, sums, largest_past) for name in SPANS if name in batch.signals})
 
     @classmethod
     def plain(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
@@ -109,6 +112,11 @@ class Noise:
             result[name] = replace(noise, sizes=sizes)
         return Noise(result)
 
+    @property
+    def log_size(self) -> float:
+        """Twice the sum of the logarithms of all sizes: what a likelihood has beside the squares of white errors."""
+        return 2.0 * sum(float(np.sum(np.log(size))) for noise in self.of.values() for size in noise.sizes)
+
     def white(self, number: int, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
         """Return the errors of segment `number` made white, (n, C) by signal; the first, which have no past, are 0."""
         ends = np.cumsum([len(times) for times in predictor.times.values()])
@@ -122,14 +130,14 @@ class Noise:
         """
         candidates = next(iter(errors.of.values())).shape[1]
         result = np.empty((batch.rows, candidates))
-        foreign = _foreign(batch, errors) if any(np.any(self.of[name].foreign) for name in batch.signals) else []
+        foreign = foreign_sums(batch, errors) if any(np.any(self.of[name].foreign) for name in batch.signals) else []
         for name in batch.signals:
             noise, own = self.of[name], errors.of[name]
             if name in POSE_SIGNALS and np.any(noise.foreign):
                 own = own - sum(weight * other for weight, other in zip(noise.foreign, foreign, strict=True))
             weights = noise.weights(first, first + len(batch.predictors))
             whiten(
-                np.ascontiguousarray(own), batch.ends[name], *_sums(noise.past, noise.spans(name)), weights,
+                np.ascontiguousarray(own), batch.ends[name], *sums_of_past(noise.past, noise.spans(name)), weights,
                 batch.at[name], result,
             )  # fmt: skip
         return result
@@ -144,13 +152,13 @@ def _size_of_most(white: Floats) -> float:
     return size
 
 
-def _found(name: str, batch: Batch, errors: Errors, others: Floats) -> SignalNoise:
+def _found(name: str, batch: Batch, errors: Errors, others: Floats, largest_past: float) -> SignalNoise:
     """Find one signal's noise: weighted least squares for what is predictable, then the size of the rest, repeated.
 
     `others` (3, poses) are sums of the errors of FOREIGN before each pose.
     """
     ends = batch.ends[name]
-    spans = _spans(name, np.diff(ends).tolist())
+    spans = _spans(name, np.diff(ends).tolist(), largest_past)
     grows = _sizes(name, batch, errors) * growth_in_gaps(name, batch, errors)[:, None] ** 2
     used, ends_of_used = _long_enough(ends, sum(spans))
     foreign_weights, past, size = np.zeros(len(FOREIGN)), np.zeros(len(spans)), np.zeros(3)
@@ -201,13 +209,13 @@ def _with_past(ends: Indices, order: int) -> Indices:
     return rows[rows - np.repeat(ends[:-1], np.diff(ends)) >= order]
 
 
-def _spans(name: str, lengths: Sequence[int]) -> tuple[int, ...]:
+def _spans(name: str, lengths: Sequence[int], largest_past: float = LARGEST_PAST) -> tuple[int, ...]:
     """Return the spans of the past that fit into a usual segment: half of all errors are in longer ones."""
     if not any(lengths):
         return ()
     ordered = np.sort(lengths)
     usual = ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))]
-    return SPANS[name][: np.searchsorted(np.cumsum(SPANS[name]), LARGEST_PAST * usual, side="right")]
+    return SPANS[name][: np.searchsorted(np.cumsum(SPANS[name]), largest_past * usual, side="right")]
 
 
 def _least_squares(rows: Floats, right: Floats) -> Floats:
@@ -320,7 +328,7 @@ def _acceleration(rate: Floats, batch: Batch) -> Floats:
     return np.maximum(change[1:], change[:-1])
 
 
-def _foreign(batch: Batch, errors: Errors) -> list[Floats]:
+def foreign_sums(batch: Batch, errors: Errors) -> list[Floats]:
     """Return the sums of other signals' errors since the pose before, (poses, C) each; 0 for a segment's first pose."""
     candidates = next(iter(errors.of.values())).shape[1]
     poses = batch.ends[POSE_SIGNALS[0]]
@@ -343,7 +351,7 @@ def add_between(errors, at, ends, result):  # type: ignore[no-untyped-def]
                     result[index, column] += errors[row, column]
 
 
-def _sums(past: Floats, spans: Sequence[int]) -> tuple[Floats, Indices]:
+def sums_of_past(past: Floats, spans: Sequence[int]) -> tuple[Floats, Indices]:
     """Return shares of sums of all errors up to so many before each, which weigh its `past`; see `whiten`."""
     # A sum over a span is the difference of the sums of all errors up to its ends. Four ends are taken at once.
     count = len(spans) + 1

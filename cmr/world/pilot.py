@@ -12,13 +12,13 @@ from cmr.geometry.obstacles import Geofence
 from cmr.model.body import forward
 from cmr.model.command_kinds import DUTY, VELOCITY
 from cmr.model.parameters import RobotParameters
-from cmr.msg import motor_feedback_t, parameters_t, pose_xyt_t, waypoints_t, world_state_t
+from cmr.msg import gyro_t, motor_feedback_t, parameters_t, pose_xyt_t, waypoints_t, world_state_t
 from cmr.parameters.caution import SPEED, TURN_RATE, Caution, duties_for
 from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import Command
 from cmr.recordings.commanding import command_of
-from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
+from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
 from cmr.world.behaviours.team import Alone
 from cmr.world.guarding import MARGIN, FenceGuard, PoseGuard, kept_clear, load
 from cmr.world.view import VIRTUAL, Robot, WorldView
@@ -116,7 +116,7 @@ class Pilot:
         self.gate.turn(utime)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N.
+        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, GYRO_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N.
 
         What stands in them must be possible: `gate` says what was not.
         """
@@ -125,6 +125,8 @@ class Pilot:
         if robot_id not in (None, self.robot_id):
             return
         usable = self.gate.let_in(channel, message)
+        if isinstance(usable, motor_feedback_t | gyro_t | pose_xyt_t) and isinstance(self.behaviour, Behaviour):
+            self.behaviour.hear(utime, channel, usable)
         if isinstance(usable, world_state_t):
             self._world.handle(utime, channel, usable)
         elif isinstance(usable, pose_xyt_t):

@@ -1,7 +1,8 @@
 """The log of a whole drive in simulated time: pilot, driver, bytes, controller, plant, encoders and gyro, and back."""
 
+import math
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
@@ -39,6 +40,9 @@ OWN_USB = {"mbot"}  # boards that no adapter stands before
 class SimulatedDrive:
     """What is driven, and by what; names as on the command lines of cmr-driver, cmr-emulate and cmr-pilot.
 
+    `behaviour` may be one that is made already, which has no `behaviour_settings`; then `on_second` is called each
+    second, and the drive ends when the behaviour does.
+
     `believed` are the parameters that the pilot steers by; by default the true wheel radius, k2_over_k3, k1 and base
     width. Lost and damaged bytes follow `faults`. `gyro` None: that of the board, or none. `wired` are the settings of
     cmr-driver, by default those of a robot that is wired as it should be.
@@ -47,7 +51,7 @@ class SimulatedDrive:
     settings: Settings = field(default_factory=load_settings)
     controller: str = "roboclaw"
     gyro: str | None = "dsp3000"
-    behaviour: str = "figure_eight"
+    behaviour: str | Behaviour = "figure_eight"
     behaviour_settings: Mapping[str, str] = field(default_factory=lambda: {"size": "1.15", "laps": "3", "start": "1"})
     seconds: float = 60.0
     pose_rate: float = 50.0
@@ -56,6 +60,7 @@ class SimulatedDrive:
     faults: Faults = field(default_factory=Faults)
     believed: ParameterFile | None = None
     robot_id: int = 0
+    on_second: Callable[[], object] = lambda: None
     wired: DriverSettings | None = None
 
     def write_log(self, path: Path) -> None:
@@ -74,11 +79,23 @@ class SimulatedDrive:
             ]
             for thread in threads:
                 thread.start()
-            host.run(self.seconds)
+            self._let_drive(host)
             done.set()
             for thread in threads:
                 thread.join(ENDING)
             host.check()
+
+    def _let_drive(self, host: SimulatedHost) -> None:
+        """Let time go on; with a behaviour that was made before, until that is over and the robot rests."""
+        if isinstance(self.behaviour, str):
+            host.run(self.seconds)
+            return
+        for _ in range(math.ceil(self.seconds)):
+            over = self.behaviour.finished
+            host.run(1.0)
+            self.on_second()
+            if over:
+                break
 
     def _plug_in(self, host: SimulatedHost, bus: SimulatedBus) -> None:
         """Make the robot and plug it in."""
@@ -141,7 +158,9 @@ class SimulatedDrive:
 
     def _steer(self, host: SimulatedHost, bus: SimulatedBus, done: threading.Event) -> None:
         """Be cmr-pilot, and what of cmr-sim it needs: the estimate of the robot."""
-        behaviour = make_behaviour(self.behaviour, self.behaviour_settings)
+        behaviour = self.behaviour
+        if isinstance(behaviour, str):
+            behaviour = make_behaviour(behaviour, self.behaviour_settings)
         pilot = Pilot(self.robot_id, behaviour, ParameterFollower(self.robot_id), keep_clear=False)
         announcement = self._announcement()
         pilot.handle(announcement.utime, PARAMETERS.channel(self.robot_id), announcement)

@@ -50,6 +50,7 @@ ONLY_PARSED = {
     "cmr-import optiodom": "needs a recording of OptiOdom; tests/tools/importing/test_real_recordings.py has one",
     "cmr-laws diagnosis": "tests/documentation/test_unwritten_physics.py runs it",
     "cmr-laws diagnoses": "tests/diagnosis/test_collection.py runs it on parameter files with laws",
+    "cmr-investigate --robot": "commands a robot on the bus",
     "cmr-pilot": "commands a robot on the bus",
     "cmr-plot run.lcm": "opens a window",
     "cmr-replay run.lcm --remap": "takes as long as the log",

@@ -49,6 +49,7 @@ KNOWN: dict[str, set[str]] = {
     },
     "cmr.exporting": {*RECORDED, "cmr.files", "cmr.plant", "cmr.report", "cmr.estimation", "cmr.diagnosis"},
     "cmr.world": {*RECORDED, "cmr.report", "cmr.geometry"},
+    "cmr.investigation": {*RECORDED, "cmr.geometry", "cmr.estimation", "cmr.report", "cmr.world"},
     "cmr.view": {*RECORDED, "cmr.litter", "cmr.report", "cmr.geometry"},
     "cmr.teleop": {*RECORDED, "cmr.geometry", "cmr.world"},
     "cmr.robot_log": {*RECORDED, "cmr.report", "cmr.calibration", "cmr.diagnosis", "cmr.distribution"},
@@ -117,6 +118,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
         *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "robot_driver.ros2"),
         *("cmr.tools", "cmr.processes"),
+        *("cmr.investigation", "cmr.plant", "robot_driver.simulated"),
     },
     "cmr.__main__": {"cmr.commands"},
 }

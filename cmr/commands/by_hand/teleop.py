@@ -25,7 +25,7 @@ from cmr.cli.command_line import add_robot, parse_robot_id, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
-from cmr.commands.pilot import add_limits
+from cmr.commands.steering.steer import add_fence, add_limits
 from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFileError, load
 from cmr.parameters.following import ParameterFollower
@@ -215,6 +215,7 @@ def command_parser() -> argparse.ArgumentParser:
         "--parameters-of", type=parse_robot_id, metavar="N", help="robot by whose parameters it goes; otherwise its own"
     )
     add_limits(options)
+    add_fence(options)
     return options
 
 

@@ -67,9 +67,18 @@ class Screening:
 
 
 def screen(
-    problem: Problem, values: Mapping[str, float], names: Sequence[str], selected: Sequence[str], noise: Noise | None
+    problem: Problem,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    selected: Sequence[str],
+    noise: Noise | None,
+    *,
+    keep_noise: bool = False,
 ) -> Screening:
-    """Score all effects but those `selected`, beside the free parameters `names` at `values`."""
+    """Score all effects but those `selected`, beside the free parameters `names` at `values`.
+
+    With `keep_noise` the noise is the one given; else it is found anew, and the one given is where that begins.
+    """
     others = [one for one in problem.effects if one.name not in selected and _is_due(one, problem, selected)]
     attempts = trials(problem.excitation, others)
     steps = [inward(name, values[name], step_of(name, values[name], problem.excitation)) for name in names]
@@ -88,7 +97,8 @@ def screen(
         plain = Noise.plain(problem.predictors, changes)
         noise = noise_of_all(problem, changes, plain, _reaches(attempts, len(names)))
     attempts, changes = _localised(problem, attempts, changes, len(names), noise, rows)
-    noise = noise_of_all(problem, changes, noise, _reaches(attempts, len(names)))
+    if not keep_noise:
+        noise = noise_of_all(problem, changes, noise, _reaches(attempts, len(names)))
     white = problem.made_white(changes, noise)
     beside = Beside.of(white, len(names), problem.of_wheels)
     linear = _linear(white, problem.made_white(without, noise) if off else white[:, :0], names, steps, selected)

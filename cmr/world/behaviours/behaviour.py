@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 
+from cmr.bus.message import Message
 from cmr.model.parameters import RobotParameters
 from cmr.world.commands import CommandMemory
 from cmr.world.view import Robot, WorldView
@@ -29,6 +30,9 @@ class Behaviour(ABC):
 
         `parameters` are those of the robot's model. Called some 20 to 100 times a second.
         """
+
+    def hear(self, utime: int, channel: str, message: Message) -> None:  # noqa: B027 - few look at sensors themselves
+        """Take what the robot's driver and sensors say: MOTOR_FEEDBACK_N, GYRO_N, POSE_N. Ignored unless overridden."""
 
     def take_waypoints(self, x: list[float], y: list[float]) -> None:  # noqa: B027 - not every robot has waypoints
         """Take a path to drive, as points [m; world frame]; an empty one means stop. Ignored unless overridden."""

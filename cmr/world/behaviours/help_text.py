@@ -26,6 +26,11 @@ behaviours, each with its settings (and clearance, in m between bodies):
   commanded                                 do what MOTOR_COMMAND_N says: cmr-teleop
   manoeuvre (name, speed, repeats, start, space)
                                             drive a manoeuvre, then stop
+  investigate (floor, margin, longest, seed, goal)
+                                            choose movements that show what the
+                                            model gets wrong; only for cmr-pilot,
+                                            floor=-1:-1/1:-1/1:1/-1:1 or the
+                                            geofence
   module:Class, or a name that a package brings: docs/how_to/write_a_behaviour.md
 
 manoeuvres, several in turn as name=steps+circles; time and space (how far the

@@ -21,6 +21,7 @@ SHIPPED = {
     "right_of_way": "cmr.world.behaviours.right_of_way:RightOfWay",
     "commanded": "cmr.world.behaviours.behaviour:Commanded",
     "manoeuvre": "cmr.world.behaviours.manoeuvring:DriveManoeuvre",
+    "investigate": "cmr.investigation.behaviour:Investigate",
 }
 GROUP = "cmr.behaviours"  # of entry points, by which packages bring behaviours of their own
 LARGEST_SETTING = 1e9  # metres, seconds, robots

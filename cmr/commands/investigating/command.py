@@ -1,0 +1,191 @@
+"""cmr-investigate: a robot finds out by itself, on a small floor, what its simulation gets wrong."""
+
+import argparse
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import lcm
+
+from cmr.bus.messages import Received
+from cmr.bus.preflight import check as check_bus
+from cmr.cli.command_line import add_robot, check_writable, parser
+from cmr.cli.configuration import parameter_file
+from cmr.cli.errors import CommandError
+from cmr.commands.first_use import BEHAVIOURS, ESTIMATOR, PARTS, WORLD, compile_first
+from cmr.commands.investigating.emulated import add_emulated, drive_emulated
+from cmr.commands.steering.steer import add_limits, geofence, margin, steer
+from cmr.diagnosis.job import Job, JobError, perform
+from cmr.files import write_atomically
+from cmr.investigation.behaviour import CALIBRATION, DIAGNOSIS, Investigate
+from cmr.investigation.driving import AtOnce, Driving, InThread, Planner
+from cmr.investigation.engine import LONGEST
+from cmr.investigation.floor import MARGIN
+from cmr.investigation.telling import calibrated, document, line, sentences, story_page
+from cmr.parameters.following import ParameterFollower
+from cmr.world.pilot import Pilot
+
+LOG, STORY, PAGE = "run.lcm", "investigation.json", "investigation.html"
+NOT_DRIVEN = "Nothing was decided: the robot did not drive for long enough. {why}"
+FLOOR = "-1,-1,1,-1,1,1,-1,1"
+Say = Callable[[str], None]
+
+
+def main(arguments: list[str]) -> int:
+    """Run cmr-investigate.
+
+    Raises CommandError where the robot cannot be investigated.
+    """
+    options = command_parser().parse_args(arguments)
+    folder = options.out
+    check_writable(folder)
+    if (folder / LOG).exists():
+        raise CommandError(f"{folder} holds a run already. Choose another folder with --out.")
+    if not options.emulated and (options.settings or options.hide or options.ideal):
+        raise CommandError("--settings, --ideal and --hide are for --emulated: a real robot is as it is.")
+    if not options.emulated:
+        check_bus(options.lcm_url)  # what is wrong is said before anything takes time
+    compile_first(PARTS if options.emulated else [WORLD, BEHAVIOURS, ESTIMATOR])
+    folder.mkdir(parents=True, exist_ok=True)
+    behaviour = _behaviour(options, AtOnce() if options.emulated else InThread())
+    failure, code = "", 0
+    try:
+        if options.emulated:
+            drive_emulated(options, behaviour, folder / LOG, _Lines(behaviour, _say).newest)
+        else:
+            code = _live(options, behaviour)
+    except CommandError as error:
+        failure = str(error)
+    driving = behaviour.driving
+    if driving is not None and driving.decision is not None:
+        _write(driving, options, is_whole=not code)
+    else:
+        (folder / LOG).unlink(missing_ok=True)
+        failure = failure or ("" if code else NOT_DRIVEN.format(why=behaviour.problem))
+    if failure:
+        raise CommandError(failure)
+    return code
+
+
+def _behaviour(options: argparse.Namespace, planner: Planner) -> Investigate:
+    x, y = options.floor.outline
+    floor = "/".join(f"{a:.9g}:{b:.9g}" for a, b in zip(x, y, strict=True))
+    goal = CALIBRATION if options.calibrate else DIAGNOSIS
+    return Investigate(floor, options.margin, options.longest, options.seed, goal, planner)
+
+
+class _Lines:
+    """Prints each new decision of an investigation, once."""
+
+    def __init__(self, behaviour: Investigate, say: Say) -> None:
+        self._behaviour, self._say, self._said = behaviour, say, 0
+
+    def newest(self) -> str:
+        """Return the newest decision in a line; print it, if it was not printed yet."""
+        driving = self._behaviour.driving
+        if driving is None:
+            return ""
+        text = line(driving)
+        if len(driving.investigation.story) > self._said:
+            self._said = len(driving.investigation.story)
+            self._say(text)
+        return driving.note or text
+
+
+def _live(options: argparse.Namespace, behaviour: Investigate) -> int:
+    """Investigate the robot on the bus."""
+    pilot = Pilot(
+        options.robot,
+        behaviour,
+        ParameterFollower(options.robot, options.parameters or parameter_file(options.robot)),
+        geofence=options.floor,
+        margin=0.5 * options.margin,
+        keep_clear=options.keep_clear,
+        kind=options.command,
+        program="cmr-investigate",
+    )
+    lines = _Lines(behaviour, _say)
+    log = lcm.EventLog(str(options.out / LOG), "w", overwrite=True)
+
+    def hear(received: Received) -> None:
+        log.write_event(received.message.utime, received.channel, received.message.encode())
+
+    try:
+        return steer(pilot, behaviour, options, program="cmr-investigate", hear=hear, tell=lines.newest)
+    finally:
+        log.close()
+
+
+def _write(driving: Driving, options: argparse.Namespace, *, is_whole: bool) -> None:
+    """Write the story, then what a diagnosis makes of the drive if that is whole: parameters, document and report."""
+    folder = options.out
+    for sentence in sentences(driving):
+        _say(sentence)
+    write_atomically(json.dumps(_finite(document(driving)), indent=1) + "\n", folder / STORY)
+    write_atomically(story_page(driving, options.robot), folder / PAGE)
+    _say(f"written: {folder / STORY}, {folder / PAGE}")
+    if options.calibrate:
+        path = folder / f"robot_{options.robot}.yaml"
+        calibrated(driving, options.robot).save(path)
+        _say(f"written: {path}")
+        return
+    if options.no_diagnosis or not is_whole:
+        return
+    nominal = driving.investigation.nominal
+    job = Job(logs=(folder / LOG,), robot_id=options.robot, folder=folder, nominal=nominal)
+    try:
+        _diagnosis, files = perform(job, lambda _sentence: None)
+    except JobError as error:
+        raise CommandError(f"The drive was not diagnosed: {error}") from error
+    _say(f"written: {', '.join(map(str, files))}")
+
+
+def _finite(value: object) -> object:
+    """Return what JSON can hold: numbers that are none become null."""
+    if isinstance(value, dict):
+        return {name: _finite(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """Return the command line of cmr-investigate."""
+    options = parser(
+        "cmr-investigate",
+        "Let a robot find out by itself what its simulation gets wrong. It drives short movements on a floor and "
+        "chooses each by what the data so far leave open, until every effect of the catalogue is named, excluded, or "
+        "out of reach here. Writes investigation.json and investigation.html, the story of the experiment, then "
+        "diagnosis.json, report.html and robot_N.yaml of the whole drive, and its log run.lcm. The robot's centre "
+        "keeps inside the floor by a margin; it stops on ESTOP, at the border, and while poses are missing, as with "
+        "cmr-pilot. Needs cmr-sim and cmr-driver; --emulated needs neither, and no hardware.",
+        "cmr-investigate --robot 0 --floor=-1,-1,1,-1,1,1,-1,1 --out found\n"
+        "  cmr-investigate --emulated --ideal --hide gyro_scale --out found",
+    )
+    add_robot(options)
+    options.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    options.add_argument(
+        "--floor",
+        type=geofence,
+        default=geofence(FLOOR),
+        metavar="X1,Y1,X2,Y2,...",
+        help=f"corners [m; world frame] of the polygon that the robot must not leave (default: {FLOOR})",
+    )
+    options.add_argument(
+        "--margin", type=margin, default=MARGIN, metavar="M", help=f"from its border (default: {MARGIN:g} m)"
+    )
+    options.add_argument("--longest", type=float, default=LONGEST, metavar="S", help="end after so long (default: 60)")
+    options.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed draws the same movements")
+    options.add_argument("--parameters", type=Path, metavar="FILE", help="parameter file; otherwise robot_N.yaml")
+    options.add_argument(
+        "--calibrate", action="store_true", help="end when k1 and base_width are known to 1 %%, k2_over_k3 to 3 %%"
+    )
+    options.add_argument("--no-diagnosis", action="store_true", help="write the story only")
+    add_emulated(options)
+    add_limits(options)
+    return options

@@ -1,0 +1,194 @@
+"""Steer a real robot by a behaviour, as a process on the bus; cmr-pilot and cmr-investigate do."""
+
+import argparse
+import os
+import signal
+from collections.abc import Callable
+from threading import Event
+
+from cmr.bus.claiming import Claim
+from cmr.bus.message import Message
+from cmr.bus.messages import now_utime
+from cmr.bus.process import Process, Received
+from cmr.bus.streams import (
+    COMMAND_CLAIM,
+    COMMAND_OWNER,
+    ESTOP,
+    ESTOP_LATCH,
+    GYRO,
+    MOTOR_FEEDBACK,
+    PARAMETERS,
+    POSE,
+    WAYPOINTS,
+    WORLD_STATE,
+)
+from cmr.cli.errors import CommandError
+from cmr.geometry.obstacles import FURTHEST, Geofence
+from cmr.model.command_kinds import KINDS
+from cmr.msg import process_status_t
+from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.world.behaviours import AnyBehaviour
+from cmr.world.guarding import MARGIN
+from cmr.world.pilot import Pilot
+
+RATE = 50.0  # Hz
+CONFIRMING = "To use them at once, on this computer: kill -USR1 {pid}"
+
+
+def steer(
+    pilot: Pilot,
+    behaviour: AnyBehaviour,
+    options: argparse.Namespace,
+    *,
+    program: str = "cmr-pilot",
+    hear: Callable[[Received], None] = lambda _received: None,
+    tell: Callable[[], str] = lambda: "",
+) -> int:
+    """Steer a robot until its behaviour is finished; return the exit code of the process, named `program`.
+
+    `options` are those of `add_limits` and of a bus. What is received goes to `hear`, too, and what `tell` returns is
+    said on PROCESS_STATUS while nothing else is. Raises CommandError where somebody else took over, or the behaviour
+    ended with a problem.
+    """
+    pilot.prepare()
+    confirmed = Event()
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
+    with Process(program, options.lcm_url) as process:
+        _listen(process, pilot.robot_id)
+        claim = Claim(program, pilot.robot_id, lambda: process.bus.sender, options.take_over)
+        for utime in process.loop(rate_hz=RATE):
+            pilot.turn(utime)
+            for received in process.received():
+                hear(received)
+                _hand_over(received, pilot.handle, claim.handle)
+            pilot.parameters.poll()
+            _confirm(pilot, confirmed)
+            if claim.lost_to:
+                raise CommandError(f"{claim.lost_to} took over robot {pilot.robot_id}.")
+            waiting_for = _command(process, pilot, claim, utime)
+            process.parameters_sha256 = pilot.parameters_sha256
+            _report(process, pilot, waiting_for, tell())
+            if behaviour.finished:
+                break
+        _end(process, pilot, claim)
+        if behaviour.problem:
+            raise CommandError(behaviour.problem)
+        return process.exit_code
+
+
+def _hand_over(received: Received, *handlers: Callable[[int, str, Message], object]) -> None:
+    """Give a message to all who handle it."""
+    for handle in handlers:
+        handle(received.message.utime, received.channel, received.message)
+
+
+def _listen(process: Process, robot: int) -> None:
+    """Subscribe to what the pilot and its claim take."""
+    process.subscribe(WORLD_STATE, every=True)
+    process.subscribe(ESTOP, every=True)
+    process.subscribe(ESTOP_LATCH, robot)
+    process.subscribe(MOTOR_FEEDBACK, robot, every=True)
+    process.subscribe(GYRO, robot, every=True)
+    process.subscribe(POSE, robot, every=True)
+    process.subscribe(PARAMETERS, robot)
+    process.subscribe(WAYPOINTS, robot)
+    process.subscribe(COMMAND_OWNER, robot)
+
+
+def _confirm(pilot: Pilot, confirmed: Event) -> None:
+    """Use the parameters that wait, once a person has confirmed them."""
+    if confirmed.is_set():
+        confirmed.clear()
+        pilot.confirm_parameters()
+
+
+def _end(process: Process, pilot: Pilot, claim: Claim) -> None:
+    """Stop the robot and give it up, unless somebody else commands it."""
+    if not claim.others(now_utime()):
+        process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), pilot.robot_id)
+        process.publish(COMMAND_CLAIM, claim.end(now_utime()), pilot.robot_id)
+
+
+def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
+    """Command the robot, unless somebody else does; return what is waited for."""
+    claimed = claim.message(utime)
+    if claimed is not None:
+        process.publish(COMMAND_CLAIM, claimed, pilot.robot_id)
+    if others := claim.others(utime):
+        return f"the end of {others}, which commands robot {pilot.robot_id}; --take-over does not wait"
+    process.publish(COMMANDS_OF[pilot.kind], pilot.command(utime), pilot.robot_id)
+    return pilot.waiting_for
+
+
+def _report(process: Process, pilot: Pilot, waiting_for: str, told: str) -> None:
+    """Say what the robot waits for, what was refused, which parameters wait; and what is `told`."""
+    new = f"{pilot.new_parameters} {CONFIRMING.format(pid=os.getpid())}" if pilot.new_parameters else ""
+    waiting = f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message
+    sentences = [pilot.left_fence or waiting, pilot.gate.problem(), new]
+    is_in_doubt = waiting_for or any(sentences[1:])
+    process.state = process_status_t.DEGRADED if is_in_doubt else process_status_t.RUNNING
+    process.message = " ".join(filter(None, [*sentences, told]))
+
+
+def add_fence(options: argparse.ArgumentParser) -> None:
+    """Add the polygon that the robot must not leave."""
+    options.add_argument(
+        "--geofence",
+        type=geofence,
+        default=None,
+        metavar="X1,Y1,X2,Y2,...",
+        help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
+    )
+    options.add_argument("--margin", type=margin, default=MARGIN, metavar="M", help="from its border, in m")
+
+
+def add_limits(options: argparse.ArgumentParser) -> None:
+    """Add what is commanded, who may command, and whether robots in the way are kept clear of."""
+    options.add_argument(
+        "--command",
+        choices=KINDS,
+        default=None,
+        help="what to send: duties on MOTOR_COMMAND_N, wheel speeds on WHEEL_SPEED_COMMAND_N, or velocities on "
+        "VELOCITY_COMMAND_N; by default what the robot's parameters ask for",
+    )
+    options.add_argument(
+        "--take-over",
+        action="store_true",
+        help="command the robot although another process does, which then ends; otherwise wait until it does",
+    )
+    options.add_argument(
+        "--no-keep-clear",
+        dest="keep_clear",
+        action="store_false",
+        help="do not stop before robots in the way, real and virtual ones",
+    )
+
+
+def geofence(text: str) -> Geofence:
+    """Return the polygon that a command line names.
+
+    Raises argparse.ArgumentTypeError where it is none.
+    """
+    try:
+        numbers = [float(number) for number in text.split(",")]
+        if len(numbers) % 2:
+            raise ValueError("it has an x without a y")
+        return Geofence(zip(numbers[::2], numbers[1::2], strict=True))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no geofence: {error}. An example: --geofence=-2,-1,2,-1,2,1,-2,1"
+        ) from error
+
+
+def margin(text: str) -> float:
+    """Return the distance [m] that a command line gives.
+
+    Raises argparse.ArgumentTypeError where it is none.
+    """
+    try:
+        distance = float(text)
+    except ValueError:
+        distance = -1.0
+    if not 0.0 <= distance <= FURTHEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a distance of 0 m or more")
+    return distance

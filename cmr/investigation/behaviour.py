@@ -1,0 +1,88 @@
+"""Investigate: the robot chooses its own movements, and so finds out what its simulation gets wrong."""
+
+import numpy as np
+
+from cmr.bus.message import Message
+from cmr.geometry.obstacles import Geofence
+from cmr.investigation.driving import Driving, InThread, Place, Planner
+from cmr.investigation.engine import LONGEST, Investigation
+from cmr.investigation.floor import MARGIN, Floor
+from cmr.model.body import forward
+from cmr.model.parameters import RobotParameters
+from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.recording import Recorder
+from cmr.world.behaviours.behaviour import Behaviour
+from cmr.world.behaviours.waypoints import read_points
+from cmr.world.view import Robot, WorldView
+
+NEEDS_FLOOR = "investigate needs a floor: give --geofence, or floor=X1:Y1/X2:Y2/...: its corners [m; world frame]."
+DIAGNOSIS, CALIBRATION = "diagnosis", "calibration"
+NAMES = ("wheel_radius", "k2_over_k3", "k1", "base_width")
+
+
+class Investigate(Behaviour):
+    """Find out on a floor what the robot's model gets wrong, for up to `longest` s of driving.
+
+    `floor` are the corners X1:Y1/X2:Y2/... [m; world frame] of a polygon, by default those of the geofence; the robot's
+    centre keeps `margin` [m] inside of it. The same `seed` draws the same movements. With the `goal` calibration it
+    ends as soon as k1 and base_width are known within 1 %, k2_over_k3 within 3 % (two standard deviations).
+    """
+
+    def __init__(
+        self,
+        floor: str = "",
+        margin: float = MARGIN,
+        longest: float = LONGEST,
+        seed: int = 0,
+        goal: str = DIAGNOSIS,
+        planner: Planner | None = None,
+    ) -> None:
+        if margin < 0.0 or longest <= 0.0:
+            raise ValueError("margin must be 0 or more, longest above 0")
+        self._fence = Geofence(zip(*read_points(floor), strict=True)) if floor else None
+        if goal not in (DIAGNOSIS, CALIBRATION):
+            raise ValueError(f"goal must be {DIAGNOSIS} or {CALIBRATION}")
+        self._margin, self._longest, self._seed = margin, longest, seed
+        self._calibrate = goal == CALIBRATION
+        self._planner = planner
+        self._recorder: Recorder | None = None
+        self._floor: Floor | None = None
+        self.driving: Driving | None = None
+
+    def hear(self, utime: int, channel: str, message: Message) -> None:
+        """Record what the robot's driver and sensors say."""
+        if self._recorder is None:
+            self._recorder = Recorder(int(channel.rpartition("_")[2]))
+        self._recorder.handle(utime, channel, message)
+
+    def command(self, utime: int, me: Robot, world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
+        """Return the duties of this moment."""
+        if self._recorder is None:
+            return 0.0, 0.0  # nothing was measured yet
+        if self.driving is None:
+            fence = self._fence or world.geofence
+            if fence is None:
+                self.finished, self.problem = True, NEEDS_FLOOR
+                return 0.0, 0.0
+            self._floor = Floor(fence, margin=self._margin, obstacles=world.obstacles)
+            self.driving = self._driving(self._floor, me.robot_id, parameters, self._recorder)
+        self.driving.investigation.floor = self._with_others(me, world)
+        state = me.state
+        speed = float(forward(state.psi_left, state.psi_right, parameters))
+        duties = self.driving.command(utime, Place(state.x, state.y, state.theta, speed))
+        self.finished, self.problem = self.driving.finished, self.driving.problem
+        return duties
+
+    def _with_others(self, me: Robot, world: WorldView) -> Floor:
+        """Return the floor with the other robots where they are now."""
+        assert self._floor is not None
+        around = world.surroundings()
+        others = around.members.robot_id != me.robot_id
+        places = list(zip(around.x[others].tolist(), around.y[others].tolist(), strict=True))
+        return self._floor.with_robots(places) if places else self._floor
+
+    def _driving(self, floor: Floor, robot_id: int, parameters: RobotParameters, recorder: Recorder) -> Driving:
+        known = {name: Value(float(np.asarray(parameters.values[name]))) for name in NAMES}
+        nominal = ParameterFile(robot_id, known)
+        investigation = Investigation(nominal, floor, seed=self._seed, longest=self._longest, calibrate=self._calibrate)
+        return Driving(investigation, recorder.recording, self._planner or InThread())

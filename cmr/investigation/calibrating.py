@@ -1,0 +1,55 @@
+"""The robot's own parameters, averaged over what may be hidden: nothing more, or one more effect of the catalogue.
+
+With the probability p_j of explanation j, the values v_j that its fit has and their deviations s_j beside the effect,
+whose size is known beforehand only to be of the order of usual ones,
+
+    mean = sum_j p_j v_j,    variance = sum_j p_j (s_j^2 + (v_j - mean)^2)
+
+(J. A. Hoeting et al., Statistical Science 14, 1999: Bayesian model averaging).
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cmr.estimation.estimates import Estimate
+from cmr.investigation.choosing import Told
+from cmr.investigation.evidence import PARAMETERS, SIZES
+from cmr.investigation.judging import Judgement
+from cmr.investigation.separation import BELIEF
+from cmr.recordings.signal import Floats
+
+GOALS: Mapping[str, float] = {"k1": 0.01, "base_width": 0.01, "k2_over_k3": 0.03}  # two deviations, as a share
+LEAST = 5.0  # s of driving: after less k1 seems surer than it is
+
+
+def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
+    """Return the estimates of PARAMETERS."""
+    likely = judgement.probabilities
+    shares = np.array([likely[one.name] for one in judgement.explanations])
+    values = np.array([[one.values[name] for name in PARAMETERS] for one in judgement.explanations])
+    variances = np.stack([_variances(known, one.name) for one in judgement.explanations])
+    mean = shares @ values
+    variance = shares @ (variances + (values - mean) ** 2)
+    return {
+        name: Estimate(float(value), float(np.sqrt(of)))
+        for name, value, of in zip(PARAMETERS, mean, variance, strict=True)
+    }
+
+
+def is_calibrated(estimates: Mapping[str, Estimate]) -> bool:
+    """Tell whether all parameters are known as well as a calibration is to know them."""
+    return all(2.0 * estimates[name].std <= share * abs(estimates[name].value) for name, share in GOALS.items())
+
+
+def _variances(known: Told, name: str) -> Floats:
+    """Return the variances of PARAMETERS, (3,), beside what is found, and one more effect where it has a name."""
+    own = list(known.columns.of.get(name, ()))
+    columns = [*range(known.columns.free), *own]
+    block = BELIEF * known.information[np.ix_(columns, columns)]
+    block[range(known.columns.free, len(columns)), range(known.columns.free, len(columns))] += SIZES**-2.0
+    scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+    covariance = np.linalg.pinv(block / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    first = known.sets[0]
+    steps = np.array([known.sets[1 + k][one] - first[one] for k, one in enumerate(PARAMETERS)])
+    return np.asarray(np.diag(covariance)[: len(PARAMETERS)] * steps**2)

@@ -1,0 +1,218 @@
+"""Choose the next movement: one that keeps to the floor, and best separates the explanations that are left."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.estimation.candidates import Trial, is_rough, lanes_of, locality, size, trials
+from cmr.estimation.gauss_newton import moves_of
+from cmr.estimation.prediction import Errors
+from cmr.investigation import separation
+from cmr.investigation.evidence import PARAMETERS
+from cmr.investigation.floor import Floor
+from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
+from cmr.investigation.movements import Movement, Random, candidates, towards
+from cmr.investigation.prediction import Situation, changes, paths
+from cmr.investigation.separation import ENOUGH, ENOUGH_UNSEEN, LEAST_WEIGHT, Columns
+from cmr.model.catalogue import definition
+from cmr.model.effect import Effect
+from cmr.recordings.signal import Floats
+
+PREDICTED = 36  # movements that keep to the floor, of which what they tell is foretold
+SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
+MOST_AS_FITTED = 2  # explanations besides that must
+SEEN = 30.0  # squared distance at which an effect that is there would have shown
+EVIDENT = 6.0  # evidence from which on an explanation counts as seen
+SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is known by the data so far: the information of each column, and which columns belong to what."""
+
+    information: Floats
+    columns: Columns
+    sets: tuple[Mapping[str, float], ...]
+
+    @property
+    def seen(self) -> dict[str, float]:
+        """The squared distance at which each effect would show, at its usual size, by name."""
+        own = separation.own(separation.projected(self.information, self.columns), self.columns)
+        return dict(zip(self.columns.names, own.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The movement to drive next, what it is `worth`, and where it leads: places (n, members, 2) [m; world frame].
+
+    `movement` is None where no candidate keeps to the floor. `parted` are the two explanations that it separates most.
+    """
+
+    movement: Movement | None
+    worth: float = 0.0
+    path: Floats | None = None
+    parted: tuple[str, str] = (NOTHING, NOTHING)
+
+
+def told(judgement: Judgement, time: float) -> Told:
+    """Return the information of the data so far; changes at a time that were not seen may begin at `time` [s]."""
+    sets, columns = _column_sets(judgement, time)
+    problem = judgement.problem
+    errors = problem.joint_errors(lanes_of(sets))
+    of = {name: every - every[:, :1] for name, every in errors.of.items()}
+    white = judgement.noise.all_white(problem.batch, Errors(of, errors.motion, errors.followed))[:, 1:]
+    known = white.T @ white
+    for number, name in enumerate(PARAMETERS):
+        step = sets[1 + number][name] - sets[0][name]
+        known[number, number] += (step / problem.prior[name][1]) ** 2
+    return Told(np.nan_to_num(known), columns, tuple(sets))
+
+
+def choose(
+    judgement: Judgement,
+    known: Told,
+    situation: Situation,
+    floor: Floor,
+    random: Random,
+    *,
+    at_random: bool = False,
+) -> Choice:
+    """Return the best of many movements; `at_random` takes the first that keeps to the floor, for comparison."""
+    best = judgement.best.values
+    x, y, *_ = situation.state
+    away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
+    top = best["wheel_radius"] / best["k1"]
+    drawn = [*candidates(random), *towards(max(away, 0.1), top, random)]
+    kept = [
+        (movement, path)
+        for movement, path in zip(drawn, paths(situation, drawn, ensemble(judgement)), strict=True)
+        if keeps_to(floor, path)
+    ]
+    if not kept:
+        return Choice(None)
+    if at_random:
+        return Choice(*kept[0][:1], 0.0, kept[0][1])
+    kept = kept[: PREDICTED - 6] + kept[-6:] if len(kept) > PREDICTED else kept
+    movements = [movement for movement, _ in kept]
+    told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
+    added = np.stack([np.nan_to_num(one.T @ one) for one in told_by])
+    worth, need, gained, weights = _worth(
+        judgement, known, added, np.array([movement.seconds for movement in movements])
+    )
+    number = int(np.argmax(worth))
+    pair = _parted(known.columns.names, need, gained[number], weights)
+    return Choice(movements[number], float(worth[number]), kept[number][1], pair)
+
+
+def keeps_to(floor: Floor, path: Floats) -> bool:
+    """Tell whether all places (n, members, 2) of a path lie on the floor."""
+    return bool(np.all(floor.room(path[..., 0], path[..., 1]) >= 0.0))
+
+
+def ensemble(judgement: Judgement) -> list[dict[str, float]]:
+    """Return the robots that must stay on the floor: the best, faster and uneven ones, and the next explanations."""
+    best = dict(judgement.best.values)
+    uneven = [
+        {**best, "k1": SLOWER * best["k1"], "motor_gain_asymmetry": best.get("motor_gain_asymmetry", 0.0) + change}
+        for change in (-UNEQUAL, UNEQUAL)
+    ]
+    others = [dict(one.values) for one in judgement.explanations[1 : 1 + MOST_AS_FITTED]]
+    return [best, *uneven, *others]
+
+
+def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the worth of candidates (c,), what pairs need (e, e) and get of them (c, e, e), and the weights (e,)."""
+    before, after = (
+        separation.separations(separation.projected(information, known.columns), known.columns)
+        for information in (known.information, known.information + added)
+    )
+    names = known.columns.names
+    need, weights = _needs(judgement, names, before)
+    return separation.scores(before, after, need, weights, seconds), need, after - before, weights
+
+
+def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[Floats, Floats]:
+    """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights."""
+    evidence = np.array([_evidence(judgement, name) for name in names])
+    left = {one.name for one in judgement.left}
+    is_left = np.array([name in left for name in names])
+    need = np.full(before.shape, np.inf)
+    both = is_left[:, None] & is_left[None, :]
+    apart = np.where(
+        np.maximum(evidence[:, None], evidence[None, :]) > EVIDENT,
+        ENOUGH - np.abs(evidence[:, None] - evidence[None, :]),
+        ENOUGH_UNSEEN - before,
+    )
+    need[both] = apart[both]
+    index = np.arange(len(names))
+    unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, SEEN - np.diagonal(before))
+    need[index, index] = unseen
+    for i, one in enumerate(names):
+        for j, other in enumerate(names):
+            if frozenset((one, other)) in SAME:
+                need[i, j] = np.inf
+    need[need <= 0.0] = np.inf
+    behind = np.minimum(evidence, 0.0) if judgement.best.name == NOTHING else evidence - judgement.best.evidence
+    weights = np.maximum(np.exp(np.maximum(behind, -OPEN * 4.0) / 8.0), LEAST_WEIGHT)
+    return need, weights
+
+
+def _evidence(judgement: Judgement, name: str) -> float:
+    found = judgement.of(name)
+    return found.evidence if found is not None else 0.0
+
+
+def _parted(names: Sequence[str], need: Floats, gained: Floats, weights: Floats) -> tuple[str, str]:
+    """Return the two explanations of which a candidate fills most of what they need, the likelier ones first."""
+    share = np.where(np.isfinite(need), np.minimum(gained / np.where(np.isfinite(need), need, 1.0), 1.0), 0.0)
+    i, j = np.unravel_index(int(np.argmax(share * weights[:, None])), share.shape)
+    return names[int(i)], NOTHING if i == j else names[int(j)]
+
+
+def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, float]], Columns]:
+    """Return the values whose errors are compared: the best model, its parameters moved, then effects switched on."""
+    problem, base = judgement.problem, dict(judgement.base.values)
+    free = (*PARAMETERS, *(n for n in own_parameters(judgement.named) if definition(n).switches))
+    moves = moves_of(base, free, problem.excitation)
+    sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
+    of: dict[str, tuple[int, ...]] = {}
+    left = {one.name: one for one in judgement.left if one.fitted}
+    for effect in problem.effects:
+        if effect.name in judgement.named or effect.beside:
+            continue
+        if effect.name in left and (is_rough(effect) or locality(effect)):
+            own: list[Mapping[str, float]] = [_own(effect, left[effect.name].values)]
+        else:
+            own = [trial.values for trial in _usual_trials(judgement, effect, time)]
+        if own:
+            of[effect.name] = tuple(range(len(sets) - 1, len(sets) - 1 + len(own)))
+            sets += [{**base, **values} for values in own]
+    return sets, Columns(len(free), of)
+
+
+def _own(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    return {parameter.name: values[parameter.name] for parameter in effect.parameters if parameter.name in values}
+
+
+def _usual_trials(judgement: Judgement, effect: Effect, time: float) -> list[Trial]:
+    """Return the trials of an effect at its usual size; one of a time begins now."""
+    excitation = judgement.problem.excitation
+    result = []
+    for trial in trials(excitation, [effect]):
+        usual = [
+            abs(trial.values[p.name])
+            for p in effect.parameters
+            if p.switches and not p.is_neutral(trial.values[p.name])
+        ]
+        sizes = [
+            trial.portion * abs(size(p, excitation))
+            for p in effect.parameters
+            if p.switches and not p.is_neutral(trial.values[p.name])
+        ]
+        if trial.spare or not np.allclose(usual, sizes, rtol=1e-6):
+            continue
+        if trial.local == "time":
+            trial = Trial(trial.effect, {**trial.values, f"{effect.name}_time": time}, trial.threshold, trial.local)
+        result.append(trial)
+    return result

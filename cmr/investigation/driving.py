@@ -1,0 +1,174 @@
+"""Drive an investigation in time: while one movement is driven, the next one is planned from what came in so far."""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cmr.investigation.engine import NO_ROOM, Decision, Investigation, Planned
+from cmr.investigation.movements import PERIOD, Movement
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS
+
+PAUSE = 1.0  # s of rest while the next movement is planned: a robot stands still after half of it
+STOPPING = 0.2  # s of driving on, at the present speed, that take a robot to where it stops
+MOST_PAUSES = 20  # in a row, in which no movement was found
+LOST = 500_000  # us without a call, after which a drive was interrupted
+INTERRUPTED = "The drive was interrupted for {seconds:.1f} s; it goes on from rest."
+NEAR_THE_BORDER = "Stopped near the border of the floor, where no prediction had the robot; it goes on from rest."
+Deciding = Callable[[], Decision | None]
+
+
+class Planner(Protocol):
+    """Whoever does the planning: begins, and says what came of it once it is there."""
+
+    def begin(self, deciding: Deciding) -> None:
+        """Begin to decide."""
+
+    def result(self) -> tuple[bool, Decision | None]:
+        """Return whether a decision is there, and the decision."""
+
+
+class AtOnce:
+    """A planner that takes no time: for time that is simulated."""
+
+    def __init__(self) -> None:
+        self._decision: Decision | None = None
+
+    def begin(self, deciding: Deciding) -> None:
+        """Decide."""
+        self._decision = deciding()
+
+    def result(self) -> tuple[bool, Decision | None]:
+        """Return the decision."""
+        return True, self._decision
+
+
+class InThread:
+    """A planner beside the drive; compiled code, of which it mostly consists, lets the drive go on."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="planning")
+        self._future: Future[Decision | None] | None = None
+
+    def begin(self, deciding: Deciding) -> None:
+        """Begin to decide."""
+        self._future = self._pool.submit(deciding)
+
+    def result(self) -> tuple[bool, Decision | None]:
+        """Return the decision once it is there; raise what it raised."""
+        if self._future is None or not self._future.done():
+            return False, None
+        return True, self._future.result()
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the robot is: x, y [m], theta [rad], and its speed forward [m/s]."""
+
+    x: float
+    y: float
+    theta: float
+    speed: float
+
+
+class Driving:
+    """The commands of an investigation. It is `finished` in the end; `problem` says why, if before its time.
+
+    `recording` returns all that was recorded so far. `note` is the newest sentence for people, `drove` [s] how long
+    movements took so far.
+    """
+
+    def __init__(self, investigation: Investigation, recording: Callable[[], Recording], planner: Planner) -> None:
+        self.investigation = investigation
+        self.decision: Decision | None = None
+        self.finished, self.problem, self.note = False, "", ""
+        self.movement: Movement | None = None
+        self.drove = 0.0
+        self._recording, self._planner = recording, planner
+        self._planned: Planned | None = None
+        self._pauses, self._last = 0, 0
+
+    def command(self, utime: int, place: Place) -> tuple[float, float]:
+        """Return the duties (left, right) at `utime` [us] of a robot that is at this place."""
+        if self.finished:
+            return 0.0, 0.0
+        if self._planned is None:
+            self._begin(utime, place)
+        elif utime - self._last > LOST:
+            self._rest(utime, INTERRUPTED.format(seconds=(utime - self._last) * SECONDS))
+        self._last = utime
+        if self._planned is None:
+            return 0.0, 0.0
+        if self.movement is not None and not self._is_safe(place):
+            self._rest(utime, NEAR_THE_BORDER)
+        if utime >= self._planned.ends:
+            self._go_on(utime)
+        return self._duties(utime)
+
+    def _begin(self, utime: int, place: Place) -> None:
+        movement, why = self.investigation.opening(place.x, place.y, place.theta)
+        if why:
+            self.finished, self.problem = True, why
+            return
+        self._drive(movement, utime)
+
+    def _drive(self, movement: Movement, utime: int) -> None:
+        self._planned, self.movement = Planned.of(movement, utime), movement
+        self.drove += movement.seconds
+        if movement.name != "opening":
+            self._plan()
+
+    def _rest(self, utime: int, note: str = "") -> None:
+        """Stand still for a while, and plan what comes behind it."""
+        self.note = note or self.note
+        pause = Movement("pause", np.zeros((math.ceil(PAUSE / PERIOD), 2)))
+        self._planned, self.movement = Planned.of(pause, utime), None
+        self._plan()
+
+    def _plan(self) -> None:
+        planned, recording = self._planned, self._recording()
+        assert planned is not None
+        self._planner.begin(lambda: self.investigation.decide(recording, planned))
+
+    def _go_on(self, utime: int) -> None:
+        """Drive what was planned behind the movement that ended; what comes too late is planned anew from rest."""
+        assert self._planned is not None
+        there, decision = self._planner.result()
+        late = utime - self._planned.ends > 2.0 * PERIOD / SECONDS
+        if not there and self.movement is None:
+            return  # it stands; the planner still works
+        if not there or late or decision is None or (self.movement is not None and self.movement.name == "opening"):
+            self._rest(utime)
+            return
+        self.decision = decision
+        if decision.finished:
+            self.finished = True
+            self._planned, self.movement = None, None
+        elif decision.choice.movement is None:
+            self._pauses += 1
+            self.finished = self._pauses > MOST_PAUSES
+            self.problem = NO_ROOM if self.finished else ""
+            self._rest(utime, decision.sentence)
+        else:
+            self._pauses = 0
+            self._drive(decision.choice.movement, utime)
+
+    def _is_safe(self, place: Place) -> bool:
+        """Tell whether the robot, if it were stopped now, would stay on the floor: half of the margin is for that."""
+        floor = self.investigation.floor
+        ahead = STOPPING * place.speed
+        x, y = place.x + ahead * math.cos(place.theta), place.y + ahead * math.sin(place.theta)
+        return float(floor.room(np.array(x), np.array(y))) > -0.5 * floor.margin
+
+    def _duties(self, utime: int) -> tuple[float, float]:
+        if self._planned is None or utime >= self._planned.ends:
+            return 0.0, 0.0
+        number = int(np.searchsorted(self._planned.utime, utime, side="right")) - 1
+        if number < 0:
+            return 0.0, 0.0
+        left, right = self._planned.duty[number]
+        return float(left), float(right)

@@ -1,0 +1,97 @@
+"""All that was measured so far as one problem, with what is known beforehand of the robot's parameters and of effects.
+
+Priors are further white errors: (value - mean) / deviation of each parameter. So the estimator's fits find the most
+likely values, and what a few seconds of driving do not determine stays where it is expected.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cmr.estimation.candidates import Excitation, is_limit, size
+from cmr.estimation.gains import USUAL_ANGLE, USUAL_POSE, gains_at, interval_of
+from cmr.estimation.noise import Noise
+from cmr.estimation.prediction import Errors, Predictor, predictors
+from cmr.estimation.problem import Problem
+from cmr.estimation.segments import segments_of
+from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.observer.observer import Gains
+from cmr.model.parameters import Quantity
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import Floats
+
+PARAMETERS = ("k2_over_k3", "k1", "base_width")
+DOUBT = {"k2_over_k3": 0.30, "k1": 0.15, "base_width": 0.15}  # share by which data sheets are off
+SIZES = 2.5  # typical sizes: standard deviation of what sizes of effects may be
+PATCH_RADIUS, PATCH_DOUBT = 0.4, 0.125  # m
+LARGEST_PAST = 1.0 / 20.0  # of the drive, from which errors are predicted: of a few seconds a longer one fits chance
+TURNING = 2.0  # rad/s, of usual turns
+Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation, by parameter
+
+
+class Beliefs(Problem):
+    """A problem in which parameters have a normal `prior`; the last rows of its white errors are theirs."""
+
+    def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation, prior: Prior) -> None:
+        super().__init__(predictors, gains, excitation)
+        self.prior = prior
+
+    @property
+    def rows_of_data(self) -> int:
+        """How many white errors there are of readings."""
+        return self.batch.rows
+
+    def found(self, errors: Sequence[Errors]) -> Noise:
+        """Return the noise that the errors of the first candidate in each segment show, as far as so few can."""
+        return Noise.found(self.batch, self.batch.joined(errors), LARGEST_PAST)
+
+    def white(self, values: Mapping[str, Quantity], noise: Noise) -> Floats:
+        """Return all prediction errors made white and tempered, then those of the priors, shape (n, C)."""
+        white = super().white(values, noise)
+        away = [
+            np.broadcast_to((np.asarray(values.get(name, definition(name).neutral)) - mean) / std, white.shape[1:])
+            for name, (mean, std) in self.prior.items()
+        ]
+        return np.concatenate([white, np.stack(away)])
+
+
+def prior_of(
+    nominal: Mapping[str, float], excitation: Excitation, floor_extent: float
+) -> dict[str, tuple[float, float]]:
+    """Return what is known beforehand: of the paper's parameters by the `nominal` ones, of effects by usual sizes.
+
+    Places of a patch lie on the floor, within `floor_extent` [m] of its middle, more or less.
+    """
+    prior = {name: (nominal[name], share * nominal[name]) for name, share in DOUBT.items()}
+    for effect in CATALOGUE.values():
+        for parameter in effect.parameters:
+            if parameter.switches and not is_limit(parameter):
+                prior[parameter.name] = (float(parameter.neutral or 0.0), SIZES * size(parameter, excitation))
+    return prior | {
+        "surface_patch_x": (0.0, floor_extent),
+        "surface_patch_y": (0.0, floor_extent),
+        "surface_patch_radius": (PATCH_RADIUS, PATCH_DOUBT),
+    }
+
+
+def beliefs_of(recording: Recording, nominal: ParameterFile, extent: float) -> Beliefs | None:
+    """Return the problem of a recording; None while too little was recorded.
+
+    `nominal` gives wheel_radius, k2_over_k3, k1 and base_width, `extent` [m] how far the floor reaches.
+    """
+    segments = segments_of(recording, (), 0)
+    if not segments:
+        return None
+    values = {name: nominal.value(name) for name in ("wheel_radius", *PARAMETERS)}
+    ready = predictors(segments)
+    interval = interval_of(ready)
+    excitation = Excitation(values, turning=TURNING, extent=extent, interval=_pose_interval(ready))
+    gains = gains_at(USUAL_ANGLE, USUAL_POSE, interval)
+    return Beliefs(ready, gains, excitation, prior_of(values, excitation, extent))
+
+
+def _pose_interval(ready: Sequence[Predictor]) -> float:
+    """Return the usual time [s] between poses."""
+    steps = [np.diff(one.segment.observations.pose_time) for one in ready]
+    return float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 0.04

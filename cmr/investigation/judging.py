@@ -1,0 +1,217 @@
+"""Weigh the explanations on all data so far: nothing more, or one more effect of the catalogue beside those named.
+
+Each explanation is fitted with priors, from where the last decision left it, and from where a score test says that it
+explains most; the better fit counts. One noise model, that of the score test, holds for all, so that no rival hides in
+its own. With the drop D of the sum of squares and k parameters of its own among n white errors,
+
+    evidence = D - k log n - rarity,
+
+twice the logarithm of the odds against nothing more (Schwarz, Annals of Statistics 6, 1978).
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cmr.estimation.candidates import locality, rarity
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.noise import Noise
+from cmr.estimation.search.screening import Score, Screening, screen, start_of
+from cmr.investigation.evidence import PARAMETERS, Beliefs
+from cmr.model.catalogue import CATALOGUE
+
+OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that is left is at most behind the best
+FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
+MOST_FITTED = 10  # explanations that a decision fits, the most promising ones
+HOPEFUL = 0.5  # of the best score: slopes promise more, or less, than a fit keeps
+MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which noise is looked for; drop that each must promise
+BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin anew
+NOTHING = ""  # the name of the explanation that there is nothing more
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One effect, by `name`, beside those that are named, or NOTHING more.
+
+    `values` are all values of the model, `drop` that of the sum of squares against nothing more, `penalty` what it must
+    explain at least. One that is not `fitted` was only scored.
+    """
+
+    name: str
+    values: Mapping[str, float]
+    drop: float
+    penalty: float
+    fitted: bool = True
+
+    @property
+    def evidence(self) -> float:
+        """Twice the logarithm of its odds against nothing more."""
+        return self.drop - self.penalty
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the data say: the fit with nothing more than the effects `named`, and all explanations, best first."""
+
+    problem: Beliefs
+    noise: Noise
+    base: Fit
+    named: tuple[str, ...]
+    explanations: tuple[Explanation, ...]
+    _by_name: Mapping[str, Explanation] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_name", {one.name: one for one in self.explanations})
+
+    @property
+    def best(self) -> Explanation:
+        """The likeliest explanation."""
+        return self.explanations[0]
+
+    @property
+    def left(self) -> tuple[Explanation, ...]:
+        """The explanations that are left: not far behind the best, best first."""
+        return tuple(one for one in self.explanations if one.evidence > self.best.evidence - OPEN)
+
+    def of(self, name: str) -> Explanation | None:
+        """Return the explanation of this name; None where it was not looked at."""
+        return self._by_name.get(name)
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """The probability of each explanation, by name."""
+        weights = {
+            one.name: math.exp(0.5 * max(one.evidence - self.best.evidence, -700.0)) for one in self.explanations
+        }
+        total = sum(weights.values())
+        return {name: weight / total for name, weight in weights.items()}
+
+
+def judge(
+    problem: Beliefs,
+    named: Sequence[str],
+    start: Mapping[str, float],
+    before: Judgement | None = None,
+) -> Judgement:
+    """Weigh all explanations beside effects `named`, whose fit begins at `start`; `before` is the last judgement."""
+    free = (*PARAMETERS, *own_parameters(named))
+    known = _known(before, named)
+    count = math.log(max(problem.rows_of_data, 2))
+    noise = _noise(problem, named, start, before, count)
+    base = problem.fits([(start, free)], noise)[0]
+    screening = screen(problem, base.values, free, named, noise, keep_noise=True)
+    scored = {score.trial.effect: score for score in screening.scores}
+    promised = {name: max(_promise(name, scored), known.get(name, (0.0, {}))[0]) for name in {*scored, *known}}
+    penalties = {name: _penalty(name, count) for name in promised}
+    order = sorted(promised, key=lambda name: penalties[name] - promised[name])
+    best = max((promised[name] - penalties[name] for name in order), default=0.0)
+    hopeful = [name for name in order if promised[name] - penalties[name] > HOPEFUL * best - FITTED_BEHIND]
+    fits = _fitted(problem, base, hopeful[:MOST_FITTED], scored, known, noise)
+    explanations = [Explanation(NOTHING, base.values, 0.0, 0.0)]
+    for name, fit in fits.items():
+        explanations.append(Explanation(name, fit.values, base.squares - fit.squares, penalties[name]))
+    for name in (name for name in scored if name not in fits):
+        values = {**base.values, **start_of(scored[name])}
+        explanations.append(Explanation(name, values, scored[name].drop, penalties[name], fitted=False))
+    explanations.sort(key=lambda one: -one.evidence)
+    return Judgement(problem, noise, base, tuple(named), tuple(explanations))
+
+
+def own_parameters(effects: Sequence[str]) -> tuple[str, ...]:
+    """Return the parameters of some effects."""
+    return tuple(parameter.name for name in effects for parameter in CATALOGUE[name].parameters)
+
+
+def _promise(name: str, scored: Mapping[str, Score]) -> float:
+    return scored[name].drop if name in scored else 0.0
+
+
+def _noise(
+    problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None, log_count: float
+) -> Noise:
+    """Return the noise that is left beside one of a few models: nothing more, the last best, the most telling effects.
+
+    Noise found beside a model that lacks something takes that for noise; found beside one that has too much it makes
+    just that look likely. So each model is judged with the noise beside it, by its likelihood less its parameters'.
+    """
+    free = (*PARAMETERS, *own_parameters(named))
+    first = screen(problem, start, free, named, None)
+    models = [(NOTHING, dict(start))]
+    if before is not None and before.named == tuple(named) and before.best.name != NOTHING:
+        models.append((before.best.name, dict(before.best.values)))
+    models += [(one.trial.effect, {**start, **start_of(one)}) for one in _most_telling(first, free)]
+    names = [(*free, *own_parameters([name] if name else [])) for name, _ in models]
+    fits = problem.fits([(values, of) for (_, values), of in zip(models, names, strict=True)], first.noise)
+    noises = [problem.found(problem.errors(fit.values)) for fit in fits]
+    costs = [
+        float(np.sum(problem.white(fit.values, noise) ** 2))
+        + noise.log_size
+        + (_penalty(name, log_count) if name else 0.0)
+        for (name, _), fit, noise in zip(models, fits, noises, strict=True)
+    ]
+    return noises[int(np.argmin(costs))]
+
+
+def _most_telling(screening: Screening, free: Sequence[str]) -> list[Score]:
+    """Return the scores of the few effects that together explain most, chosen one after the other."""
+    left = screening.linear.beside(free, ())
+    normal, pulls = left.normal.copy(), left.pulls.copy()
+    by_effect = {score.trial.effect: score for score in screening.scores}
+    effects = [trial.effect for trial in screening.trials]
+    chosen: list[str] = []
+    while len(chosen) < MOST_BESIDE:
+        sizes = np.diag(normal)
+        drops = np.where(sizes > 1e-6, pulls**2 / np.maximum(sizes, 1e-6), 0.0)
+        drops[[number for number, name in enumerate(effects) if name in chosen or name not in by_effect]] = 0.0
+        best = int(np.argmax(drops))
+        if drops[best] < WORTH_EXPLAINING:
+            break
+        chosen.append(effects[best])
+        share = normal[:, best] / sizes[best]
+        pulls = pulls - share * pulls[best]
+        normal = normal - np.outer(share, normal[best])
+    return [by_effect[name] for name in chosen]
+
+
+def _penalty(name: str, log_count: float) -> float:
+    return len(CATALOGUE[name].parameters) * log_count + rarity(name)
+
+
+def _known(before: Judgement | None, named: Sequence[str]) -> dict[str, tuple[float, Mapping[str, float]]]:
+    """Return drop and values of each explanation that was fitted, by name, if the same effects were named."""
+    if before is None or before.named != tuple(named):
+        return {}
+    return {one.name: (one.drop, one.values) for one in before.explanations if one.name and one.fitted}
+
+
+def _fitted(
+    problem: Beliefs,
+    base: Fit,
+    names: Sequence[str],
+    scored: Mapping[str, Score],
+    known: Mapping[str, tuple[float, Mapping[str, float]]],
+    noise: Noise,
+) -> dict[str, Fit]:
+    """Return the best fit of each explanation, by name."""
+    models = [(name, start) for name in names for start in _starts(name, base, scored, known)]
+    own = {name: tuple(p.name for p in CATALOGUE[name].parameters) for name in names}
+    fits = problem.fits([(start, (*base.names, *own[name])) for name, start in models], noise)
+    result: dict[str, Fit] = {}
+    for (name, _), fit in zip(models, fits, strict=True):
+        if name not in result or fit.squares < result[name].squares:
+            result[name] = fit
+    return result
+
+
+def _starts(
+    name: str, base: Fit, scored: Mapping[str, Score], known: Mapping[str, tuple[float, Mapping[str, float]]]
+) -> Iterator[dict[str, float]]:
+    """Yield values from which an explanation is fitted: where it was, and where a score promises more than that."""
+    before = known.get(name)
+    if before is not None:
+        yield dict(before[1])
+    score = scored.get(name)
+    if score is not None and (before is None or score.drop > before[0] + BETTER_START or locality(CATALOGUE[name])):
+        yield {**base.values, **start_of(score)}

@@ -1,0 +1,169 @@
+"""Short movements, open loop: duties of both sides over 1 to 3 s, drawn anew for each decision."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.model.duty_ramp import Limits, approach
+from cmr.recordings.signal import Floats
+
+PERIOD = 0.02  # s between two commands
+FINE, LONGEST_RAMP = 0.01, 0.2  # s: between two duties on a ramp, and of the last one
+SMALLEST, LARGEST = 0.067, 0.6  # duty: 0.8 and 7.2 V of 12 V
+OPENING = 0.25  # duty
+LENGTHS = (1.0, 1.5, 2.0, 3.0)  # s
+HOLDS = (0.04, 0.08, 0.16)  # s for which a random telegraph holds
+FREQUENCIES = (0.3, 7.5)  # Hz of multisines
+SHARES = (1.0, 0.75, 0.5, 0.0, -0.5, -1.0)  # of the outer side's duty that the inner side gets
+MOST_OF_SINES = 5
+CANDIDATES = 90
+TOWARDS_SECONDS = (1.0, 1.5, 2.0)
+Random = np.random.Generator
+Profile = Callable[[Random, Floats, float], Floats]
+
+
+@dataclass(frozen=True)
+class Movement:
+    """Duties of the left and the right side, shape (n, 2), each held for PERIOD; `name` says what it is."""
+
+    name: str
+    duty: Floats
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        return len(self.duty) * PERIOD
+
+    @property
+    def time(self) -> Floats:
+        """When each duty is commanded [s since the movement's beginning], (n,)."""
+        return _raster(len(self.duty))
+
+
+def ramped(time: Floats, duty: Floats, limits: Limits, begin: tuple[float, float]) -> tuple[Floats, Floats]:
+    """Return what a driver with these limits makes of commands at `time` [s], (n,), with `duty` (n, 2).
+
+    It begins at the duties `begin`. Times are further apart than FINE; each is followed by what the driver sends until
+    the duty is reached.
+    """
+    times, duties, now = [], [], np.array(begin)
+    for number, (moment, wanted) in enumerate(zip(time, duty, strict=True)):
+        until = time[number + 1] if number + 1 < len(time) else moment + LONGEST_RAMP
+        while moment < until - 1e-6:
+            now = np.array([approach(a, b, FINE, limits) for a, b in zip(now, wanted, strict=True)])
+            times.append(moment)
+            duties.append(now)
+            if np.array_equal(now, wanted):
+                break
+            moment += FINE
+    return np.array(times), np.array(duties).reshape(-1, 2)
+
+
+def opening() -> list[Movement]:
+    """Return what every investigation begins with: a rest, spins both ways, and straight on and back."""
+    rest = Movement("rest", np.zeros((50, 2)))
+    spins = Movement("spin both ways", _held((-OPENING, OPENING), (OPENING, -OPENING)))
+    return [rest, spins, Movement("forth and back", _held((OPENING, OPENING), (-OPENING, -OPENING)))]
+
+
+def candidates(random: Random, count: int = CANDIDATES) -> list[Movement]:
+    """Return so many movements of random kinds, directions, sizes and lengths."""
+    return [_drawn(random) for _ in range(count)]
+
+
+def towards(distance: float, speed: float, random: Random) -> list[Movement]:
+    """Return straight and curved movements both ways that go about `distance` [m] at full duty's `speed` [m/s]."""
+    result = []
+    for share in (1.0, 0.75, 0.5):
+        for mirrored in (False, True):
+            seconds = float(random.choice(TOWARDS_SECONDS))
+            duty = float(np.clip(distance / (seconds * speed), SMALLEST, LARGEST))
+            for signed in (duty, -duty, 0.5 * duty):
+                sides = (share * signed, signed) if mirrored else (signed, share * signed)
+                result.append(Movement("towards the middle", np.tile(sides, (_count(seconds), 1))))
+    return result
+
+
+def _held(*sides: tuple[float, float]) -> Floats:
+    """Return duties that are each held for half a second."""
+    return np.repeat(np.array(sides), _count(0.5), axis=0)
+
+
+def _raster(count: int) -> Floats:
+    """Return so many times [s], PERIOD apart."""
+    return np.arange(count, dtype=np.float64) * PERIOD
+
+
+def _count(seconds: float) -> int:
+    return round(seconds / PERIOD)
+
+
+def _drawn(random: Random) -> Movement:
+    """Draw one movement."""
+    time = _raster(_count(float(random.choice(LENGTHS))))
+    duty = float(np.exp(random.uniform(np.log(SMALLEST), np.log(LARGEST)))) * float(random.choice((-1.0, 1.0)))
+    name = str(random.choice(list(KINDS)))
+    if name == "rest":
+        return Movement(name, np.zeros((len(time), 2)))
+    share = float(random.choice(SHARES))
+    common = KINDS[name](random, time, duty)
+    if name in ("random telegraph", "multisine") and random.random() < 0.5:
+        sides = np.stack([common, KINDS[name](random, time, duty)], axis=1)
+        return Movement(f"{name} of each side", sides)
+    inner = share * common
+    if name == "S":  # curves one way, then the other
+        half = time < 0.5 * (time[-1] + PERIOD)
+        sides = np.stack([np.where(half, common, inner), np.where(half, inner, common)], axis=1)
+    else:
+        sides = np.stack([common, inner] if random.random() < 0.5 else [inner, common], axis=1)
+    return Movement(f"{name}, {_direction(share)}", sides)
+
+
+def _direction(share: float) -> str:
+    return {1.0: "straight", -1.0: "on the spot", 0.0: "about one wheel"}.get(share, f"on an arc 1 : {share:g}")
+
+
+def _constant(_random: Random, time: Floats, duty: float) -> Floats:
+    return np.full(len(time), duty)
+
+
+def _reversals(random: Random, time: Floats, duty: float) -> Floats:
+    half = float(random.uniform(0.2, 0.75))
+    return np.where(np.floor(time / half) % 2 == 0, duty, -duty)
+
+
+def _ramp(_random: Random, time: Floats, duty: float) -> Floats:
+    return np.asarray(duty * (1.0 - 2.0 * time / time[-1]))
+
+
+def _step_and_stop(random: Random, time: Floats, duty: float) -> Floats:
+    return np.where(time < random.uniform(0.3, 0.7) * time[-1], duty, 0.0)
+
+
+def _telegraph(random: Random, time: Floats, duty: float) -> Floats:
+    hold = _count(float(random.choice(HOLDS)))
+    signs = random.choice((-1.0, 1.0), size=len(time) // hold + 1)
+    return np.asarray(duty * np.repeat(signs, hold)[: len(time)])
+
+
+def _multisine(random: Random, time: Floats, duty: float) -> Floats:
+    count = int(random.integers(2, MOST_OF_SINES + 1))
+    slowest, fastest = (math.log(one) for one in FREQUENCIES)
+    rates = np.exp(random.uniform(slowest, fastest, size=count))
+    waves = np.sin(2.0 * np.pi * rates * time[:, None] + random.uniform(0.0, 2.0 * np.pi, size=count))
+    total = waves.sum(axis=1)
+    return np.asarray(duty * total / np.max(np.abs(total)))
+
+
+KINDS: dict[str, Profile] = {
+    "constant": _constant,
+    "reversals": _reversals,
+    "ramp through zero": _ramp,
+    "step and stop": _step_and_stop,
+    "random telegraph": _telegraph,
+    "multisine": _multisine,
+    "S": _constant,
+    "rest": _constant,
+}

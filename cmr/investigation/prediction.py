@@ -1,0 +1,213 @@
+"""Foretell movements: where the robot would go by several explanations, and what each effect would make of its sensors.
+
+A movement begins when the one that is being driven ends, so what is foretold begins now and holds the rest of that.
+Paths are free runs. For the sensors, the best explanation drives first and says what they would read; then each
+effect, at its usual size, observes these readings with the judge's gains. White innovations of an effect beyond those
+of the best explanation are its column.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.candidates import lanes_of
+from cmr.estimation.noise import Noise, foreign_sums, sums_of_past, whiten
+from cmr.estimation.prediction import FREE, POSE_SIGNALS, Batch, Errors, Predictor
+from cmr.estimation.segments import Segment
+from cmr.investigation.movements import Movement, ramped
+from cmr.model.catalogue import CATALOGUE
+from cmr.model.commands import Commands
+from cmr.model.duty_ramp import Limits
+from cmr.model.effects.electronics import ENERGY_OF_A_DRIVE
+from cmr.model.observer.drives import Drives, ends_of
+from cmr.model.observer.observer import FOLLOWED, RESTART, Gains, Innovations, Observations, Observer
+from cmr.recordings.signal import Floats
+
+STEP = 0.01  # s
+COASTING = 1.0  # s in which a robot without duty comes to rest
+BETWEEN_PLACES = 0.05  # s, of a path
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Where the robot is now, and what it is about to do; `limits` are those of its driver's duties.
+
+    `state` is x, y, theta, psi_left, psi_right [m, rad, rad/s; world frame]; `time` [s] since the drive began; `turned`
+    [rad] how far the wheels have turned. `commands` are those under way, and those of the movement that is being
+    driven, which ends in `busy` [s]; their times [s] count from now. `energy` [s] is what the battery has given, `heat`
+    how warm the motors are, as the model's effects have them. `intervals` are the times [s] between readings of wheels,
+    gyro and poses, None of a sensor that is missing.
+    """
+
+    state: tuple[float, float, float, float, float]
+    time: float
+    turned: tuple[float, float]
+    commands: Commands
+    busy: float
+    energy: float
+    heat: float
+    limits: Limits
+    intervals: tuple[float | None, float | None, float | None]
+
+
+def carried_on(values: Values, situation: Situation) -> dict[str, float]:
+    """Return the values of a robot that begins with a battery and motors as they are now.
+
+    The model begins with a full battery and cold motors. A battery that has lost the share s of its voltage is a motor
+    with k2_over_k3 (1 - s) and k1 / (1 - s); warm motors have a larger k1.
+    """
+    result = dict(values)
+    lost = min(values.get("battery_drift", 0.0) * situation.energy / ENERGY_OF_A_DRIVE, 0.5)
+    result["k2_over_k3"] = values["k2_over_k3"] * (1.0 - lost)
+    warmer = 1.0 + values.get("motor_heating", 0.0) * situation.heat
+    result["k1"] = values["k1"] / (1.0 - lost) * warmer
+    return result
+
+
+def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequence[Values]) -> list[Floats]:
+    """Return the path of each movement, and until the robot rests: x, y [m], shape (places, members, 2) each."""
+    every = np.arange(BETWEEN_PLACES, 100.0, BETWEEN_PLACES)
+    none = np.empty(0)
+    drives = []
+    for movement in movements:
+        steps = _steps(situation.busy + movement.seconds + COASTING)
+        time = every[every <= steps * STEP]
+        drives.append(_observations(situation, movement, steps, none, none, time, seen_first=False))
+    lanes = lanes_of([carried_on(_without_sensors(values), situation) for values in ensemble])
+    lanes["wheel_radius"] = np.broadcast_to(lanes["wheel_radius"], len(ensemble)).copy()
+    together = Drives.of(drives)
+    innovations = Observer(lanes, FREE).observe_all(together)
+    places = -innovations.pose[:, :2].transpose(0, 2, 1)
+    return np.split(places, together.ends.pose[1:-1])
+
+
+def changes(
+    situation: Situation,
+    movements: Sequence[Movement],
+    sets: Sequence[Values],
+    gains: Gains,
+    noise: Noise,
+) -> list[Floats]:
+    """Return what other `sets` (s) of values than the first change of the white errors, (n, s - 1), by movement."""
+    times = [_reading_times(situation, movement) for movement in movements]
+    drives = [
+        _observations(situation, movement, _steps(situation.busy + movement.seconds), *time, seen_first=True)
+        for movement, time in zip(movements, times, strict=True)
+    ]
+    lanes = [carried_on(values, situation) for values in sets]
+    free = Observer(lanes_of(lanes[:1]), FREE)
+    read = [_read(one, free.observe(_unseen(one))) for one in drives]
+    predictors = [Predictor(_segment(one)) for one in read]
+    batch = Batch(predictors)
+    errors = batch.errors(Observer(lanes_of(lanes), gains))
+    for every in errors.of.values():
+        every -= every[:, :1].copy()
+    return [one[:, 1:] for one in _white(batch, errors, noise)]
+
+
+def _steps(seconds: float) -> int:
+    return int(np.ceil(seconds / STEP - 1e-9))
+
+
+def _without_sensors(values: Values) -> dict[str, float]:
+    """Return the values without what only sensors have: a path is where the robot is, not where it is seen."""
+    sensors = {p.name for effect in CATALOGUE.values() if effect.is_sensor for p in effect.parameters}
+    return {name: value for name, value in values.items() if name not in sensors}
+
+
+def _reading_times(situation: Situation, movement: Movement) -> tuple[Floats, Floats, Floats]:
+    """Return when wheels, gyro and poses are read [s from now]."""
+    seconds = _steps(situation.busy + movement.seconds) * STEP
+    wheel, gyro, pose = (
+        np.empty(0) if interval is None else np.arange(interval, seconds + 1e-9, interval)
+        for interval in situation.intervals
+    )
+    return wheel, gyro, pose
+
+
+def _observations(
+    situation: Situation,
+    movement: Movement,
+    steps: int,
+    wheel: Floats,
+    gyro: Floats,
+    pose: Floats,
+    *,
+    seen_first: bool,
+) -> Observations:
+    """Return a drive with this movement, in which all sensors read 0; `seen_first` says that it begins at a pose."""
+    commands = _commands(situation, movement)
+    if seen_first:
+        pose = np.concatenate([[0.0, 0.0], pose])  # twice: a tracked point lies where the heading says
+    use = np.full(len(pose), FOLLOWED, np.uint8)
+    use[: 2 if seen_first else 0] = RESTART
+    return Observations(
+        dt=STEP,
+        steps=steps,
+        commands=commands,
+        start=situation.state,
+        wheel_time=wheel,
+        wheel=np.zeros((len(wheel), 2)),
+        wheel_use=np.ones((len(wheel), 2), np.uint8),
+        gyro_time=gyro,
+        gyro=np.zeros(len(gyro)),
+        pose_time=pose,
+        pose=np.zeros((len(pose), 3)),
+        pose_use=use,
+        time=situation.time,
+        turned=situation.turned,
+    )
+
+
+def _commands(situation: Situation, movement: Movement) -> Commands:
+    """Return what the motors get: commands under way, the rest of the movement being driven, this one, and zero."""
+    given, busy = situation.commands, situation.busy
+    past = given.time < 0.0
+    rest = ~past & (given.time < busy - 1e-9)
+    time = np.concatenate([given.time[rest], busy + movement.time, [busy + movement.seconds]])
+    duty = np.concatenate([given.duty[rest], movement.duty, [[0.0, 0.0]]])
+    begin = given.duty[past][-1] if past.any() else np.zeros(2)
+    times, duties = ramped(time, duty, situation.limits, (float(begin[0]), float(begin[1])))
+    return Commands(np.concatenate([given.time[past], times]), np.concatenate([given.duty[past], duties]))
+
+
+def _unseen(observations: Observations) -> Observations:
+    """Return the drive with poses that are only looked at."""
+    return replace(observations, pose_use=np.full(len(observations.pose), FOLLOWED, np.uint8))
+
+
+def _read(observations: Observations, innovations: Innovations) -> Observations:
+    """Return the drive in which the sensors read what a free run says: what they read beside it is 0."""
+    wheel, gyro, pose = (np.ascontiguousarray(-one[..., 0]) for one in innovations[:3])
+    return replace(observations, wheel=wheel, gyro=gyro, pose=pose)
+
+
+def _segment(observations: Observations) -> Segment:
+    return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, 0, np.empty((0, 2)))
+
+
+def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:
+    """Return errors of a batch made white, (n, C) by segment; before they began nothing differed."""
+    parts: list[list[Floats]] = [[] for _ in batch.predictors]
+    sums = foreign_sums(batch, errors)
+    for name in batch.signals:
+        known, ends = noise.of.get(name), batch.ends[name]
+        if known is None or not any(map(len, known.sizes)):
+            continue
+        own = errors.of[name]
+        if name in POSE_SIGNALS:
+            own = own - sum(weight * other for weight, other in zip(known.foreign, sums, strict=True))
+        size = float(np.median(np.concatenate(known.sizes)))
+        spans = known.spans(name)
+        pieces = [np.concatenate([np.zeros((sum(spans), own.shape[1])), one]) for one in np.split(own, ends[1:-1])]
+        padded = ends_of([len(one) for one in pieces])
+        white = np.empty((int(padded[-1]), own.shape[1]))
+        whiten(
+            np.ascontiguousarray(np.concatenate(pieces)), padded, *sums_of_past(known.past, spans),
+            np.full(len(white), 1.0 / size), padded[:-1].copy(), white,
+        )  # fmt: skip
+        for part, one in zip(parts, np.split(white, padded[1:-1]), strict=True):
+            part.append(one[sum(spans) :])
+    return [np.concatenate(part) for part in parts]

@@ -1,0 +1,91 @@
+"""How well movements separate the explanations that are left: information between their predictions.
+
+With the columns X_c (n, m) that candidate c would add, white innovations of each effect at its usual size beyond those
+of the best explanation, and the information F = X' X of all data so far,
+
+    G = (F + X_c' X_c) with what the robot's own parameters could do themselves projected off
+    S_ij = BELIEF (G_ii - G_iJ (G_JJ + 1/9)^-1 G_Ji),
+
+the squared distance at which effect i is seen when effect j, in whatever size up to three usual ones, may stand in for
+it. Effects with several columns (a slope, a wobble) stand in as a block.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.recordings.signal import Floats
+
+BELIEF = 0.6  # of the information: errors are neither quite white nor the model exact
+STAND_IN = 1.0 / 9.0  # one over the squared size up to which a rival may stand in, in usual sizes
+ENOUGH, ENOUGH_UNSEEN = 18.0, 26.0  # squared distance wanted, with evidence and without
+RIDGE = 1e-9
+LEAST_WEIGHT = 0.02  # of an explanation that is hardly left
+FROM_NOTHING = 3.0  # weight of the separation from nothing
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which columns of the information belong to what: `free` first ones to parameters, then `of` effects by name."""
+
+    free: int
+    of: Mapping[str, tuple[int, ...]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects, in order."""
+        return tuple(self.of)
+
+
+def projected(information: Floats, columns: Columns) -> Floats:
+    """Return the information (..., m, m) with what the parameters could do themselves projected off."""
+    held = [*range(columns.free)]
+    block = information[..., held, :][..., :, held]
+    scale = np.sqrt(np.maximum(np.diagonal(block, axis1=-2, axis2=-1), 1e-300))
+    unit = block / (scale[..., :, None] * scale[..., None, :]) + RIDGE * np.eye(len(held))
+    mixed = information[..., held, :] / scale[..., :, None]
+    return np.asarray(information - np.swapaxes(mixed, -1, -2) @ np.linalg.solve(unit, mixed))
+
+
+def own(information: Floats, columns: Columns) -> Floats:
+    """Return how well each effect is seen against nothing, (..., e): the mean over its columns."""
+    diagonal = BELIEF * np.diagonal(information, axis1=-2, axis2=-1)
+    return np.stack([diagonal[..., list(columns.of[name])].mean(axis=-1) for name in columns.names], axis=-1)
+
+
+def separations(information: Floats, columns: Columns) -> Floats:
+    """Return S_ij, shape (..., e, e), of projected information (..., m, m); its diagonal is that against nothing."""
+    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
+    result = []
+    for name in columns.names:
+        block = list(columns.of[name])
+        mixed = information[..., :, block]
+        inner = information[..., block, :][..., :, block] + STAND_IN * np.eye(len(block))
+        taken = np.sum(mixed * np.swapaxes(np.linalg.solve(inner, np.swapaxes(mixed, -1, -2)), -1, -2), axis=-1)
+        result.append(_by_effect(diagonal - taken, columns))
+    seen = BELIEF * np.maximum(np.stack(result, axis=-1), 0.0)
+    against_nothing = own(information, columns)
+    index = np.arange(len(columns.names))
+    seen[..., index, index] = against_nothing
+    return seen
+
+
+def _by_effect(values: Floats, columns: Columns) -> Floats:
+    """Return the mean over each effect's columns, (..., e), of values (..., m)."""
+    return np.stack([values[..., list(columns.of[name])].mean(axis=-1) for name in columns.names], axis=-1)
+
+
+def scores(before: Floats, after: Floats, need: Floats, weights: Floats, seconds: Floats) -> Floats:
+    """Return the worth of each candidate, (c,).
+
+    `before` (e, e) are separations so far and `after` (c, e, e) with each candidate; `need` (e, e) what each pair still
+    needs, infinite where it needs nothing; `weights` (e,) those of effects, `seconds` (c,) how long candidates take.
+    """
+    gained = np.maximum(after - before, 0.0)
+    share = 1.0 - np.exp(-2.0 * gained / np.maximum(need, 1.0))
+    open_pairs = np.isfinite(need)
+    emphasis = np.where(np.eye(len(weights), dtype=bool), FROM_NOTHING, 1.0) * open_pairs
+    total = np.maximum(emphasis.sum(axis=1), 1e-9)
+    of_effect = np.sum(share * emphasis, axis=-1) / total
+    return np.asarray(of_effect @ weights / seconds)

@@ -1,0 +1,147 @@
+"""What an investigation found, in words: for a terminal line, and for a page that tells its story."""
+
+from typing import Any
+
+from cmr.estimation.candidates import locality
+from cmr.investigation.calibrating import averaged
+from cmr.investigation.driving import Driving
+from cmr.investigation.engine import Step
+from cmr.model.catalogue import CATALOGUE
+from cmr.parameters.file import ParameterFile, Value
+from cmr.report.markup import Html, tag
+from cmr.report.page import page_of
+from cmr.report.section import paragraph, section
+from cmr.report.table import table
+
+NOTHING_MORE = "nothing more"
+OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
+MOST_IN_A_LINE = 3  # explanations
+
+
+def line(driving: Driving) -> str:
+    """Return the newest decision in one line: what is named, how likely explanations are, what is driven and why."""
+    story = driving.investigation.story
+    if not story:
+        return "Opening: a rest, spins both ways, forth and back."
+    step = story[-1]
+    left = _by_odds(step)[:MOST_IN_A_LINE]
+    bars = ", ".join(f"{name or NOTHING_MORE} {share:.0%}" for name, share in left)
+    named = f"named {', '.join(step.named)}; " if step.named else ""
+    return f"{step.time:5.1f} s  {named}{bars}  -> {_chosen(step)}"
+
+
+def _chosen(step: Step) -> str:
+    if not step.movement:
+        return "no further movement"
+    first, second = (name or NOTHING_MORE for name in step.parted)
+    return f"{step.movement}, {step.seconds:g} s, to separate {first} from {second}"
+
+
+def document(driving: Driving) -> dict[str, Any]:
+    """Return what is written as investigation.json: what is named, excluded or out of reach, and the story."""
+    investigation = driving.investigation
+    return {
+        "schema": 1,
+        "named": list(investigation.named),
+        "too_small_to_matter": [name for name in investigation.found if name not in investigation.named],
+        "excluded": _excluded(driving),
+        "out_of_reach": _out_of_reach(driving),
+        "parameters": _parameters(driving),
+        "driven_seconds": driving.drove,
+        "problem": driving.problem,
+        "story": [
+            {
+                "time": step.time,
+                "named": list(step.named),
+                "probabilities": {name or NOTHING_MORE: share for name, share in step.odds.items()},
+                "movement": step.movement,
+                "seconds": step.seconds,
+                "separates": [name or NOTHING_MORE for name in step.parted],
+            }
+            for step in investigation.story
+        ],
+    }
+
+
+def calibrated(driving: Driving, robot_id: int) -> ParameterFile:
+    """Return the parameter file of a drive: the robot's own parameters averaged, and the effects found as fitted.
+
+    Raises ValueError for a drive without any decision.
+    """
+    if driving.decision is None:
+        raise ValueError("a drive without a decision calibrates nothing")
+    judgement = driving.decision.judgement
+    values = {name: Value(value) for name, value in judgement.base.values.items()}
+    own = averaged(judgement, driving.decision.known)
+    values |= {name: Value(one.value, std=one.std) for name, one in own.items()}
+    provenance = {"method": "investigation", "driven_seconds": driving.drove}
+    return ParameterFile(robot_id, values, effects=judgement.named, provenance=provenance)
+
+
+def sentences(driving: Driving) -> list[str]:
+    """Return what was found, sentence by sentence."""
+    investigation = driving.investigation
+    result = [_cause(name, driving) for name in investigation.named]
+    if not result and driving.decision is not None:
+        result = ["No effect is named."]
+    excluded = _excluded(driving)
+    if excluded:
+        result.append(f"Excluded at sizes that matter: {', '.join(excluded)}.")
+    result += [f"{name}: {why}." for name, why in _out_of_reach(driving).items()]
+    return [*result, *([driving.problem] if driving.problem else [])]
+
+
+def _cause(name: str, driving: Driving) -> str:
+    parameters = _parameters(driving)
+    effect = CATALOGUE[name]
+    own = {p.name: parameters[p.name]["value"] for p in effect.parameters if p.name in parameters}
+    return effect.sentence(own) if len(own) == len(effect.parameters) else f"{name}."
+
+
+def _parameters(driving: Driving) -> dict[str, dict[str, float]]:
+    """Return the fitted parameters, by name, each with its value and standard deviation."""
+    if driving.decision is None:
+        return {}
+    fit = driving.decision.judgement.base
+    return {name: {"value": float(fit.values[name]), "std": fit.std(name)} for name in fit.names}
+
+
+def _excluded(driving: Driving) -> list[str]:
+    """Return the effects that would have shown and did not; one of a time may come after the drive."""
+    if driving.decision is None:
+        return []
+    hidden = _out_of_reach(driving)
+    left = {one.name for one in driving.decision.judgement.left if one.evidence > 0.0}
+    names = [name for name in driving.decision.known.columns.names if locality(CATALOGUE[name]) != "time"]
+    return [name for name in names if name not in hidden and name not in left]
+
+
+def _out_of_reach(driving: Driving) -> dict[str, str]:
+    """Return why some effects could not be seen, by name."""
+    if driving.decision is None:
+        return {}
+    hidden = driving.investigation.not_shown(driving.decision.known)
+    return {name: OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=driving.drove) for name in hidden}
+
+
+def story_page(driving: Driving, robot_id: int) -> str:
+    """Return a page that tells what was suspected, what was tried for it, and how the odds moved."""
+    rows = [
+        [
+            f"{step.time:.1f}",
+            ", ".join(step.named),
+            ", ".join(f"{name or NOTHING_MORE} {share:.1%}" for name, share in _by_odds(step)),
+            _chosen(step),
+        ]
+        for step in driving.investigation.story
+    ]
+    title = f"Investigation of robot {robot_id}"
+    found = section("What was found", *(paragraph(sentence) for sentence in sentences(driving)))
+    steps = table(("time [s]", "named", "left, with probability", "driven next"), rows, numbers=(0,))
+    sizes = [[name, f"{one['value']:.4g}", f"{one['std']:.2g}"] for name, one in _parameters(driving).items()]
+    fitted = section("Parameters", table(("parameter", "value", "deviation"), sizes, numbers=(1, 2)))
+    return page_of(title, tag("header", tag("h1", title)), Html(""), [found, section("The story", steps), fitted])
+
+
+def _by_odds(step: Step) -> list[tuple[str, float]]:
+    return sorted(step.odds.items(), key=lambda item: -item[1])

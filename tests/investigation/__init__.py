@@ -1,0 +1,1 @@
+"""The robot that chooses its next movement."""

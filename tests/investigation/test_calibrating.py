@@ -1,0 +1,51 @@
+"""Calibration by investigation: averages over explanations have the closed forms of the module."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from cmr.investigation.calibrating import averaged, is_calibrated
+from cmr.investigation.choosing import Told
+from cmr.investigation.separation import BELIEF, Columns
+
+SETS = (
+    {"k2_over_k3": 100.0, "k1": 0.05, "base_width": 0.16},
+    {"k2_over_k3": 101.0, "k1": 0.05, "base_width": 0.16},
+    {"k2_over_k3": 100.0, "k1": 0.0501, "base_width": 0.16},
+    {"k2_over_k3": 100.0, "k1": 0.05, "base_width": 0.161},
+)
+
+
+def told_of(information: np.ndarray[Any, np.dtype[np.float64]]) -> Told:
+    """Return what is known with this information of three parameters and one effect."""
+    return Told(information, Columns(3, {"gyro_scale": (3,)}), SETS)
+
+
+def judgement_of(values: dict[str, float], share: float) -> Any:
+    """Return a judgement in which one effect, with these values, has this probability."""
+    names = [SimpleNamespace(name="", values=SETS[0]), SimpleNamespace(name="gyro_scale", values=values)]
+    return cast(Any, SimpleNamespace(probabilities={"": 1.0 - share, "gyro_scale": share}, explanations=names))
+
+
+def test_without_doubt_deviations_are_those_of_the_information() -> None:
+    """One over the root of the information, in steps, is the deviation."""
+    found = averaged(judgement_of(dict(SETS[0]), 0.0), told_of(np.diag([400.0, 100.0, 25.0, 1.0])))
+    assert found["k2_over_k3"].std == pytest.approx(1.0 / np.sqrt(BELIEF * 400.0))
+    assert found["k1"].std == pytest.approx(1e-4 / np.sqrt(BELIEF * 100.0))
+    assert found["base_width"].std == pytest.approx(1e-3 / np.sqrt(BELIEF * 25.0))
+
+
+def test_explanations_that_differ_widen_the_estimate() -> None:
+    """Two explanations of the same probability, 2 apart: the mean lies between, and 1 comes on top of the deviation."""
+    apart = {**SETS[0], "k2_over_k3": 102.0}
+    found = averaged(judgement_of(apart, 0.5), told_of(np.diag([1e8, 1e8, 1e8, 1.0])))
+    assert found["k2_over_k3"].value == pytest.approx(101.0)
+    assert found["k2_over_k3"].std == pytest.approx(1.0, rel=1e-3)
+    assert not is_calibrated({**found, "k2_over_k3": found["k2_over_k3"].__class__(101.0, 2.0)})
+
+
+def test_well_known_parameters_are_calibrated() -> None:
+    """Goals are two deviations of 1 %, 1 % and 3 %."""
+    assert is_calibrated(averaged(judgement_of(dict(SETS[0]), 0.0), told_of(np.diag([1e6, 1e6, 1e6, 1.0]))))

@@ -1,0 +1,123 @@
+"""The drive of an investigation: what comes late, near the border, or after an interruption ends in a rest."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from cmr.geometry.obstacles import Geofence
+from cmr.investigation.driving import INTERRUPTED, MOST_PAUSES, NEAR_THE_BORDER, AtOnce, Driving, Place, Planner
+from cmr.investigation.engine import NO_ROOM, Planned
+from cmr.investigation.floor import Floor
+from cmr.investigation.movements import PERIOD, Movement
+from cmr.recordings.signal import Floats
+
+FLOOR = Floor(Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
+MIDDLE = Place(0.0, 0.0, 0.0, 0.0)
+TICK = round(PERIOD * 1e6)  # us
+FORWARD = Movement("forward", np.full((50, 2), 0.4))
+
+
+class Scripted:
+    """An investigation that always chooses the same movement, or none; it counts its decisions."""
+
+    def __init__(self, movement: Movement | None, finished_after: int = 10**6, refused: str = "") -> None:
+        self.floor, self.decisions, self._movement = FLOOR, 0, movement
+        self._finished_after, self._refused = finished_after, refused
+
+    def opening(self, _x: float, _y: float, _theta: float) -> tuple[Movement, str]:
+        """Return a short opening."""
+        return Movement("opening", np.full((10, 2), 0.25)), self._refused
+
+    def decide(self, _recording: object, planned: Planned) -> SimpleNamespace:
+        """Return the same movement."""
+        self.decisions += 1
+        self.planned = planned
+        over = self.decisions > self._finished_after
+        choice = SimpleNamespace(movement=self._movement)
+        return SimpleNamespace(choice=choice, finished=over, sentence="" if self._movement else NO_ROOM)
+
+
+class Never:
+    """A planner that is never ready."""
+
+    def begin(self, deciding: object) -> None:
+        """Do not decide."""
+
+    def result(self) -> tuple[bool, None]:
+        """Return that nothing is there."""
+        return False, None
+
+
+def driving_of(investigation: Scripted, planner: Planner | None = None) -> Driving:
+    """Return the drive of such an investigation."""
+    return Driving(cast(Any, investigation), lambda: cast(Any, None), planner or AtOnce())
+
+
+def driven(driving: Driving, seconds: float, place: Place = MIDDLE, begin: int = 0) -> Floats:
+    """Return the commands of so many seconds, (n, 2)."""
+    return np.array([driving.command(begin + k * TICK, place) for k in range(round(seconds / PERIOD))])
+
+
+def test_movements_follow_one_another_without_a_rest() -> None:
+    """After the opening and one rest, in which the first movement is planned, there is no gap between movements."""
+    driving = driving_of(Scripted(FORWARD))
+    duties = driven(driving, 6.0)
+    begin = int(np.flatnonzero(duties[:, 0] == 0.4)[0])
+    assert begin <= 10 + 51
+    assert np.all(duties[begin:] == 0.4)
+
+
+def test_the_next_movement_is_planned_while_one_is_driven() -> None:
+    """What is planned begins where the movement being driven ends: that is what the engine was told."""
+    investigation = Scripted(FORWARD)
+    driving = driving_of(investigation)
+    driven(driving, 3.0)
+    assert investigation.decisions == 3
+    assert np.all(investigation.planned.duty == 0.4)
+
+
+def test_a_robot_whose_planner_is_late_stands_still() -> None:
+    """Without a decision nothing is driven after the opening."""
+    driving = driving_of(Scripted(FORWARD), Never())
+    assert np.all(driven(driving, 10.0)[11:] == 0.0)
+    assert not driving.finished
+
+
+def test_it_stops_at_once_near_the_border() -> None:
+    """A robot that, stopped now, would come within half of the margin of the border gets no duty at all."""
+    driving = driving_of(Scripted(FORWARD))
+    driven(driving, 2.0)
+    near = Place(0.80, 0.0, 0.0, 0.7)  # 0.94 m with the way to stop; 0.93 m are allowed
+    assert driving.command(100 * TICK, near) == (0.0, 0.0)
+    assert driving.note == NEAR_THE_BORDER
+
+
+def test_after_an_interruption_it_goes_on_from_rest() -> None:
+    """Poses that were missing, or an emergency stop: the movement that was interrupted is not driven on."""
+    driving = driving_of(Scripted(FORWARD))
+    driven(driving, 2.0)
+    later = 100 * TICK + 3_000_000
+    assert driving.command(later, MIDDLE) == (0.0, 0.0)
+    assert driving.note == INTERRUPTED.format(seconds=(later - 99 * TICK) * 1e-6)
+    assert np.any(driven(driving, 2.0, begin=later)[-10:] == 0.4)
+
+
+def test_a_floor_without_room_ends_it_with_a_sentence() -> None:
+    """Where no movement keeps to the floor, it ends after some rests; where the opening does not, at once."""
+    driving = driving_of(Scripted(None))
+    driven(driving, (MOST_PAUSES + 3) * 1.1)
+    assert driving.finished
+    assert driving.problem == NO_ROOM
+    refused = driving_of(Scripted(FORWARD, refused="No."))
+    assert refused.command(0, MIDDLE) == (0.0, 0.0)
+    assert (refused.finished, refused.problem) == (True, "No.")
+
+
+def test_it_ends_when_nothing_is_left_to_be_found_out() -> None:
+    """A decision that says so ends the drive."""
+    driving = driving_of(Scripted(FORWARD, finished_after=3))
+    driven(driving, 10.0)
+    assert driving.finished
+    assert driving.command(10**9, MIDDLE) == (0.0, 0.0)
+    assert driving.problem == ""

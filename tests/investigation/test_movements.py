@@ -1,0 +1,43 @@
+"""Movements: what is drawn is bounded, the same seed draws the same, and the driver's ramp is foretold."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmr.investigation.movements import LARGEST, LENGTHS, candidates, opening, ramped, towards
+from cmr.model.duty_ramp import Limits, approach
+
+
+@given(seed=st.integers(0, 2**32))
+def test_movements_are_short_and_within_their_duty(seed: int) -> None:
+    """No movement is longer than 3 s, nor drives harder than 7.2 of 12 V; the same seed draws the same ones."""
+    first, again = (candidates(np.random.default_rng(seed), 8) for _ in range(2))
+    for movement, same in zip(first, again, strict=True):
+        assert any(abs(movement.seconds - length) < 1e-9 for length in LENGTHS)
+        assert np.max(np.abs(movement.duty)) <= LARGEST + 1e-12
+        assert np.array_equal(movement.duty, same.duty)
+
+
+def test_the_opening_leads_back_to_where_it_began() -> None:
+    """Each side's duties add up to nothing: what is driven forth is driven back."""
+    assert np.allclose(sum(part.duty.sum(axis=0) for part in opening()), 0.0)
+    assert sum(part.seconds for part in opening()) <= 3.0
+
+
+def test_movements_towards_the_middle_go_both_ways() -> None:
+    """There are 18, straight and curved ones, of both signs."""
+    drawn = towards(0.5, 0.74, np.random.default_rng(0))
+    assert len(drawn) == 18
+    assert {float(np.sign(movement.duty.sum())) for movement in drawn} == {-1.0, 1.0}
+
+
+def test_commands_are_ramped_as_the_driver_does() -> None:
+    """A jump takes the steps of the driver's own ramp, and then stays."""
+    limits = Limits(10.0, 20.0)
+    time, duty = ramped(np.array([0.0]), np.array([[0.6, -0.6]]), limits, (0.0, 0.2))
+    expected = [0.0, 0.2]
+    for row in duty:
+        expected = [approach(now, wanted, 0.01, limits) for now, wanted in zip(expected, (0.6, -0.6), strict=True)]
+        assert np.allclose(row, expected)
+    assert np.allclose(duty[-1], (0.6, -0.6))
+    assert np.allclose(np.diff(time), 0.01)
