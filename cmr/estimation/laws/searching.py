@@ -156,7 +156,7 @@ def narrow(model: Linearised) -> bool:
     v, w = (np.concatenate([of.body[name] for of in model.variables]) for name in ("v", "w"))
     rim = 0.5 * model.values["base_width"] * np.abs(w)
     moving = np.abs(v) + rim > MOVING * np.quantile(np.abs(v) + rim, FASTEST)
-    speed, turn = np.abs(v[moving]), (rim / (np.abs(v) + rim))[moving]
+    speed, turn = np.abs(v[moving]), rim[moving] / (np.abs(v) + rim)[moving]
     return bool(np.std(speed) < ONE_SPEED * np.mean(speed) or np.std(turn) < ONE_RADIUS)
 
 
