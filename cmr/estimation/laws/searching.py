@@ -38,7 +38,7 @@ MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speed
 # Spread of the speed as a share of its mean (0.05 on figure-eights, 0.9 on the rich drive), and of how much of the
 # wheels' way is turning, from 0 to 1: with less the drive has one speed, or one radius.
 ONE_SPEED, ONE_RADIUS = 0.25, 0.05
-NARROW = "This drive has one speed or one radius, at which formulas cannot be told apart: no law was looked for."
+NARROW = "This drive has one speed or one radius, at which formulas cannot be distinguished: no law was looked for."
 IDENTICAL = 0.99  # share of a law's own trace that another does where both are the same mathematics
 RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
 SHOWN = 40  # best scores that are compared with what the catalogue has
