@@ -57,7 +57,7 @@ def import_log() -> int:
 
 def laws() -> int:
     """Start cmr-laws."""
-    return run("cmr.commands.laws")
+    return run("cmr.diagnosis.collection_command")
 
 
 def log() -> int:

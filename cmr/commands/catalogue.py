@@ -25,7 +25,7 @@ COMMANDS = {
     "view": ("cmr.commands.view", "show the world in a web page, live or from a log"),
     "calibrate": ("cmr.commands.calibrate", "find the parameters of a robot, live or from a log"),
     "diagnose": ("cmr.commands.diagnose", "name what the simulation of a robot gets wrong"),
-    "laws": ("cmr.commands.laws", "list and compare the laws found on robots, keep them as entries"),
+    "laws": ("cmr.diagnosis.collection_command", "list and compare the laws found on robots, keep them as entries"),
     "export": ("cmr.exporting.command", "take a calibrated robot to another simulator or robot description"),
     "fidelity": ("cmr.commands.fidelity", "compare teams of real robots with mixed ones"),
     "sweep": ("cmr.commands.sweep", "run a scenario many times, without hardware"),

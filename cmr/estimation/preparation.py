@@ -22,7 +22,6 @@ from cmr.parameters.file import MOTOR, ParameterFile
 from cmr.recordings.faults.findings import Finding
 
 THINNED = "More was recorded than the estimate needs; it uses {shares}."
-GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
@@ -153,7 +152,8 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile) -> _Start:
 
     Under which circumstances effects act is given, like the wheel radius, which `nominal` must have.
     """
-    from_nominal = ("wheel_radius", *GIVEN)
+    given = (parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
+    from_nominal = ("wheel_radius", *given)
     start = _Start({name: nominal.value(name) for name in from_nominal if nominal.has(name)})
     _add_width(start, ready, nominal)
     driven = [predictor for predictor in ready if not len(predictor.segment.observations.given)]

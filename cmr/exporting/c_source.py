@@ -42,7 +42,9 @@ def c_source(robot: ExportedRobot) -> str:
     used |= called(program.packet)
     keep = {name: name for name in program.state} | {"yaw_rate": "yaw_rate_end"}
     parts = {
-        "DOCUMENTATION": "".join(f" * {line}\n" for line in what_is_carried("fmu", robot)).replace("*/", "* /"),
+        "DOCUMENTATION": "".join(f" * {line}\n" for line in what_is_carried("fmu", robot))
+        .replace("*/", "* /")
+        .replace("/*", "/ *"),
         "CONSTANTS": "".join(f"{line}\n" for line in _constants(robot)),
         "FUNCTIONS": c_functions(used),
         "BEGIN": _inside(program.begin, ("psi_left", "psi_right")),
@@ -71,7 +73,7 @@ def _constants(robot: ExportedRobot) -> list[str]:
     program = robot.program
     lines = [
         f"static const double {name} = {number(one.value)}; /* [{one.definition.unit}] {one.definition.meaning} */"
-        for name, one in program.constants.items()
+        for name, one in robot.constants.items()
     ]
     lines += [f"static const double {name} = {number(value)};" for name, value in collocation().items()]
     lines.append(f"#define LATE_COMMANDS {int(program.is_late)}")

@@ -217,7 +217,7 @@ def _constants(robot: ExportedRobot) -> list[str]:
     program = robot.program
     lines = [
         f"{name} = {_number(constant.value)}  # [{constant.definition.unit}] {constant.definition.meaning}"
-        for name, constant in program.constants.items()
+        for name, constant in robot.constants.items()
     ]
     if robot.controller is not None:
         lines += [
@@ -252,4 +252,6 @@ def _documentation(robot: ExportedRobot) -> str:
         "",
         *what_is_carried("python", robot),
     ]
-    return '"""' + "\n".join(lines).replace("\\", "\\\\") + '\n"""\n'
+    # Descriptions of laws are anybody's words, which must not end the docstring.
+    text = "\n".join(lines).replace("\\", "\\\\").replace('"""', "'''")
+    return f'"""{text}\n"""\n'

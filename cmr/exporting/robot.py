@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from cmr.model.command_kinds import DUTY, VELOCITY
-from cmr.model.effect import Effect
-from cmr.model.extended.program import Program, program_of
+from cmr.model.effect import LAWS, Effect
+from cmr.model.extended.program import Constant, Program, program_of
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
@@ -33,6 +33,13 @@ class ExportedRobot:
     def effects(self) -> tuple[Effect, ...]:
         """The effects that are on."""
         return self.program.effects
+
+    @property
+    def constants(self) -> dict[str, Constant]:
+        """The numbers that statements read, by name: not those of laws of sensors, which have no statements."""
+        left_out = [effect for effect in self.effects if effect.group == LAWS and effect.is_sensor]
+        names = {parameter.name for effect in left_out for parameter in effect.all_parameters}
+        return {name: one for name, one in self.program.constants.items() if name not in names}
 
     def value(self, name: str) -> float:
         """Return a parameter's value; that of an effect that is off is neutral."""

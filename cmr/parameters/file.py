@@ -76,13 +76,15 @@ class ParameterFile:
     def __getstate__(self) -> dict[str, object]:
         return {"fields": dict(self.__dict__), "laws": self.laws}
 
-    def __setstate__(self, state: Mapping[str, Mapping[str, object] | list[Law]]) -> None:
+    def __setstate__(self, state: Mapping[str, object]) -> None:
         """Let the process that receives the parameters, such as a worker, know their laws, too."""
-        for law in cast("list[Law]", state["laws"]):
+        laws = cast("list[Law]", state["laws"])
+        if laws:
             from cmr.model.catalogue import learn
 
-            learn(law)
-        self.__dict__.update(state["fields"])
+            for law in laws:
+                learn(law)
+        self.__dict__.update(cast("dict[str, object]", state["fields"]))
 
     def value(self, name: str) -> float:
         """Return a parameter's value.

@@ -2,6 +2,7 @@
 
 import math
 
+from cmr.plant.beyond_ground import broken_away, carpeted, punctured, scrubbing_width, spun, understeered
 from cmr.plant.compiling import compiled
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.state import Body, Side
@@ -25,9 +26,12 @@ def yaw_rate(p: PlantParameters, v_left: float, v_right: float, inside: bool, t:
     # turn_asymmetry: b (1 + k sign(w)).
     if v_right != v_left:
         b *= 1.0 + p.turn_asymmetry * math.copysign(1.0, v_right - v_left)
+    if p.curvature_slip != 0.0:
+        b *= scrubbing_width(p, v_left, v_right)
     w = (v_right - v_left) / b
     # turn_slip: b (1 + k abs(w)), so w (1 + k abs(w)) = (v_right - v_left) / b, solved for w.
-    return 2.0 * w / (1.0 + math.sqrt(1.0 + 4.0 * p.turn_slip * abs(w)))
+    w = 2.0 * w / (1.0 + math.sqrt(1.0 + 4.0 * p.turn_slip * abs(w)))
+    return understeered(p, w, 0.5 * (v_left + v_right)) if p.understeer != 0.0 else w
 
 
 @compiled
@@ -47,13 +51,14 @@ def on_patch(p: PlantParameters, x: float, y: float) -> bool:
 
 
 @compiled
-def ground_speed(p: PlantParameters, s: float, side: Side, rolled: float, h: float) -> float:
-    """Return the speed [m/s] with which one side moves over the ground while its wheel turns by `rolled`."""
+def ground_speed(p: PlantParameters, s: float, side: Side, rolled: float, t: float, h: float) -> float:
+    """Return the speed [m/s] with which one side moves over the ground while its wheel turns by `rolled` in h."""
     # traction_loss: for a while a wheel turns faster than it carries.
     grip = 1.0 - LOST_TRACTION if side.lost > 0.0 else 1.0
     # longitudinal_slip: ground speed psi - k domega.
     rate = rolled / h - p.longitudinal_slip * side.domega
-    return rolling_radius(p, s, side.phi - side.gap - 0.5 * rolled) * rate * (1.0 + side.slip) * grip
+    speed = rolling_radius(p, s, side.phi - side.gap - 0.5 * rolled) * rate * (1.0 + side.slip) * grip
+    return speed * punctured(p, s, t) if p.puncture != 0.0 else speed
 
 
 @compiled
@@ -64,7 +69,8 @@ def trailing(body: Body, v: float, h: float) -> Body:
         if caster != 0.0:
             flipped, side = 0.0, -side
         caster = math.copysign(1.0, v)
-    return Body(body.x, body.y, body.theta, body.w, body.energy, caster, flipped, side)
+    b = body
+    return Body(b.x, b.y, b.theta, b.w, b.energy, caster, flipped, side, b.remembered, b.slosh, b.slosh_rate)
 
 
 @compiled
@@ -89,9 +95,7 @@ def blown(p: PlantParameters, theta: float, v: float) -> float:
 
 
 @compiled
-def moved(
-    p: PlantParameters, body: Body, energy: float, v_left: float, v_right: float, inside: bool, t: float, h: float
-) -> Body:
+def moved(p: PlantParameters, body: Body, v_left: float, v_right: float, inside: bool, t: float, h: float) -> Body:
     """Return the body after h at these ground speeds, by the midpoint rule."""
     v_x = 0.5 * (v_left + v_right)
     body = trailing(body, v_x, h)
@@ -101,6 +105,13 @@ def moved(
         v_x *= max(0.0, 1.0 - p.travel_reduction_share / (1.0 / max(abs(w), 1e-12) + p.travel_reduction_saturation))
     # lateral_skid: v_y = -k v w.
     v_y = -p.lateral_skid * v_x * w + blown(p, body.theta, v_x)
+    if p.breakaway_skid != 0.0:
+        v_y += broken_away(p, v_x, w)
+    along, across = carpeted(p, body.theta, v_x)
+    v_x, v_y = v_x * spun(p, body.x, body.y) + along, v_y + across
     cosine, sine = math.cos(body.theta + 0.5 * h * w), math.sin(body.theta + 0.5 * h * w)
     x, y = body.x + h * (v_x * cosine - v_y * sine), body.y + h * (v_x * sine + v_y * cosine)
-    return Body(x, y, body.theta + h * w, w, energy, body.caster, body.flipped, body.flip_side)
+    b = body
+    return Body(
+        x, y, b.theta + h * w, w, b.energy, b.caster, b.flipped, b.flip_side, b.remembered, b.slosh, b.slosh_rate
+    )

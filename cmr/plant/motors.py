@@ -7,9 +7,19 @@ is what encoders see; wheels follow it through the backlash, the ground follows 
 
 import math
 
+from cmr.plant.beyond_motors import (
+    bridge_left,
+    coupled,
+    pulled,
+    regeneration_limited,
+    relaxed_supply,
+    rubbing,
+    torque_share,
+    winding_warmed,
+)
 from cmr.plant.compiling import compiled
 from cmr.plant.parameters import PlantParameters
-from cmr.plant.state import Side
+from cmr.plant.state import Body, Side
 
 STRIBECK_SPEED = 0.5  # rad/s; where static friction has fallen to a third
 BUMP_SPEED = 2.0  # rad/s; where the friction of a motor that has just set off has fallen to a third
@@ -89,16 +99,17 @@ def given(p: PlantParameters, side: Side) -> float:
 
 
 @compiled
-def supply(p: PlantParameters, q: float, energy: float) -> float:
+def supply(p: PlantParameters, q: float, body: Body) -> float:
     """Return the battery's voltage as a share of that without load, when full."""
     # battery_sag: V = u (1 - R q); battery_drift: V = u (1 - k E / E_ref).
-    return (1.0 - p.battery_sag * q) * (1.0 - p.battery_drift * energy / REFERENCE_ENERGY)
+    share = (1.0 - p.battery_sag * q) * (1.0 - p.battery_drift * body.energy / REFERENCE_ENERGY)
+    return share * relaxed_supply(p, body.remembered) if p.battery_relaxation != 0.0 else share
 
 
 @compiled
-def current(p: PlantParameters, s: float, side: Side, q: float, energy: float, t: float) -> float:
+def current(p: PlantParameters, s: float, side: Side, q: float, body: Body, t: float) -> float:
     """Return the current of one motor as a share of that when it is stalled at full duty."""
-    v = given(p, side) * supply(p, q, energy)
+    v = given(p, side) * supply(p, q, body)
     # saturation: V clipped to +-V_max; motor_gain_asymmetry: V (1 + s g).
     v = clip(v, p.saturation) * (1.0 + s * p.motor_gain_asymmetry)
     # back_emf_asymmetry: K1 (1 + s g); motor_heating: K1 (1 + h H); surface_change: K1 (1 + e) after T.
@@ -109,7 +120,7 @@ def current(p: PlantParameters, s: float, side: Side, q: float, energy: float, t
     if abs(side.u) < IDLE:
         k1 *= 1.0 - p.coasting
     # current_limit: abs(V - K1 psi) <= I_max.
-    return clip(v - k1 * side.psi, p.current_limit)
+    return regeneration_limited(p, bridge_left(p, clip(v - k1 * side.psi, p.current_limit)), side.psi)
 
 
 @compiled
@@ -120,15 +131,19 @@ def held_to_speed(p: PlantParameters, side: Side) -> float:
 
 
 @compiled
-def driving(p: PlantParameters, s: float, side: Side, q: float, energy: float, t: float) -> float:
+def driving(p: PlantParameters, s: float, side: Side, q: float, body: Body, t: float) -> float:
     """Return the acceleration that motor and drag give one side [rad/s^2]."""
     if p.controller_response_time > 0.0:
         return held_to_speed(p, side) + side.torque * min(1.0, abs(side.psi) / FELT_SPEED)
     # payload_change: a (1 - p) after T.
     a = p.k2_over_k3 * (1.0 - p.payload_change_share) if t >= p.payload_change_time else p.k2_over_k3
+    effort = current(p, s, side, q, body, t)
     # quadratic_drag: domega -= k psi abs(psi).
-    acceleration = a * current(p, s, side, q, energy, t) - p.quadratic_drag * side.psi * abs(side.psi)
+    acceleration = a * effort - p.quadratic_drag * side.psi * abs(side.psi)
+    if p.armature_reaction != 0.0 or p.winding_heat != 0.0 or p.gear_loss != 0.0:
+        acceleration += a * effort * (torque_share(p, side, effort) - 1.0)
     acceleration -= p.viscous_friction * side.psi
+    acceleration -= rubbing(p, s, side)
     return acceleration + side.torque * min(1.0, abs(side.psi) / FELT_SPEED)
 
 
@@ -180,21 +195,23 @@ def accelerations(
     left: Side,
     right: Side,
     directions: tuple[float, float],
-    energy: float,
+    body: Body,
     theta: float,
     inside: bool,
     t: float,
 ) -> tuple[float, float]:
-    """Return domega of both sides; their friction acts against `directions`, of which 0 is rest."""
+    """Return domega of both sides at this heading; their friction acts against `directions`, of which 0 is rest."""
     q = load(p, left.u, right.u, left.psi, right.psi)
     if p.controller_response_time > 0.0:  # which makes up for slope and coupling, too
-        return driving(p, 1.0, left, q, energy, t), driving(p, -1.0, right, q, energy, t)
+        return driving(p, 1.0, left, q, body, t), driving(p, -1.0, right, q, body, t)
     # slope: domega -= g_x cos theta + g_y sin theta.
     uphill = 0.0
     if p.slope_x != 0.0 or p.slope_y != 0.0:
         uphill = p.slope_x * math.cos(theta) + p.slope_y * math.sin(theta)
-    free_left = driving(p, 1.0, left, q, energy, t) - uphill - smooth_friction(p, left.psi, inside)
-    free_right = driving(p, -1.0, right, q, energy, t) - uphill - smooth_friction(p, right.psi, inside)
+    free_left = driving(p, 1.0, left, q, body, t) - uphill - smooth_friction(p, left.psi, inside)
+    free_right = driving(p, -1.0, right, q, body, t) - uphill - smooth_friction(p, right.psi, inside)
+    turning, ahead = coupled(p, left, right), pulled(p, left, right, body, theta)
+    free_left, free_right = free_left + turning + ahead, free_right - turning + ahead
     friction_left, friction_right = dry_friction(p, left.psi, inside), dry_friction(p, right.psi, inside)
     domega_left = rubbed(free_left, directions[0], friction_left)
     domega_right = rubbed(free_right, directions[1], friction_right)
@@ -225,7 +242,8 @@ def powered(p: PlantParameters, side: Side, wanted: float, h: float) -> Side:
     u = lagged(p, side.u, ramp, h)
     # motor_heating: H follows u^2 with a first-order lag of 60 s.
     heat = u * u + (side.heat - u * u) * math.exp(-h / HEATING_TIME) if p.motor_heating != 0.0 else 0.0
-    return Side(ramp, u, heat, side.psi, side.domega, side.phi, side.gap, side.torque, side.slip, side.lost)
+    a, winding = side, winding_warmed(p, side, h)
+    return Side(ramp, u, heat, a.psi, a.domega, a.phi, a.gap, a.torque, a.slip, a.lost, winding)
 
 
 @compiled
@@ -233,7 +251,8 @@ def switched(p: PlantParameters, side: Side, wanted: float) -> Side:
     """Return the side at the moment a command changes: without slew_limit and electrical_lag V jumps."""
     ramp = wanted if p.slew_limit == math.inf else side.ramp
     u = ramp if p.electrical_lag == 0.0 else side.u
-    return Side(ramp, u, side.heat, side.psi, side.domega, side.phi, side.gap, side.torque, side.slip, side.lost)
+    a = side
+    return Side(ramp, u, a.heat, a.psi, a.domega, a.phi, a.gap, a.torque, a.slip, a.lost, a.winding)
 
 
 @compiled
@@ -249,4 +268,5 @@ def turned(side: Side, first: float, second: float, holding: float, backlash: fl
         psi = onward * resting
     gap, rolled = taken_up(side.gap, turn, backlash)
     domega, phi = (psi - side.psi) / h, side.phi + turn
-    return Side(side.ramp, side.u, side.heat, psi, domega, phi, gap, side.torque, side.slip, side.lost), rolled
+    a = side
+    return Side(a.ramp, a.u, a.heat, psi, domega, phi, gap, a.torque, a.slip, a.lost, a.winding), rolled

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from cmr.plant.beyond_motors import sloshed, tired
 from cmr.plant.compiling import compiled, compiled_once
 from cmr.plant.ground import ground_speed, moved, on_patch
 from cmr.plant.motors import accelerations, dry_friction, load, powered, switched, turned, wanted_duties
@@ -35,26 +36,36 @@ def wandered(value: float, size: float, kept: float, draw: float) -> float:
 
 
 @compiled
+def loaded(p: PlantParameters, body: Body, q: float, speed_up: float, h: float) -> Body:
+    """Return the body with its battery after h at the load q, and its liquid after h at this acceleration [m/s^2]."""
+    # battery_drift: the energy drawn is the integral of the load q.
+    energy, remembered = body.energy + h * q, tired(p, body.remembered, q, h)
+    slosh, rate = sloshed(p, body, speed_up, h)
+    b = body
+    return Body(b.x, b.y, b.theta, b.w, energy, b.caster, b.flipped, b.flip_side, remembered, slosh, rate)
+
+
+@compiled
 def advance(
     p: PlantParameters, left: Side, right: Side, body: Body, wanted: tuple[float, float], t: float, h: float
 ) -> tuple[Side, Side, Body]:
     """Return the robot at time t + h: wheel speeds by Heun's method, then the pose."""
     inside = on_patch(p, body.x, body.y)
     directions = (left.psi, right.psi)
-    first = accelerations(p, left, right, directions, body.energy, body.theta, inside, t)
+    first = accelerations(p, left, right, directions, body, body.theta, inside, t)
     powered_left, powered_right = powered(p, left, wanted[0], h), powered(p, right, wanted[1], h)
     ahead_left = at_speed(powered_left, left.psi + h * first[0])
     ahead_right = at_speed(powered_right, right.psi + h * first[1])
-    # battery_drift: the energy drawn is the integral of the load q.
-    energy = body.energy + h * load(p, left.u, right.u, left.psi, right.psi)
+    speed_up = 0.5 * p.wheel_radius * (first[0] + first[1])
+    body = loaded(p, body, load(p, left.u, right.u, left.psi, right.psi), speed_up, h)
     # Within a step friction keeps its direction; a wheel at rest may set off.
     directions = (left.psi or ahead_left.psi, right.psi or ahead_right.psi)
-    second = accelerations(p, ahead_left, ahead_right, directions, energy, body.theta + h * body.w, inside, t)
+    second = accelerations(p, ahead_left, ahead_right, directions, body, body.theta + h * body.w, inside, t)
     holding = dry_friction(p, 0.0, inside)
     left, rolled_left = turned(powered_left, first[0], second[0], holding, p.backlash, h)
     right, rolled_right = turned(powered_right, first[1], second[1], holding, p.backlash, h)
-    v_left, v_right = ground_speed(p, 1.0, left, rolled_left, h), ground_speed(p, -1.0, right, rolled_right, h)
-    return left, right, moved(p, body, energy, v_left, v_right, inside, t, h)
+    v_left, v_right = ground_speed(p, 1.0, left, rolled_left, t, h), ground_speed(p, -1.0, right, rolled_right, t, h)
+    return left, right, moved(p, body, v_left, v_right, inside, t, h)
 
 
 @compiled
@@ -69,7 +80,8 @@ def disturbed(
     lost = max(0.0, side.lost - h)
     if p.traction_loss > 0.0 and abs(side.psi) > LOSING_SPEED and lost == 0.0 and random.random() < p.traction_loss * h:
         lost = LOSS_TIME
-    return Side(side.ramp, side.u, side.heat, side.psi, side.domega, side.phi, side.gap, torque, slip, lost)
+    a = side
+    return Side(a.ramp, a.u, a.heat, a.psi, a.domega, a.phi, a.gap, torque, slip, lost, a.winding)
 
 
 @compiled
@@ -87,7 +99,8 @@ def disturbed_by(
     lost = max(0.0, side.lost - h)
     if p.traction_loss > 0.0 and abs(side.psi) > LOSING_SPEED and lost == 0.0 and draws[2] < p.traction_loss * h:
         lost = LOSS_TIME
-    return Side(side.ramp, side.u, side.heat, side.psi, side.domega, side.phi, side.gap, torque, slip, lost)
+    a = side
+    return Side(a.ramp, a.u, a.heat, a.psi, a.domega, a.phi, a.gap, torque, slip, lost, a.winding)
 
 
 @compiled_once

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmr.plant.compiling import compiled_once, loaded
+from cmr.plant.compiling import compiled, compiled_once, loaded
 from cmr.plant.motors import current, load, supply, switched, wanted_duties
 from cmr.plant.parameters import Floats, PlantParameters, as_records
 from cmr.plant.physics import advance, disturbed_by
@@ -20,6 +20,20 @@ PLACES = {  # of what the robot carries, in one array
     **{f"{name}_right": SIDE + place for place, name in enumerate(Side._fields)},
     **{name: 2 * SIDE + place for place, name in enumerate(Body._fields)},
 }
+
+
+@compiled
+def side_in(carried: Floats, number: int) -> Side:
+    """Return the left side (0) or the right one (1) of what the robot carries, ordered as PLACES."""
+    c = carried[SIDE * number : SIDE * (number + 1)]
+    return Side(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10])
+
+
+@compiled
+def body_in(carried: Floats) -> Body:
+    """Return the body of what the robot carries, ordered as PLACES."""
+    c = carried[2 * SIDE :]
+    return Body(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10])
 
 
 @compiled_once
@@ -38,10 +52,7 @@ def go_on(
     """
     p = records[0]
     begin, end = span
-    c = carried
-    left = Side(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9])
-    right = Side(c[10], c[11], c[12], c[13], c[14], c[15], c[16], c[17], c[18], c[19])
-    body = Body(c[20], c[21], c[22], c[23], c[24], c[25], c[26], c[27])
+    left, right, body = side_in(carried, 0), side_in(carried, 1), body_in(carried)
     noisy = noise[0] > 0.0 or noise[2] > 0.0 or p.traction_loss > 0.0
     wanted = wanted_duties(p, duties[0], duties[1])
     left, right = switched(p, left, wanted[0]), switched(p, right, wanted[1])
@@ -63,13 +74,11 @@ def go_on(
 @compiled_once
 def switch(records: Sequence[PlantParameters], carried: Floats, duties: Floats) -> None:
     """Have duties (left, right) reach the motors at once, as far as nothing delays them; change `carried`."""
-    p, c = records[0], carried
+    p = records[0]
     wanted = wanted_duties(p, duties[0], duties[1])
-    for side in range(2):
-        k = SIDE * side
-        now = Side(c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5], c[k + 6], c[k + 7], c[k + 8], c[k + 9])
-        now = switched(p, now, wanted[side])
-        carried[k], carried[k + 1] = now[0], now[1]
+    for number in range(2):
+        now = switched(p, side_in(carried, number), wanted[number])
+        carried[SIDE * number], carried[SIDE * number + 1] = now[0], now[1]
 
 
 @compiled_once
@@ -78,11 +87,10 @@ def electrics_of(records: Sequence[PlantParameters], carried: Floats, t: float) 
 
     As shares: of the voltage without load, when full, and of the current of a motor stalled at full duty.
     """
-    p, c = records[0], carried
-    left = Side(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9])
-    right = Side(c[10], c[11], c[12], c[13], c[14], c[15], c[16], c[17], c[18], c[19])
-    q, energy = load(p, left.u, right.u, left.psi, right.psi), c[24]
-    return supply(p, q, energy), current(p, 1.0, left, q, energy, t), current(p, -1.0, right, q, energy, t)
+    p = records[0]
+    left, right, body = side_in(carried, 0), side_in(carried, 1), body_in(carried)
+    q = load(p, left.u, right.u, left.psi, right.psi)
+    return supply(p, q, body), current(p, 1.0, left, q, body, t), current(p, -1.0, right, q, body, t)
 
 
 class RunningRobot:

@@ -1,16 +1,22 @@
 """What the sensors say of the plant's true motion, with their effects and their noise."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
+from cmr.plant.beyond_sensors import Number, disturbed_pose, disturbed_rate, lost_counts
 from cmr.plant.parameters import Floats, PlantParameters
 
-Number = TypeVar("Number", float, Floats)  # of one moment, or of many
 TURN = 2.0 * math.pi
 MISCOUNTING_SPEEDS = (6.0, 12.0)  # rad/s; between them an encoder begins to miss counts
+# Where the parameters of further errors of gyro and poses stand.
+OF_GYRO = [
+    PlantParameters._fields.index(name)
+    for name in ("gyro_asymmetry", "gyro_vibration", "gyro_warm_up", "gyro_field", "lidar_imbalance")
+]
+OF_POSE = [PlantParameters._fields.index(name) for name in ("body_roll", "pixel_aspect", "compass_deviation")]
 WARP_LENGTH = 1.5  # m; over which the error of the pose's heading repeats
 
 
@@ -76,12 +82,17 @@ def ticks(
 def missed(p: PlantParameters, speed: Number) -> Number:
     """Return the share of its counts that an encoder misses at this speed [rad/s]. encoder_miscount: m at speed."""
     share: Number = p.encoder_miscount * np.interp(abs(speed), MISCOUNTING_SPEEDS, (0.0, 1.0))
-    return share
+    return share + lost_counts(p, speed) if p.encoder_overspeed else share
+
+
+def misses(p: PlantParameters) -> bool:
+    """Tell whether encoders miss counts at some speed."""
+    return p.encoder_miscount != 0.0 or p.encoder_overspeed != 0.0
 
 
 def counted(p: PlantParameters, phi: Floats, time: Floats) -> Floats:
     """Return the angle that the encoder would count without steps."""
-    if p.encoder_miscount == 0.0:
+    if not misses(p):
         return phi
     turned, duration = np.diff(phi, prepend=0.0), np.diff(time, prepend=-1.0)
     return np.asarray(np.cumsum(turned * (1.0 - missed(p, turned / duration))))
@@ -103,21 +114,23 @@ def gyro_time(p: PlantParameters, time: Floats) -> Floats:
 
 
 def gyro(
-    p: PlantParameters, time: Floats, w: Floats, theta: Floats, noise: Noise, random: np.random.Generator
+    p: PlantParameters, time: Floats, motion: Sequence[Floats], noise: Noise, random: np.random.Generator
 ) -> Floats:
-    """Return what the gyro says at `time` when the robot turns with `w` at heading `theta`."""
-    measured = rate_seen(p, time, w, theta)
+    """Return what the gyro says at `time` in a `motion`: w [rad/s], theta [rad], forward speed [m/s]."""
+    measured = rate_seen(p, time, *motion)
     steps = np.sqrt(np.diff(time, prepend=0.0)) * random.standard_normal(len(time))
     return measured + noise.gyro_walk * np.cumsum(steps) + noise.gyro * random.standard_normal(len(time))
 
 
-def rate_seen(p: PlantParameters, time: Number, w: Number, theta: Number) -> Number:
-    """Return what the gyro would say without noise.
+def rate_seen(p: PlantParameters, time: Number, w: Number, theta: Number, v: Number) -> Number:
+    """Return what the gyro would say without noise at forward speed v [m/s].
 
     gyro_scale: w (1 + e); gyro_bias: + B; gyro_drift: + D t / 100 s; gyro_magnetism: + M sin(2 theta).
     """
     measured = w * (1.0 + p.gyro_scale) + p.gyro_bias + p.gyro_drift * time / 100.0
-    return measured + p.gyro_magnetism * np.sin(2.0 * theta) if p.gyro_magnetism else measured
+    if p.gyro_magnetism:
+        measured = measured + p.gyro_magnetism * np.sin(2.0 * theta)
+    return measured + disturbed_rate(p, time, w, theta, v) if any(p[place] for place in OF_GYRO) else measured
 
 
 def pose_time(p: PlantParameters, time: Floats) -> Floats:
@@ -129,9 +142,9 @@ def pose_time(p: PlantParameters, time: Floats) -> Floats:
 
 
 def pose(
-    p: PlantParameters, time: Floats, true: tuple[Floats, Floats, Floats], noise: Noise, random: np.random.Generator
+    p: PlantParameters, time: Floats, true: Sequence[Floats], noise: Noise, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """Return what the external localisation says of a robot at the true poses x, y, theta."""
+    """Return what the external localisation says of a robot at the true x, y, theta, with its v [m/s] and w [rad/s]."""
     x, y, theta = (filtered(time, values, p.pose_smoothing) for values in seen(p, *true))
     x = x + noise.position * correlated(time, noise.pose_time, random)
     y = y + noise.position * correlated(time, noise.pose_time, random)
@@ -139,7 +152,9 @@ def pose(
     return x, y, np.remainder(theta + math.pi, TURN) - math.pi
 
 
-def seen(p: PlantParameters, x: Number, y: Number, theta: Number) -> tuple[Number, Number, Number]:
+def seen(
+    p: PlantParameters, x: Number, y: Number, theta: Number, v: Number, w: Number
+) -> tuple[Number, Number, Number]:
     """Return what the external localisation would say without noise, the heading unwrapped.
 
     pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2);
@@ -150,6 +165,8 @@ def seen(p: PlantParameters, x: Number, y: Number, theta: Number) -> tuple[Numbe
     if p.pose_heading_warp:
         theta = theta + p.pose_heading_warp * np.sin(TURN * x / WARP_LENGTH)
     theta = theta + p.pose_heading_offset
+    if any(p[place] for place in OF_POSE):
+        x, y, theta = disturbed_pose(p, x, y, theta, v, w)
     stretch = 1.0 + p.pose_distortion * (x**2 + y**2)
     return x * stretch, y * stretch, theta
 

@@ -21,13 +21,15 @@ class Side(NamedTuple):
     torque: float  # rad/s^2, noise
     slip: float  # 1, noise
     lost: float  # s, for which the wheel will still have little traction
+    winding: float  # duty^2, with the memory of winding_heat
 
 
 class Body(NamedTuple):
     """The rest of the robot: pose [m, m, rad], yaw rate [rad/s], energy drawn from the battery [s of full load].
 
     `caster` is the way it trails: 1 after driving forward, -1 after driving backward, 0 before any. `flipped` [s] tells
-    how long ago it turned round, `flip_side` is 1 or -1, the side over which it did.
+    how long ago it turned round, `flip_side` is 1 or -1, the side over which it did. `remembered` is the battery's load
+    with the memory of battery_relaxation. A liquid stands `slosh` [m] ahead of its rest, and moves at `slosh_rate`.
     """
 
     x: float
@@ -38,6 +40,9 @@ class Body(NamedTuple):
     caster: float
     flipped: float
     flip_side: float
+    remembered: float
+    slosh: float
+    slosh_rate: float
 
 
 class Robot(NamedTuple):
@@ -50,14 +55,15 @@ class Robot(NamedTuple):
 
 def at_rest(pose: tuple[float, float, float]) -> Robot:
     """Return the robot at rest at this pose."""
-    side = Side(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return Robot(side, side, Body(*pose, 0.0, 0.0, 0.0, math.inf, 1.0))
+    side = Side(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Robot(side, side, Body(*pose, 0.0, 0.0, 0.0, math.inf, 1.0, 0.0, 0.0, 0.0))
 
 
 @compiled
 def at_speed(side: Side, psi: float) -> Side:
     """Return the side as it is at another wheel speed."""
-    return Side(side.ramp, side.u, side.heat, psi, side.domega, side.phi, side.gap, side.torque, side.slip, side.lost)
+    a = side
+    return Side(a.ramp, a.u, a.heat, psi, a.domega, a.phi, a.gap, a.torque, a.slip, a.lost, a.winding)
 
 
 @compiled

@@ -7,10 +7,11 @@ show.
 import math
 from random import Random
 
+from cmr.plant.beyond_sensors import forward_speed
 from cmr.plant.commanded import CommandedRobot
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.running import PLACES, STEP, RunningRobot
-from cmr.plant.sensors import missed, slip_of_way, ticks
+from cmr.plant.sensors import missed, misses, slip_of_way, ticks
 from robot_driver.emulator.past import Past, Values
 from robot_driver.emulator.settings import Mounting, Settings
 
@@ -108,6 +109,16 @@ class Plant:
     def theta(self, value: float) -> None:
         self._running.carried[PLACES["theta"]] = value
 
+    @property
+    def v(self) -> float:
+        """The forward speed by the wheels (m/s)."""
+        return forward_speed(self.parameters, self.left.velocity, self.right.velocity)
+
+    @property
+    def w(self) -> float:
+        """The yaw rate (rad/s)."""
+        return float(self._running.carried[PLACES["w"]])
+
     def theta_at(self, time: float) -> float:
         """Return the heading at a time up to gyro_latency ago (rad); times never go back."""
         return self.theta if self._headings is None or time >= self.time else self._headings.at(time)[0]
@@ -161,13 +172,13 @@ class Plant:
         """Return the counts per second of the encoder of one side, s = 1 on the left and -1 on the right."""
         p = self.parameters
         counts = self._robot.ticks_per_turn / TURN * (1.0 + p.encoder_scale) * (1.0 + s * p.encoder_asymmetry)
-        return velocity * counts * (1.0 - missed(p, velocity) if p.encoder_miscount else 1.0)
+        return velocity * counts * (1.0 - missed(p, velocity) if misses(p) else 1.0)
 
     def _count(self) -> None:
-        """Have the encoders count what the shafts have turned; some miss a share of it at speed (encoder_miscount)."""
+        """Have the encoders count what the shafts have turned; some miss a share of it at speed."""
         turned = list(self._wheels_told()[:2])
         seconds = self.time - self._counted_at
-        if self.parameters.encoder_miscount == 0.0:
+        if not misses(self.parameters):
             self._counted = turned
         elif seconds > 0.0:
             for side in (0, 1):

@@ -27,7 +27,7 @@ class YawGyro:
         time = plant.time
         theta = plant.theta_at(time - p.gyro_latency) if p.gyro_latency else plant.theta
         turned, self._last_theta = theta - self._last_theta, theta
-        rate = rate_seen(p, time, turned / duration, theta) + self._noise * self._random.gauss(0.0, 1.0)
+        rate = rate_seen(p, time, turned / duration, theta, plant.v) + self._noise * self._random.gauss(0.0, 1.0)
         return self._factor * rate
 
 
@@ -61,8 +61,9 @@ class MotionCapture:
         """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
         self.wake_time += self._period
         p, gauss = self._plant.parameters, self._random.gauss
-        robot = self._start if self._cameras.other_body else (self._plant.x, self._plant.y, self._plant.theta)
-        x, y, theta = self._filtered(time, seen(p, *robot))
+        plant = self._plant
+        robot = self._start if self._cameras.other_body else (plant.x, plant.y, plant.theta)
+        x, y, theta = self._filtered(time, seen(p, *robot, plant.v, plant.w))
         x += self._position_noise * gauss(0.0, 1.0)
         y += self._position_noise * gauss(0.0, 1.0)
         theta += self._heading_noise * gauss(0.0, 1.0)

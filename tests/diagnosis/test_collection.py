@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from cmr.cli.errors import CommandError
-from cmr.commands.laws import main
 from cmr.diagnosis.collection import families, family_of, proposal, sightings
+from cmr.diagnosis.collection_command import main
 from cmr.model.catalogue import LAWS, learn, unlearn
 from cmr.model.laws import Law
 from cmr.parameters.file import ParameterFile, Value, load

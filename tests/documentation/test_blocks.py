@@ -39,12 +39,15 @@ ONLY_PARSED = {
     "cmr-camera calibrate": "needs a camera",
     "cmr-diagnose --live": "listens to a robot on the bus",
     "cmr-diagnose next.lcm --laws": "as the diagnosis of one log, which is run",
+    "cmr-diagnose next.lcm --held-out": "tests/documentation/test_unwritten_physics.py runs it",
+    "cmr-diagnose run.lcm --held-out other.lcm": "tests/documentation/test_unwritten_physics.py runs it",
     "cmr-diagnose run.lcm next.lcm": "as the diagnosis of one log, which is run",
     "cmr-diagnose runs": "as the diagnosis of one log, which is run",
     "cmr-driver": "needs a robot on a serial port",
     "cmr-emulate": "runs until it is stopped",
     "cmr-fidelity": "takes minutes; tests/experiments/fidelity/test_fidelity.py runs it",
     "cmr-import optiodom": "needs a recording of OptiOdom; tests/tools/importing/test_real_recordings.py has one",
+    "cmr-laws diagnosis": "tests/documentation/test_unwritten_physics.py runs it",
     "cmr-laws diagnoses": "tests/diagnosis/test_collection.py runs it on parameter files with laws",
     "cmr-pilot": "commands a robot on the bus",
     "cmr-plot run.lcm": "opens a window",
@@ -87,6 +90,7 @@ NOT_OURS = {
 # Python that is no program by itself, and the test that has it.
 EXCERPTS = {
     "docs/effects.md": "the equations of the catalogue: tests/model/test_effects_document.py",
+    "docs/tutorials/unwritten_physics.md": "drives for a minute: tests/documentation/test_unwritten_physics.py",
     "docs/how_to/add_an_effect.md": "needs a package with an entry point: tests/model/test_effects.py",
 }
 

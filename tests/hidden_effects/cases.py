@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tests.hidden_effects.laws.kinds import KINDS
 from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import REALISTIC, TYPICAL, Noise
-from tests.reference_plant.manoeuvres import PART_SECONDS, RICH_DRIVE_SECONDS
+from tests.reference_plant.manoeuvres import HELD_OUT_SECONDS, PART_SECONDS, RICH_DRIVE_SECONDS
 
 RICH, EIGHT, EIGHT_OPEN = "rich", "figure_eight", "figure_eight_open"
 # What is recorded of these are windows: of the rich drive, and of a robot with a velocity controller.
@@ -27,6 +28,8 @@ SHORT_SECONDS: dict[str, float] = {
     BEGINNING: 60.0,
     **{name: seconds for name, seconds in PART_SECONDS.items() if name != "straight_runs"},
 }
+HELD_OUT = "held_out"  # other parts than those of the rich drive, at other speeds and radii
+OTHER_SECONDS: dict[str, float] = {**SHORT_SECONDS, HELD_OUT: HELD_OUT_SECONDS}
 WALK = 0.02  # share of a gyro's drift over 100 s by which it walks at random in that time
 
 
@@ -53,9 +56,9 @@ NOISES: Mapping[str, Noise] = {
 class Case:
     """What to hide, and how the robot is driven and seen.
 
-    `effects` are names of reference_plant.TYPICAL, or of UNKNOWN. `seed` draws the robot, the size of the effects, and
-    the drive; `run` numbers drives of the same robot with the same effects. `noise` is a name of NOISES, `friction` of
-    FRICTIONS; the drive is made `repeats` times. Raises ValueError for a name that is not known.
+    `effects` are names of reference_plant.TYPICAL, of UNKNOWN, or of KINDS. `seed` draws the robot, the size of the
+    effects, and the drive; `run` numbers drives of the same robot with the same effects. `noise` is a name of NOISES,
+    `friction` of FRICTIONS; the drive is made `repeats` times. Raises ValueError for a name that is not known.
     """
 
     effects: tuple[str, ...] = ()
@@ -67,9 +70,9 @@ class Case:
     repeats: int = 1
 
     def __post_init__(self) -> None:
-        known = {"manoeuvre": {**SECONDS, **SHORT_SECONDS}, "noise": NOISES, "friction": FRICTIONS}
+        known = {"manoeuvre": {**SECONDS, **OTHER_SECONDS}, "noise": NOISES, "friction": FRICTIONS}
         asked = [(kind, getattr(self, kind), names) for kind, names in known.items()]
-        asked += [("effect", effect, {**TYPICAL, **UNKNOWN}) for effect in self.effects]
+        asked += [("effect", effect, {**TYPICAL, **UNKNOWN, **KINDS}) for effect in self.effects]
         for kind, name, names in asked:
             if name not in names:
                 raise ValueError(f"no {kind} {name!r}; there are {', '.join(names)}")
@@ -77,7 +80,7 @@ class Case:
     @property
     def seconds(self) -> float:
         """How long the drive takes."""
-        return self.repeats * (SECONDS | SHORT_SECONDS)[self.manoeuvre]
+        return self.repeats * (SECONDS | OTHER_SECONDS)[self.manoeuvre]
 
     @property
     def drive_seed(self) -> int:
@@ -111,7 +114,7 @@ class Truth:
     @property
     def unknown(self) -> tuple[str, ...]:
         """The names of hidden physics that no effect describes."""
-        return tuple(name for name in self.case.effects if name in UNKNOWN)
+        return tuple(name for name in self.case.effects if name in {**UNKNOWN, **KINDS})
 
     @property
     def noise(self) -> Noise:

@@ -10,6 +10,7 @@ from tests.hidden_effects.cases import (
     BEGINNING,
     CONTROLLED_WINDOWS,
     EIGHT_OPEN,
+    HELD_OUT,
     RICH,
     SHORT_SECONDS,
     WINDOWS,
@@ -18,7 +19,14 @@ from tests.hidden_effects.cases import (
 from tests.hidden_effects.windows import commands_of_controller
 from tests.reference_plant import Commands, packets, plant_parameters
 from tests.reference_plant.drives import Pose
-from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, figure_eight, in_turn, part_of_rich_drive, rich_drive
+from tests.reference_plant.manoeuvres import (
+    RICH_DRIVE_SECONDS,
+    figure_eight,
+    held_out_drive,
+    in_turn,
+    part_of_rich_drive,
+    rich_drive,
+)
 from tests.reference_plant.steering import Pilot, steered
 
 REST = 3.0  # s before and after figure-eights
@@ -36,6 +44,8 @@ def commands_of(truth: Truth, seed: int) -> Commands:
         return commands_of_controller(truth, seed)
     if truth.case.manoeuvre in (RICH, WINDOWS):
         return packets(in_turn([(RICH_DRIVE_SECONDS, rich_drive())] * truth.case.repeats), seconds)
+    if truth.case.manoeuvre == HELD_OUT:
+        return packets(held_out_drive(), seconds)
     if truth.case.manoeuvre in SHORT_SECONDS:
         short = rich_drive() if truth.case.manoeuvre == BEGINNING else part_of_rich_drive(truth.case.manoeuvre)
         return packets(short, seconds)

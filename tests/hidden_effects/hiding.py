@@ -1,7 +1,7 @@
 """Make a log, or a recording, in which effects are hidden."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +41,13 @@ def hide(*effects: str, path: Path | str, **options: Any) -> HiddenLog:
 
 def hide_case(case: Case, path: Path) -> HiddenLog:
     """Write the event log of a case."""
-    truth, driven = _driven(case)
-    return HiddenLog(write_log(path, driven.recording), truth)
+    hidden = recorded(truth_of(case))
+    return HiddenLog(write_log(path, hidden.recording), hidden.truth)
 
 
 def hidden_recording(*effects: str, **options: Any) -> HiddenRecording:
     """Return the recording of a robot with these effects without writing a log; `options` are those of Case."""
-    truth, driven = _driven(Case(effects, **options))
-    return HiddenRecording(driven.recording, driven.truth.fields, truth)
+    return recorded(truth_of(Case(effects, **options)))
 
 
 def truth_of(case: Case) -> Truth:
@@ -61,13 +60,18 @@ def truth_of(case: Case) -> Truth:
         parameters.update(draw_sizes(effect, robot, case.seconds, random))
     if is_windowed(case):
         parameters = parameters_of_windows(case, parameters)
-    truth = Truth(case=case, robot=robot, parameters=parameters, nominal=nominal)
-    return replace(placed(truth), case=case) if "surface_patch" in case.effects else truth
+    return placed(Truth(case=case, robot=robot, parameters=parameters, nominal=nominal))
 
 
-def _driven(case: Case) -> tuple[Truth, Drive]:
-    truth = truth_of(case)
+def recorded(truth: Truth) -> HiddenRecording:
+    """Return the recording of a robot that is what `truth` says, on the drive of its case."""
+    driven = _driven(truth)
+    return HiddenRecording(driven.recording, driven.truth.fields, truth)
+
+
+def _driven(truth: Truth) -> Drive:
+    case = truth.case
     nominal = ParameterFile(0, {name: Value(value) for name, value in truth.nominal.items()})
     commands = commands_of(truth, case.drive_seed)
     driven = drive(commands, truth.plant, case.seconds, truth.noise, case.drive_seed, nominal=nominal)
-    return truth, driven._replace(recording=windowed(truth, driven.recording)) if is_windowed(case) else driven
+    return driven._replace(recording=windowed(truth, driven.recording)) if is_windowed(case) else driven

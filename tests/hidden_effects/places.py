@@ -14,21 +14,26 @@ CROSSINGS = 3  # at least
 SHARES = (0.06, 0.4)  # of the time of driving that may be spent inside
 SETTLED = 0.02  # rad/s; a robot whose wheels turn more slowly stands
 TRIES = 200
+DISCS = ("surface_patch", "slippery_spot")  # what has a place
 FAR = (1e3, 1e3)  # m; where no robot comes
 
 
 def placed(truth: Truth) -> Truth:
     """Return the truth with a patch where the robot comes by several times, also when the patch itself acts.
 
-    Raises ValueError when there is no such place.
+    Nothing changes where no patch is hidden. Raises ValueError when there is no such place.
     """
-    truth = replace(truth, case=replace(truth.case, run=0))
+    disc = next((name for name in DISCS if name in truth.case.effects), None)
+    if disc is None:
+        return truth
+    case, truth = truth.case, replace(truth, case=replace(truth.case, run=0))
 
     def at(x: float, y: float) -> Truth:
-        return replace(truth, parameters={**truth.parameters, "surface_patch_x": x, "surface_patch_y": y})
+        return replace(truth, parameters={**truth.parameters, f"{disc}_x": x, f"{disc}_y": y})
 
-    radius = truth.parameters["surface_patch_radius"]
-    return at(*find_place(lambda x, y: _path(at(x, y)), radius, truth.case.random("place")))
+    radius = truth.parameters[f"{disc}_radius"]
+    place = find_place(lambda x, y: _path(at(x, y)), radius, truth.case.random("place"))
+    return replace(at(*place), case=case)
 
 
 def find_place(

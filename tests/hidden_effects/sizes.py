@@ -5,11 +5,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tests.hidden_effects.laws.kinds import KINDS
 from tests.hidden_effects.robots import scales
 from tests.hidden_effects.unknown import UNKNOWN
 from tests.reference_plant import TYPICAL
 
-ALL: Mapping[str, Mapping[str, float]] = {**TYPICAL, **UNKNOWN}
+ALL: Mapping[str, Mapping[str, float]] = {
+    **TYPICAL,
+    **UNKNOWN,
+    **{name: kind.sizes for name, kind in KINDS.items()},
+}
 SPREAD = 0.25  # share of the typical size
 MIDDLE_THIRD = (1.0 / 3.0, 2.0 / 3.0)  # of the drive; when things change that change at a time
 
@@ -28,6 +33,9 @@ GROWS_WITH: Mapping[str, str] = {
     "lateral_skid": "s/rad",
     "longitudinal_slip": "time constant",
     "pose_offset": "base width",
+    **dict.fromkeys(("boundary_lubrication", "bearing_drag", "brake_drag", "cogging"), "rad/s^2"),
+    **dict.fromkeys(("turning_resistance", "floor_sag", "reel_pull"), "rad/s^2"),
+    "mass_ahead": "base width",
 }
 # Parameters that are as likely negative as positive.
 EITHER_SIGN = frozenset(
@@ -52,6 +60,11 @@ EITHER_SIGN = frozenset(
         "floor_camber",
         "gyro_magnetism",
         "pose_heading_warp",
+        "mass_ahead",
+        "gyro_asymmetry",
+        "gyro_vibration",
+        "gyro_warm_up",
+        "pixel_aspect",
     }
 )
 SLOPE = math.hypot(*TYPICAL["slope"].values())  # rad/s^2
@@ -63,7 +76,7 @@ def draw_sizes(
 ) -> dict[str, float]:
     """Return the parameters of an effect, or of physics that no effect describes, in a drive of `seconds`.
 
-    A surface_patch has no place yet.
+    A surface_patch and a slippery_spot have no place yet.
     """
     if effect == "encoder_quantisation":
         return {"encoder_quantisation": float(random.choice(COARSE_DISCS))}

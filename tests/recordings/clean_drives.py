@@ -19,7 +19,7 @@ from cmr.plant.parameters import TYPICAL, PlantParameters, plant_parameters
 from cmr.plant.sensors import Noise, correlated
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Signal
-from tests.reference_plant.drives import Commands, true_motion, utime
+from tests.reference_plant.drives import SEEN, TURNING, Commands, true_motion, utime
 from tests.reference_plant.manoeuvres import (
     RICH_DRIVE_SECONDS,
     Manoeuvre,
@@ -348,13 +348,13 @@ def _counters(ticks: Floats, begins: NDArray[np.bool_], how: str) -> Floats:
 
 def _gyro(p: PlantParameters, truth: Truth, time: Floats, random: np.random.Generator) -> Signal:
     noise = Noise(gyro=0.005)
-    rate = sensors.gyro(p, time, truth.at(time, "w"), truth.at(time, "theta"), noise, random)
+    rate = sensors.gyro(p, time, [truth.at(time, name) for name in TURNING], noise, random)
     return Signal(utime(time), {"yaw_rate": rate})
 
 
 def _poses(shape: Shape, truth: Truth, time: Floats, pieces: Pieces, random: np.random.Generator) -> Signal:
     tracker = shape.tracker
-    x, y, theta = sensors.seen(shape.robot.parameters, *(truth.at(time, name) for name in ("x", "y", "theta")))
+    x, y, theta = sensors.seen(shape.robot.parameters, *(truth.at(time, name) for name in SEEN))
     x, y, theta = (
         value + size * correlated(time, tracker.memory, random)
         for value, size in ((x, tracker.position), (y, tracker.position), (theta, tracker.heading))

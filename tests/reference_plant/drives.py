@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cmr.parameters.file import ParameterFile, Value
 from cmr.plant import sensors
+from cmr.plant.beyond_sensors import forward_speed
 from cmr.plant.parameters import PlantParameters, as_record, plant_parameters
 from cmr.plant.physics import simulate
 from cmr.plant.sensors import SILENT, Noise
@@ -22,6 +23,7 @@ STUDY_STEP = 1e-3  # s; for many drives
 COMMAND_RATE, WHEEL_RATE, GYRO_RATE, POSE_RATE = 50.0, 100.0, 100.0, 25.0  # Hz
 NOMINAL_TICKS = 480.0  # per turn of a wheel; what the driver believes its encoders have
 START_UTIME = 1_800_000_000_000_000  # us; when a recording begins
+TURNING, SEEN = ("w", "theta", "v"), ("x", "y", "theta", "v", "w")  # what gyro and poses depend on
 NANOSECONDS = 1e9  # times are told apart to the nanosecond
 
 
@@ -76,13 +78,14 @@ def true_motion(
     noise: Noise = SILENT,
     seed: int = 0,
 ) -> dict[str, Floats]:
-    """Return the true state (state.COLUMNS) at `times` [s, 0 or later], each of their shape."""
+    """Return the true state (state.COLUMNS, and v by the wheels) at `times` [s, 0 or later], each of their shape."""
     p = plant_parameters(parameters)
     course = course_of(p, commands.time, times, seed)
     left, right = (np.append(duty, 0.0)[course.packet] for duty in commands[1:])
     robot = at_rest(start)
     states, _ = simulate(as_record(p), robot, course.borders, left, right, step, noise.of_motion, course.random)
-    return dict(zip(COLUMNS, states[course.at(times)].T, strict=True))
+    found = dict(zip(COLUMNS, states[course.at(times)].T, strict=True))
+    return {**found, "v": forward_speed(p, found["psi_left"], found["psi_right"])}
 
 
 def course_of(p: PlantParameters, sent: Floats, times: Floats, seed: int) -> Course:
@@ -133,12 +136,12 @@ def drive(
     states = true_motion(commands, parameters, asked, step=step, start=start, noise=noise, seed=motion_seed)
     ends = np.cumsum([len(time), len(gyro_time), len(pose_time)])
     at_wheels, at_gyro, at_poses, at_times = np.split(np.arange(len(asked)), ends)
-    rate = sensors.gyro(p, gyro_time, states["w"][at_gyro], states["theta"][at_gyro], noise, random)
-    true_pose = states["x"][at_poses], states["y"][at_poses], states["theta"][at_poses]
-    poses = sensors.pose(p, pose_time, true_pose, noise, random)
+    turning, seen = ([states[name][at] for name in names] for at, names in ((at_gyro, TURNING), (at_poses, SEEN)))
+    rate = sensors.gyro(p, gyro_time, turning, noise, random)
+    poses = sensors.pose(p, pose_time, seen, noise, random)
     sent = commands.time <= seconds
     return Drive(
-        Signal(utime(time), {name: values[at_times] for name, values in states.items()}),
+        Signal(utime(time), {name: states[name][at_times] for name in COLUMNS}),
         Recording(
             0,
             commands=Signal(utime(commands.time[sent]), {"left": commands.left[sent], "right": commands.right[sent]}),

@@ -163,6 +163,29 @@ RICH_DRIVE_SECONDS = sum(duration for duration, _ in _between_rests(*PARTS))
 PART_SECONDS = {name: sum(duration for duration, _ in _between_rests(name)) for name in PARTS}
 
 
+def _held_out() -> list[Part]:
+    """Return what differs from all parts of the rich drive: curves that wind, other radii, speeds and steps."""
+    return [
+        *_held(2.0, (0.0, 0.0)),
+        *_held(2.0, (0.35, 0.35), (-0.35, -0.35)),
+        (9.0, multisine(1.0, 0.55, 0.5, 0.15, 5.0)),
+        (9.0, multisine(-0.5, 1.0, 0.5, 0.25, 6.0)),
+        *_held(5.0, (0.3, 0.5), (0.5, 0.3)),
+        *_held(3.5, (0.7, 0.55), (0.55, 0.7)),
+        *_held(2.0, (-0.2, 0.2), (0.3, -0.3)),
+        *_held(0.9, (0.8, 0.5), (-0.5, -0.8), (0.6, 0.0), (0.0, -0.6), (-0.7, 0.3), (0.3, -0.7)),
+        *_held(2.0, (0.0, 0.0)),
+    ]
+
+
+HELD_OUT_SECONDS = sum(duration for duration, _ in _held_out())
+
+
+def held_out_drive() -> Manoeuvre:
+    """Return another drive than the rich one, on which models are judged; it takes HELD_OUT_SECONDS."""
+    return in_turn(_held_out())
+
+
 def rich_drive() -> Manoeuvre:
     """Return the drive that excites every effect; it takes RICH_DRIVE_SECONDS."""
     return in_turn(_between_rests(*PARTS))

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from cmr.plant import sensors
+from cmr.plant.beyond_sensors import forward_speed
 from cmr.plant.parameters import PlantParameters, as_record, plant_parameters
 from cmr.plant.physics import simulate
 from cmr.plant.sensors import SILENT, Noise
@@ -29,6 +30,8 @@ Pilot = Callable[[float, Pose], tuple[float, float]]
 
 PACKETS = round(COMMAND_RATE / POSE_RATE)  # that the pilot sends for each pose it sees
 POSE = slice(COLUMNS.index("x"), COLUMNS.index("theta") + 1)
+SPEEDS = slice(COLUMNS.index("psi_left"), COLUMNS.index("psi_right") + 1)
+RATE = COLUMNS.index("w")
 
 
 def steered(
@@ -55,7 +58,7 @@ def steered(
     states[0, POSE] = start
     robot, borders = at_rest(start), np.append(course.at(stamps), len(course.packet))
     for number, (begin, end) in enumerate(pairwise(borders)):
-        pose = _seen(p, states[min(seen_at[number], begin), POSE], errors[number])
+        pose = _seen(p, states[min(seen_at[number], begin)], errors[number])
         given[:, PACKETS * number : PACKETS * (number + 1)] = np.array([pilot(stamps[number], pose)]).T
         left, right = given[:, course.packet[begin:end]]
         part = course.borders[begin : end + 1]
@@ -72,6 +75,7 @@ def _errors(stamps: Floats, noise: Noise, seed: int) -> Floats:
     return np.column_stack([size * sensors.correlated(stamps, noise.pose_time, random) for size in sizes])
 
 
-def _seen(p: PlantParameters, true: Floats, error: Floats) -> Pose:
-    x, y, theta = np.add(sensors.seen(p, *true), error).tolist()
+def _seen(p: PlantParameters, state: Floats, error: Floats) -> Pose:
+    v = forward_speed(p, *state[SPEEDS])
+    x, y, theta = np.add(sensors.seen(p, *state[POSE], v, state[RATE]), error).tolist()
     return x, y, theta

@@ -32,11 +32,20 @@ from tests.support.project import PROJECT
 
 pytestmark = pytest.mark.slow
 
+ROOMS = ("hidden_effects", "hidden_effects/laws", "reference_plant")
 GENERATOR = [
-    *(path for room in ("hidden_effects", "reference_plant") for path in PROJECT.glob(f"tests/{room}/*.py")),
+    *(
+        path
+        for room in ("hidden_effects", "hidden_effects/laws", "reference_plant")
+        for path in PROJECT.glob(f"tests/{room}/*.py")
+    ),
     *PROJECT.glob("cmr/plant/*.py"),
 ]
-MEASURING = {"diagnosing.py", "rows.py"}  # they call the diagnosis; the others make what it is measured on
+MEASURING = {
+    "diagnosing.py",
+    "rows.py",
+    "answers.py",
+}  # they call the diagnosis; the others make what it is measured on
 SECOND = 100  # samples of wheels and gyro
 HIDDEN = {**TYPICAL, **UNKNOWN}
 

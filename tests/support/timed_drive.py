@@ -19,7 +19,7 @@ from cmr.plant.parameters import plant_parameters
 from cmr.plant.sensors import Noise
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Mask, Signal, Times
-from tests.reference_plant.drives import Commands, raster, true_motion, utime
+from tests.reference_plant.drives import SEEN, Commands, raster, true_motion, utime
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, Manoeuvre, in_turn, rich_drive
 
 STEP = 1e-3  # s of the plant
@@ -151,7 +151,7 @@ def _recorded(
     }
     # A gyro tells how far it has turned since it told last.
     turned = np.diff(states["theta"][gyro], prepend=0.0) * GYRO_RATE
-    pose = states["x"][poses], states["y"][poses], states["theta"][poses]
+    pose = [states[name][poses] for name in SEEN]
     seen = sensors.pose(p, pose_time, pose, NOISE, random)
     return Recording(
         0,

@@ -38,8 +38,8 @@ class Program:
     `state` is kept from step to step. `begin` sets memory and `duty_left`, `duty_right`, which hold the speeds, from
     psi_left and psi_right. `packet` sets `delay` [s] and `lost` of the command with number `count`, with `dt`, `seed`
     and `robot`. `step` takes command_left, command_right, dt and COEFFICIENTS to the new state, and leaves
-    `yaw_rate_end` [rad/s]. `sensors` are stages by name, without laws: they change `moment` (the stamp before), `filtered`, `reading`
-    (of a side: reading_left, reading_right) and x, y, theta, and read `time`, the stamp.
+    `yaw_rate_end` [rad/s]. `sensors` are stages by name, without laws: they change `moment` (the stamp before),
+    `filtered`, `reading` (of a side: reading_left, reading_right) and x, y, theta, and read `time`, the stamp.
     """
 
     effects: tuple[Effect, ...]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cmr.model.compiled import compiled
-from cmr.model.laws.grammar import Part
+from cmr.model.laws.tree import Part
 from cmr.model.laws.words import LARGEST_EXPONENT, VARIABLES
 
 Floats = NDArray[np.float64]

@@ -11,10 +11,10 @@ is read and its size behind it; names must be known variables, known functions o
 
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from cmr.model.laws.tree import Part
 from cmr.model.laws.units import ANGLE, NUMBER, Constants, Measure, Unit, unit_of
 from cmr.model.laws.words import FUNCTIONS, VARIABLES
 
@@ -40,35 +40,12 @@ class FormulaError(ValueError):
 
 
 @dataclass(frozen=True)
-class Part:
-    """One part of a formula: `kind` is "number", "name", an operator, "negative" or a function; `at` is its place."""
-
-    kind: str
-    at: int
-    name: str = ""
-    number: float = 0.0
-    parts: tuple["Part", ...] = ()
-
-    @cached_property
-    def names(self) -> frozenset[str]:
-        """The variables and constants in it; those of `disc`, which looks at the place, too."""
-        own = {self.name} if self.kind == "name" else {"x", "y"} if self.kind == "disc" else set()
-        return frozenset(own).union(*(part.names for part in self.parts))
-
-    def walk(self) -> Iterator["Part"]:
-        """Yield this part and all within it."""
-        yield self
-        for part in self.parts:
-            yield from part.walk()
-
-
-@dataclass(frozen=True)
 class Formula:
     """A formula of the grammar, checked."""
 
     text: str
     root: Part
-    constant_units: Mapping[str, Unit]
+    constant_units: Mapping[str, Unit] = field(hash=False)
     measured: Unit
 
     @property

@@ -41,7 +41,7 @@ class Law:
     place: str
     formulas: tuple[str, ...]
     side: str = ""
-    constants: Mapping[str, float] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict, hash=False)
     description: str = ""
 
     def __post_init__(self) -> None:
@@ -53,8 +53,7 @@ class Law:
         if not isinstance(self.formulas, tuple) or not 1 <= len(self.formulas) <= MOST_FORMULAS:
             raise LawError(f"must be a list of 1 to {MOST_FORMULAS} formulas", "formulas")
         _check_formulas(self)
-        if not isinstance(self.description, str) or len(self.description) > LONGEST_DESCRIPTION:
-            raise LawError(f"must be text of at most {LONGEST_DESCRIPTION} characters", "description")
+        _check_description(self.description)
 
     @cached_property
     def parsed(self) -> tuple[Formula, ...]:
@@ -126,6 +125,12 @@ def _check_constants(constants: object) -> None:
             raise LawError(f"must be a number of at most {LARGEST:g} either way, not {value!r:.80}", "constants", name)
         if math.isnan(value):
             raise LawError("must be a number", "constants", name)
+
+
+def _check_description(text: object) -> None:
+    """Raise LawError for what is no text, or would do something to a terminal or a page, such as a line break."""
+    if not isinstance(text, str) or len(text) > LONGEST_DESCRIPTION or not text.isprintable():
+        raise LawError(f"must be printable text on one line, at most {LONGEST_DESCRIPTION} characters", "description")
 
 
 def _check_formulas(law: Law) -> None:

@@ -3,8 +3,9 @@
 from collections.abc import Iterator, Mapping
 from itertools import groupby, product
 
-from cmr.model.laws.grammar import Formula, Part
+from cmr.model.laws.grammar import Formula
 from cmr.model.laws.law import Law
+from cmr.model.laws.tree import Part
 from cmr.model.laws.words import VARIABLES
 
 CAUSES = {

@@ -6,8 +6,8 @@ Names of its own begin with an underscore: as those of no effect, so that the na
 from collections.abc import Iterator
 
 from cmr.model.effect import Memory
-from cmr.model.laws.grammar import Part
 from cmr.model.laws.law import Law
+from cmr.model.laws.tree import Part
 from cmr.model.laws.words import LARGEST_EXPONENT, TURNING, VARIABLES
 from cmr.model.stages import STAGES
 

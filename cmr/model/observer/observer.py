@@ -332,9 +332,9 @@ def _sensor_lines(laws: tuple[str, ...]) -> dict[str, Sequence[str]]:
         "POSE": statements.of("pose"),
     }
     # Few effects ask how a robot moved and where it was when a sensor looked: for others that is not computed.
-    for stage, lines in (("gyro", loops.GYRO_MOTION), ("pose", loops.POSE_MOTION)):
+    for stage, motion in (("gyro", loops.GYRO_MOTION), ("pose", loops.POSE_MOTION)):
         asked = any(read_by(effect, stage) & {*OF_MOTION[stage]} for effect in _sensing(laws))
-        stages[f"{stage.upper()}_MOTION"] = lines if asked else ()
+        stages[f"{stage.upper()}_MOTION"] = motion if asked else ()
     row = {name: f"own[{name.upper()} + i]" for name in _sensor_parameters(laws)}
     reads = {
         "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),

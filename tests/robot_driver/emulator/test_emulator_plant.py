@@ -12,6 +12,7 @@ from cmr.plant.parameters import NEUTRAL, TYPICAL
 from robot_driver.emulator.plant import STEP, Plant
 from robot_driver.emulator.sensors import MotionCapture, YawGyro
 from robot_driver.emulator.settings import Settings, load_settings
+from tests.hidden_effects.laws.kinds import KINDS
 
 pytestmark = pytest.mark.waits
 
@@ -238,6 +239,15 @@ def test_every_effect_of_the_catalogue_can_be_hidden(effect: str) -> None:
     sizes.update({name: 0.5 for name in sizes if name.endswith("_change_time")})  # s; the drive is short
     sizes.update({name: 0.5 for name in ("saturation",) if name in sizes})  # below what is commanded
     sizes.update({name: 0.0 for name in ("surface_patch_x", "surface_patch_y") if name in sizes})
+    assert record(hiding(**sizes)) != record(plain())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_physics_that_no_effect_describes_can_be_hidden(kind: str) -> None:
+    sizes = {**KINDS[kind].sizes, **{name: 0.5 for name in KINDS[kind].sizes if name == "puncture_time"}}  # s
+    sizes.update({name: 1.0 for name in sizes if name == "encoder_overspeed_from"})  # rad/s; the drive is slow
+    sizes.update({name: 0.02 for name in sizes if name == "regeneration_limit"})
+    sizes.update({name: 0.0 for name in sizes if name == "breakaway_skid_from"})
     assert record(hiding(**sizes)) != record(plain())
 
 
