@@ -15,7 +15,7 @@ from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
-from cmr.estimation.laws.searching import LEAST, inflation_of
+from cmr.estimation.laws.searching import LEAST, Data, Refused, inflation_of, narrow, offered
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import segments_of
@@ -154,3 +154,18 @@ def test_a_picture_shows_the_law_before_and_nothing_after() -> None:
         np.abs(course.before - course.law)[shown] < 5.0 * course.std[shown] + 0.1 * np.max(np.abs(course.law))
     )
     assert np.all(np.abs(course.after)[shown] < 5.0 * course.std[shown])
+
+
+def test_nothing_is_claimed_from_one_speed_or_one_radius() -> None:
+    (drive,) = model().variables
+    assert not narrow(model())
+    turning = 0.5 * ROBOT["base_width"] * drive.body["w"]
+    one_speed = {**drive.body, "v": np.full_like(drive.body["v"], 0.3)}
+    one_radius = {**drive.body, "v": 2.0 * turning}
+    for body in (one_speed, one_radius):
+        about = replace(model())
+        about.__dict__["variables"] = [replace(drive, body=body)]
+        assert narrow(about)
+        refused = offered(Data.of(about.problem, about, None), about, (), 0.0)
+        assert isinstance(refused, Refused)
+        assert refused.several

@@ -34,6 +34,11 @@ BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise b
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
+MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speeds, from which a robot moves
+# Spread of the speed as a share of its mean (0.05 on figure-eights, 0.9 on the rich drive), and of how much of the
+# wheels' way is turning, from 0 to 1: with less the drive has one speed, or one radius.
+ONE_SPEED, ONE_RADIUS = 0.25, 0.05
+NARROW = "This drive has one speed or one radius, at which formulas cannot be distinguished: no law was looked for."
 IDENTICAL = 0.99  # share of a law's own trace that another does where both are the same mathematics
 RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
 SHOWN = 40  # best scores that are compared with what the catalogue has
@@ -117,6 +122,8 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
 
     `named` is how much these explain: a law beside them must explain a share of it.
     """
+    if narrow(model):
+        return Refused(NARROW, several=True)
     before = polished(model, (), data.fitted)
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
@@ -138,8 +145,19 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
     fits += _polished_all(model, again, [one.candidate for one in newcomers[:NEWCOMERS]], data)
     found = _judged(data, before, fits, named)
     if isinstance(found, Offer) and found.left > LEFT:
-        return _with_second(data, found, selected)
+        found = _with_second(data, found, selected)
+    if isinstance(found, Offer) and found.left > found.score:
+        return Refused("What is left beside the best formula is more than what it explains.", before)
     return found
+
+
+def narrow(model: Linearised) -> bool:
+    """Return whether a robot drove at one speed, or round one radius: formulas are then the same to its sensors."""
+    v, w = (np.concatenate([of.body[name] for of in model.variables]) for name in ("v", "w"))
+    rim = 0.5 * model.values["base_width"] * np.abs(w)
+    moving = np.abs(v) + rim > MOVING * np.quantile(np.abs(v) + rim, FASTEST)
+    speed, turn = np.abs(v[moving]), rim[moving] / (np.abs(v) + rim)[moving]
+    return bool(np.std(speed) < ONE_SPEED * np.mean(speed) or np.std(turn) < ONE_RADIUS)
 
 
 def _scanned(model: Linearised, rest: Rest) -> list[Score]:
