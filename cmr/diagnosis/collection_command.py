@@ -66,12 +66,9 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument("--law", metavar="NAME", default="", help="this law only (default: all)")
     result.add_argument("--out", type=Path, metavar="DIR", help="folder for the files of the laws, law_*.yaml")
     result.add_argument(
-        "--name",
-        metavar="NAME",
-        default="",
-        help="another name for the law, law_...; parameter files with it go to --out",
+        "--name", metavar="NAME", help="another name for the law, law_...; parameter files with it go to --out"
     )
-    result.add_argument("--description", metavar="TEXT", default="", help="what the law says, in your own words")
+    result.add_argument("--description", metavar="TEXT", help="what the law says, in your own words")
     add_json(result)
     return result
 
@@ -93,7 +90,7 @@ def _kept(by_law: Sequence[Sequence[Sighting]], options: argparse.Namespace) -> 
     written = []
     for found in by_law:
         try:
-            entry = proposal(found, options.name, options.description)
+            entry = proposal(found, options.name or "", options.description or "")
             written.append(options.out / f"{entry.law.name}.yaml")
             write_law(written[-1], entry)
             if options.name:
