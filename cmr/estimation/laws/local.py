@@ -17,7 +17,7 @@ from cmr.recordings.signal import Floats
 MOMENTS = 11  # at which something may begin
 DISCS, RADII = 5, (0.15, 0.3)  # centres of places each way, and their radii as shares of the way across
 FREQUENCIES = 8  # highest lines of a spectrum
-SLOWEST, FASTEST = 0.3, 45.0  # Hz: slower or faster vibrations are not looked for
+SLOWEST, FASTEST = 0.3, 45.0  # Hz; slower or faster vibrations are not looked for
 HIGH = 12.0  # times the mean of a spectrum: chance makes such a line once in 1e5
 NEAR = 3  # lines that belong to one peak
 BASES = {
