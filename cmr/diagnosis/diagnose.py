@@ -56,10 +56,11 @@ from cmr.estimation.unexplained.generic import formula
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained, not_judged
 from cmr.geometry.manoeuvres.in_words import Pace
 from cmr.model.catalogue import CATALOGUE, definitions_of
+from cmr.model.laws import Law
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
-from cmr.parameters.file import ParameterFile
+from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
@@ -75,18 +76,20 @@ def diagnose(
     held_out: Sequence[Recording] = (),
     sources: Sequence[str] = (),
     held_out_sources: Sequence[str] = (),
+    laws: Sequence[Law] = (),
     progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Diagnosis:
     """Diagnose one robot from one or more of its recordings.
 
     `nominal` gives at least wheel_radius; by default it is what the first recording announces. On `held_out` the gain
-    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` receives, in a sentence,
+    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `laws`, which this process has
+    learned, are tested by name, as are those of `nominal`. `progress` receives, in a sentence,
     what is being done.
     Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
     can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    nominal = nominal_of(recordings, nominal)
+    nominal = _with_laws(nominal_of(recordings, nominal), laws)
     controller = controller_of([*recordings, *held_out], nominal)
     estimation = estimate(
         [as_duties(recording, controller) for recording in recordings],
@@ -107,6 +110,15 @@ def diagnose(
     driver = _driver(recordings, estimation, evidence, nominal)
     found = _diagnosis(robot_id, estimation, evidence, fitted, lateness, driver)
     return replace(found, notes=(*found.notes, *_against(nominal, found)))
+
+
+def _with_laws(nominal: ParameterFile, laws: Sequence[Law]) -> ParameterFile:
+    """Return the robot as it was given, with laws that it may have: their coefficients are 0."""
+    new = [law for law in laws if law.name not in nominal.effects]
+    zero = {name: Value(0.0) for law in new for name in law.coefficients}
+    constants = {law.parameter_of(name): Value(float(value)) for law in new for name, value in law.constants.items()}
+    effects = (*nominal.effects, *(law.name for law in new))
+    return replace(nominal, values={**nominal.values, **zero, **constants}, effects=effects)
 
 
 def _against(nominal: ParameterFile, found: Diagnosis) -> Iterator[str]:
