@@ -58,10 +58,11 @@ from cmr.estimation.unexplained.generic import formula
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained, not_judged
 from cmr.geometry.manoeuvres.in_words import Pace
 from cmr.model.catalogue import CATALOGUE, definitions_of
+from cmr.model.laws import Law
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
-from cmr.parameters.file import ParameterFile
+from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
@@ -78,19 +79,21 @@ def diagnose(
     held_out: Sequence[Recording] = (),
     sources: Sequence[str] = (),
     held_out_sources: Sequence[str] = (),
+    laws: Sequence[Law] = (),
     progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Diagnosis:
     """Diagnose one robot from one or more of its recordings.
 
     `nominal` gives at least wheel_radius; by default it is what the first recording announces. With `against`, which
     says what file it is, it is a whole robot, effects included, from which departures are named. On `held_out` the gain
-    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `progress` receives, in a sentence,
+    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `laws`, which this process has
+    learned, are tested by name, as are those of `nominal`. `progress` receives, in a sentence,
     what is being done.
     Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
     can be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    nominal = nominal_of(recordings, nominal)
+    nominal = _with_laws(nominal_of(recordings, nominal), laws)
     controller = controller_of([*recordings, *held_out], nominal)
     estimation = estimate(
         [as_duties(recording, controller) for recording in recordings],
@@ -118,6 +121,15 @@ def _lateness(estimation: Estimation) -> dict[str, Lateness]:
     """Return how late commands took effect in each recording, by name, in which that was measured."""
     found = {one.name: lateness_of(one.recording) for one in estimation.looked if not one.useless}
     return {name: one for name, one in found.items() if one is not None}
+
+
+def _with_laws(nominal: ParameterFile, laws: Sequence[Law]) -> ParameterFile:
+    """Return the robot as it was given, with laws that it may have: their coefficients are 0."""
+    new = [law for law in laws if law.name not in nominal.effects]
+    zero = {name: Value(0.0) for law in new for name in law.coefficients}
+    constants = {law.parameter_of(name): Value(float(value)) for law in new for name, value in law.constants.items()}
+    effects = (*nominal.effects, *(law.name for law in new))
+    return replace(nominal, values={**nominal.values, **zero, **constants}, effects=effects)
 
 
 def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis:

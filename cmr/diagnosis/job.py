@@ -122,6 +122,7 @@ def _perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
             held_out=held_out,
             sources=[str(log) for log in job.logs],
             held_out_sources=[str(log) for log in job.held_out],
+            laws=job.laws,
             progress=tell,
         )
         provenance = _provenance(job, diagnosis.sources)

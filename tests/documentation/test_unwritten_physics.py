@@ -44,15 +44,17 @@ def test_the_law_of_the_tutorial_is_found_kept_and_found_again(tmp_path: Path, m
         for name in set(LAWS) - known:
             unlearn(name)
 
-    [law] = diagnosed(tmp_path / "diagnosis")["laws"]["found"]
-    assert law["place"] == "yaw_rate"
+    law = diagnosed(tmp_path / "diagnosis")["laws"]["found"][0]
+    assert (law["name"], law["place"]) == ("law_yaw_rate_v_to_2_w", "yaw_rate")
     [formula] = law["formulas"]
     # Understeer is w / (1 + k v^2): to first order w minus k v^2 w.
     values = {"v": 0.5, "w": 1.5}
     assert float(parse(formula).evaluate(values)) == pytest.approx(values["v"] ** 2 * values["w"])
     [parameter] = law["parameters"].values()
     assert parameter["unit"] == "s^2/m^2"
-    assert -0.3 < parameter["value"] < -0.2
+    # 0.25 in the plant; at 0.5 m/s the formula is 6 % too large beside 1 / (1 + k v^2).
+    assert -0.26 < parameter["value"] < -0.2
+    assert law["held_out_path_rmse_ratio"] > 2.0
     assert read_law(tmp_path / "laws" / "law_understeer.yaml").law.formulas == (formula,)
     again = diagnosed(tmp_path / "again")
     assert "law_understeer" in [effect["name"] for effect in again["effects"]]
