@@ -158,9 +158,8 @@ class SimulatedDrive:
 
     def _steer(self, host: SimulatedHost, bus: SimulatedBus, done: threading.Event) -> None:
         """Be cmr-pilot, and what of cmr-sim it needs: the estimate of the robot."""
-        behaviour = self.behaviour
-        if isinstance(behaviour, str):
-            behaviour = make_behaviour(behaviour, self.behaviour_settings)
+        given = self.behaviour
+        behaviour = make_behaviour(given, self.behaviour_settings) if isinstance(given, str) else given
         pilot = Pilot(self.robot_id, behaviour, ParameterFollower(self.robot_id), keep_clear=False)
         announcement = self._announcement()
         pilot.handle(announcement.utime, PARAMETERS.channel(self.robot_id), announcement)

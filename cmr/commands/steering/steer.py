@@ -8,8 +8,8 @@ from threading import Event
 
 from cmr.bus.claiming import Claim
 from cmr.bus.message import Message
-from cmr.bus.messages import now_utime
-from cmr.bus.process import Process, Received
+from cmr.bus.messages import Received, now_utime
+from cmr.bus.process import Process
 from cmr.bus.streams import (
     COMMAND_CLAIM,
     COMMAND_OWNER,
