@@ -27,14 +27,17 @@ from cmr.model.laws.law import Law
 
 BY_FREE_RUNS = "Models were fitted to free runs, whose errors say nothing of single moments: no law was looked for."
 WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
-LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm
+LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm,
+LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
+TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
 LAST_THIRD = (
     "The law was tried on the last third of the drive, which is weak evidence: a held-out drive of another kind would "
     "say more."
 )
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
+RIVALS_NAMES = 0.3  # share of what the strongest name explains that a law alone must explain to first order
 INEXACT = 0.008  # share of a coefficient by which the model is inexact; as of effects
 
 
@@ -59,7 +62,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if fitted and found.problem is problem and (isinstance(beside, Offer) or len(fitted) > 1 or more):
         model = Linearised.about(problem, found.base.values, found.base.names)
         without = Data.of(problem, model, other)
-        alone = offered(without, model, (), 0.0)
+        alone = offered(without, model, (), 0.0, RIVALS_NAMES * max(one.candidate.drop for one in fitted))
         if isinstance(alone, Offer) and _better_alone(without, alone, beside):
             return _in_the_model(without, found.base, alone, found, held_out)
     if isinstance(beside, Offer):
@@ -122,9 +125,10 @@ def _in_the_model(data: Data, before: Fit, offer: Offer, found: Search, held_out
     start = {**before.values, **_moved(before, offer), **sizes, **constants}
     fit = problem.fit(start, (*before.names, *sizes), offer.after.noise, renew=1)
     gain = measure(problem, before, fit, {}, [predictor.segment for predictor in problem.predictors], held_out).gain
-    if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
+    harm = min(gain.signals.values(), default=1.0) < LARGEST_LOSS
+    if harm or max(gain.signals.values(), default=1.0) < LEAST_GAIN:
         _forget([law for law in laws if law.name not in known])
-        return Proposal(Laws(answer=NO_LAW, reasons=(HARM,)))
+        return Proposal(Laws(answer=NO_LAW, reasons=(HARM if harm else TOO_LITTLE,)))
     found_laws = tuple(_found(law, fit, offer, gain, found.inflation) for law in laws)
     result = Laws(
         answer=_answer(offer),

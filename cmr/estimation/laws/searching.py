@@ -117,10 +117,13 @@ class Data:
         return np.inf if fixed is None else fixed.quality()
 
 
-def offered(data: Data, model: Linearised, selected: Sequence[str], named: float) -> Offer | Refused:
+def offered(
+    data: Data, model: Linearised, selected: Sequence[str], named: float, at_least: float = 0.0
+) -> Offer | Refused:
     """Return the law that stands beside a model which has some effects `selected`, or why there is none.
 
-    `named` is how much these explain: a law beside them must explain a share of it.
+    `named` is how much these explain: a law beside them must explain a share of it. A law that explains less than
+    `at_least` to first order is not fitted.
     """
     if narrow(model):
         return Refused(NARROW, several=True)
@@ -131,6 +134,8 @@ def offered(data: Data, model: Linearised, selected: Sequence[str], named: float
     scores = _scanned(model, rest)
     if not scores or scores[0].score < PROMISING:
         return Refused("No formula explains more than chance finds among so many.", before)
+    if scores[0].gain < at_least:
+        return Refused("What formulas explain is far less than what effects of the catalogue do.", before)
     promising = _promising(model, rest, scores, selected)
     if not promising:
         return Refused("What formulas explain here, effects of the catalogue do as well.", before)
