@@ -15,6 +15,7 @@ from cmr.parameters.file import ParameterFile, Value
 from tests.hidden_effects.robots import draw_robot
 from tests.reference_plant import REALISTIC, Commands, drive
 from tests.support.diff_drive_controller import DiffDriveController
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +43,7 @@ def turn_errors(parameters: dict[str, Any], robot: dict[str, float], seed: int) 
     return turned / (RATE * TURNING) - 1.0, said / turned - 1.0
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1, *further(*range(2, 8))])
 def test_after_the_paste_a_robot_turns_as_told_and_knows_it(seed: int) -> None:
     random = np.random.default_rng(seed)
     effects = {"wheel_radius_scale": random.uniform(-0.04, 0.04), "wheel_radius_asymmetry": random.uniform(-0.01, 0.01)}

@@ -49,6 +49,7 @@ def test_calibration_finds_what_the_robot_hides(tmp_path: Path) -> None:
         assert found[name].std < 0.1 * value, name
 
 
+@pytest.mark.further  # as of a robot on the bus itself: tests/diagnosis/test_commanded_speeds.py
 def test_a_robot_that_hides_nothing_has_nothing_found() -> None:
     settings = load_settings(ideal=True)
     found = diagnose(recorded(settings), nominal_of(settings))
