@@ -49,10 +49,12 @@ def recording_of(readings: Floats, robot: ExportedRobot, left: Floats, right: Fl
     ]
     psi = [sensors.wheel_speed(count, time, TICKS) for count in ticks]
     unknown = np.full(len(time), math.nan)  # the controller does not say what it drives
-    motion = readings[:, 2], readings[:, 5], np.zeros(len(time))  # the gyro of this robot does not feel its speed
+    # These sensors do not feel how fast the robot moves.
+    motion = readings[:, 2], readings[:, 5], np.zeros(len(time))
     rate = sensors.gyro(neutral, time, motion, REALISTIC, random)
     seen, (x, y, theta) = time[::POSE_EVERY], readings[::POSE_EVERY, 3:].T
-    poses = sensors.pose(neutral, seen, (x, y, theta), REALISTIC, random)
+    still = np.zeros(len(seen))
+    poses = sensors.pose(neutral, seen, (x, y, theta, still, still), REALISTIC, random)
     wheels = ("ticks_left", "ticks_right", "psi_left", "psi_right", "applied_left", "applied_right")
     nothing = np.empty(0)
     asked = (nothing, nothing) if robot.controller is None else robot.controller.body_velocity(left, right)

@@ -28,6 +28,8 @@ WITHOUT = {
     ("cmr.bus.possible", "numpy"): "it is imported when worlds or paths come, for which no driver listens",
     ("cmr.commands.doctor", "rich"): "a table without colours",
     ("cmr.model.catalogue", "numpy"): "of many robots at once",
+    ("cmr.model.compiled", "numba"): "it is imported when the formula of a law is evaluated, which no driver does",
+    ("cmr.model.laws.evaluating", "numpy"): "the same",
     ("cmr.model.parameters", "numpy"): "of many robots at once",
     ("cmr.model.velocity_controller", "numpy"): "of robots that cmr-driver does not drive",
 }

@@ -282,8 +282,8 @@ def without_glib(tmp_path: Path) -> Path:
     return package.parent
 
 
-# The last two write logs and exports without LCM.
-@pytest.mark.parametrize("name", sorted({*COMMANDS} - {*LOGS_ALONE, "cmr-import", "cmr-export"}))
+# The others write logs and exports, and read parameter files, without LCM.
+@pytest.mark.parametrize("name", sorted({*COMMANDS} - {*LOGS_ALONE, "cmr-import", "cmr-export", "cmr-laws"}))
 def test_without_glib_a_command_says_in_one_line_what_to_install(name: str, without_glib: Path) -> None:
     # The help of a sweep needs no LCM, its plan does.
     arguments = [str(PROJECT / "cmr/experiments/scenario/shipped/line.yaml")] if name == "cmr-sweep" else ["--help"]

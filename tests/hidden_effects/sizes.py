@@ -12,8 +12,8 @@ from tests.reference_plant import TYPICAL
 
 ALL: Mapping[str, Mapping[str, float]] = {
     **TYPICAL,
-    **UNKNOWN,
     **{name: kind.sizes for name, kind in KINDS.items()},
+    **UNKNOWN,
 }
 SPREAD = 0.25  # share of the typical size
 MIDDLE_THIRD = (1.0 / 3.0, 2.0 / 3.0)  # of the drive; when things change that change at a time
