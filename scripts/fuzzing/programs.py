@@ -55,13 +55,14 @@ class Program:
     url: str = URL
     relays: bool = False  # what it publishes is what strangers say
     needs_key: bool = False
-    more: tuple[str, ...] = ()  # files in which it subscribes, beside that of its module
+    more: tuple[str, ...] = ()  # files in which it subscribes, beside that of its module,
+    instead: tuple[str, ...] = ()  # or in place of it
 
     @property
     def files(self) -> tuple[str, ...]:
         """The files in which it subscribes."""
         own = self.module.removeprefix("cmr.") if self.module.startswith("cmr.tools") else self.module
-        return (own.replace(".", "/") + ".py", *self.more)
+        return self.instead or (own.replace(".", "/") + ".py", *self.more)
 
 
 def _driver(stage: Stage) -> None:
@@ -173,6 +174,7 @@ PROGRAMS = {
         "cmr.commands.pilot",
         lambda at: ["--parameters", _own(at), "--behaviour", "figure_eight,laps=0", "--geofence=-9,-9,9,-9,9,9,-9,9"],
         may_end="took over robot",
+        instead=("cmr/commands/steering/steer.py",),
     ),
     "calibrate": Program(
         "cmr.commands.calibrate",

@@ -15,7 +15,7 @@ from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
-from cmr.estimation.laws.searching import LEAST, PROMISING, Data, Refused, inflation_of, narrow, offered
+from cmr.estimation.laws.searching import LEAST, Data, Refused, inflation_of, narrow, offered
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import segments_of
@@ -166,6 +166,6 @@ def test_nothing_is_claimed_from_one_speed_or_one_radius() -> None:
         about = replace(model())
         about.__dict__["variables"] = [replace(drive, body=body)]
         assert narrow(about)
-        refused = offered(Data.of(about.problem, about, None), about, (), 0.0, from_score=PROMISING)
+        refused = offered(Data.of(about.problem, about, None), about, (), 0.0)
         assert isinstance(refused, Refused)
         assert refused.several

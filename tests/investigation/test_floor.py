@@ -13,7 +13,7 @@ from cmr.investigation.movements import PERIOD, candidates, opening
 from cmr.investigation.prediction import Situation, paths
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
-from tests.hidden_effects.investigated import DrivenRobot
+from tests.investigation.investigated import DrivenRobot
 
 L_SHAPE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 1.0)])
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}

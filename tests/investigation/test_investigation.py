@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.hidden_effects.investigated import InvestigatedCase, investigated
+from tests.investigation.investigated import InvestigatedCase, investigated
 
 pytestmark = pytest.mark.slow
 

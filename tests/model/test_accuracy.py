@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, LAWS
 from cmr.model.fleet import Fleet
 from cmr.model.motion import RobotState, Trajectory, drive
 from cmr.model.parameters import RobotParameters
@@ -132,8 +132,9 @@ def test_the_papers_model_is_within_1e7_m_of_the_truth_after_a_minute_of_figure_
 
 
 def test_the_plant_knows_every_effect_of_the_catalogue_by_the_same_names_of_parameters() -> None:
-    assert set(TYPICAL) == set(CATALOGUE)
-    for effect in CATALOGUE.values():
+    effects = {name: effect for name, effect in CATALOGUE.items() if name not in LAWS}  # other tests learn some
+    assert set(TYPICAL) == set(effects)
+    for effect in effects.values():
         assert set(TYPICAL[effect.name]) == {parameter.name for parameter in effect.parameters}
         for parameter in effect.parameters:
             if parameter.switches:

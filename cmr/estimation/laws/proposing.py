@@ -16,18 +16,7 @@ from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.result import APPROXIMATION, LAW, NO_LAW, TIE, LawFound, Laws
 from cmr.estimation.laws.scan import penalty
-from cmr.estimation.laws.searching import (
-    ALONE,
-    LEAST,
-    LEFT,
-    PROMISING,
-    PROMISING_WITHOUT_STRUCTURE,
-    SET,
-    Data,
-    Offer,
-    Refused,
-    offered,
-)
+from cmr.estimation.laws.searching import ALONE, LEAST, LEFT, SET, Data, Offer, Refused, offered
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
@@ -48,6 +37,9 @@ LAST_THIRD = (
 )
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
+# Likelihood ratio to first order that a law must have where the diagnosis sees no structure in what is left: the model
+# itself is inexact by some 50, physics that matters has 300 or more, and fitting a law takes seconds.
+UNSEEN = 100.0
 RIVALS_NAMES = 0.3  # share of what the strongest name explains that a law alone must explain to first order
 INEXACT = 0.008  # share of a coefficient by which the model is inexact; as of effects
 
@@ -68,14 +60,14 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
-    promising = PROMISING if more else PROMISING_WITHOUT_STRUCTURE
-    data, beside = _beside(found, other, promising)
+    at_least = 0.0 if more else UNSEEN
+    data, beside = _beside(found, other, at_least)
     fitted = [one for one in found.named if not one.estimates]
     if fitted and found.problem is problem and (isinstance(beside, Offer) or len(fitted) > 1 or more):
         model = Linearised.about(problem, found.base.values, found.base.names)
         without = Data.of(problem, model, other)
         least = RIVALS_NAMES * max(one.candidate.drop for one in fitted)
-        alone = offered(without, model, (), 0.0, from_score=promising, at_least=least)
+        alone = offered(without, model, (), 0.0, max(at_least, least))
         if isinstance(alone, Offer) and _better_alone(without, alone, beside):
             return _in_the_model(without, found.base, alone, found, held_out)
     if isinstance(beside, Offer):
@@ -92,7 +84,7 @@ def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
     return Problem([Predictor(one) for one in segments], found.problem.gains, found.problem.excitation)
 
 
-def _beside(found: Search, other: Problem | None, promising: float) -> tuple[Data, Offer | Refused]:
+def _beside(found: Search, other: Problem | None, at_least: float) -> tuple[Data, Offer | Refused]:
     """Return the law that stands beside all that was found, effects that are too small to be named included."""
     fit = with_small_effects(found)
     model = Linearised.about(found.problem, fit.values, fit.names)
@@ -100,7 +92,7 @@ def _beside(found: Search, other: Problem | None, promising: float) -> tuple[Dat
     selected += [one.effect.name for one in small_effects(found)]
     explained = max(0.0, found.base.squares - found.final.squares)
     data = Data.of(found.problem, model, other)
-    return data, offered(data, model, selected, explained, from_score=promising)
+    return data, offered(data, model, selected, explained, at_least)
 
 
 def _better_alone(data: Data, alone: Offer, beside: Offer | Refused) -> bool:

@@ -24,9 +24,7 @@ from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
 from cmr.recordings.signal import Mask
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
-# Score to first order from which a law is fitted: noise that was found without it hides a part. Where the diagnosis
-# sees no structure in what is left, more is asked for: fitting takes seconds, and most robots are such.
-PROMISING, PROMISING_WITHOUT_STRUCTURE = -5.0, 5.0
+PROMISING = -5.0  # score to first order from which a law is fitted: noise that was found without it hides a part
 HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
@@ -120,12 +118,12 @@ class Data:
 
 
 def offered(
-    data: Data, model: Linearised, selected: Sequence[str], named: float, *, from_score: float, at_least: float = 0.0
+    data: Data, model: Linearised, selected: Sequence[str], named: float, at_least: float = 0.0
 ) -> Offer | Refused:
     """Return the law that stands beside a model which has some effects `selected`, or why there is none.
 
-    `named` is how much these explain: a law beside them must explain a share of it. A law is fitted if, to first
-    order, its score is above `from_score` and it explains `at_least` so much.
+    `named` is how much these explain: a law beside them must explain a share of it. A law that explains less than
+    `at_least` to first order is not fitted.
     """
     if narrow(model):
         return Refused(NARROW, several=True)
@@ -134,10 +132,10 @@ def offered(
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
     scores = _scanned(model, rest)
-    if not scores or scores[0].score < from_score:
+    if not scores or scores[0].score < PROMISING:
         return Refused("No formula explains more than chance finds among so many.", before)
     if scores[0].gain < at_least:
-        return Refused("What formulas explain is far less than what effects of the catalogue do.", before)
+        return Refused("What formulas explain is too little to matter beside what is known.", before)
     promising = _promising(model, rest, scores, selected)
     if not promising:
         return Refused("What formulas explain here, effects of the catalogue do as well.", before)
