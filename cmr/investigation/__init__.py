@@ -2,7 +2,7 @@
 
 The engine knows no bus and no world; `behaviour` alone, with which `cmr-pilot` and `cmr-investigate` drive, does.
 
-`movements` draws candidate movements, `floor` says where the robot may be, `prediction` foretells paths and what each
+`movements` draws candidate movements, `floor` says where the robot may be, `prediction` predicts paths and what each
 explanation would make of the sensors, `separation` scores candidates by how well they separate explanations, `judging`
 weighs the explanations on the data so far, and `engine` puts these together, decision by decision.
 """

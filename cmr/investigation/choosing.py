@@ -19,7 +19,7 @@ from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
-PREDICTED = 36  # movements that keep to the floor, of which what they tell is foretold
+PREDICTED = 36  # movements that keep to the floor, whose information is predicted
 SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
 MOST_AS_FITTED = 2  # explanations besides that must
 SEEN = 30.0  # squared distance at which an effect that is there would have shown

@@ -135,7 +135,7 @@ class Driving:
         self._planner.begin(lambda: self.investigation.decide(recording, planned))
 
     def _go_on(self, utime: int) -> None:
-        """Drive what was planned behind the movement that ended; what comes too late is planned anew from rest."""
+        """Drive what was planned behind the movement that ended; if a plan comes too late, plan again from rest."""
         assert self._planned is not None
         there, decision = self._planner.result()
         late = utime - self._planned.ends > 2.0 * PERIOD / SECONDS

@@ -27,7 +27,7 @@ FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
 MOST_FITTED = 10  # explanations that a decision fits, the most promising ones
 HOPEFUL = 0.5  # of the best score: slopes promise more, or less, than a fit keeps
 MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which noise is looked for; drop that each must promise
-BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin anew
+BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin again
 NOTHING = ""  # the name of the explanation that there is nothing more
 
 

@@ -1,4 +1,4 @@
-"""Short movements, open loop: duties of both sides over 1 to 3 s, drawn anew for each decision."""
+"""Short movements, open loop: duties of both sides over 1 to 3 s, drawn again for each decision."""
 
 import math
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Foretell movements: where the robot would go by several explanations, and what each effect would make of its sensors.
 
-A movement begins when the one that is being driven ends, so what is foretold begins now and holds the rest of that.
+A movement begins when the one that is being driven ends, so a prediction begins now and contains the rest of that.
 Paths are free runs. For the sensors, the best explanation drives first and says what they would read; then each
 effect, at its usual size, observes these readings with the judge's gains. White innovations of an effect beyond those
 of the best explanation are its column.

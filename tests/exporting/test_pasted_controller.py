@@ -1,4 +1,4 @@
-"""A ROS 2 robot turns as it is told, and its odometry says so, once the exported parameters are pasted."""
+"""A ROS 2 robot turns as commanded, and its odometry agrees, once the exported parameters are pasted."""
 
 import math
 from dataclasses import replace

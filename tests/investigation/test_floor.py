@@ -57,7 +57,7 @@ def test_a_movement_that_passes_keeps_the_real_robot_on_an_l_shaped_floor(
 
 
 def test_a_path_is_the_one_of_the_plant() -> None:
-    """Without noise, what is foretold of the opening is where the plant goes: within 2 mm."""
+    """Without noise, the predicted opening is where the plant goes: within 2 mm."""
     [path] = paths(still(0.1, 0.2, 0.3), [opening()[2]], [ROBOT])
     robot = DrivenRobot(ROBOT, pose=(0.1, 0.2, 0.3))
     for left, right in opening()[2].duty:

@@ -1,4 +1,4 @@
-"""Movements: what is drawn is bounded, the same seed draws the same, and the driver's ramp is foretold."""
+"""Movements: what is drawn is bounded, the same seed draws the same, and the driver's ramp is predicted."""
 
 import numpy as np
 from hypothesis import given

@@ -77,7 +77,7 @@ def screen(
 ) -> Screening:
     """Score all effects but those `selected`, beside the free parameters `names` at `values`.
 
-    With `keep_noise` the noise is the one given; else it is found anew, and the one given is where that begins.
+    With `keep_noise` the noise is the one given; else it is estimated again, beginning with the one given.
     """
     others = [one for one in problem.effects if one.name not in selected and _is_due(one, problem, selected)]
     attempts = trials(problem.excitation, others)
