@@ -81,6 +81,7 @@ def main(arguments: list[str]) -> int:
     scanner = _scanner(options, cast)
     check_bus(options.lcm_url)
     compile_first([MODEL, WORLD, BEHAVIOURS] if options.virtual or cast else [MODEL, WORLD])
+    loader.is_held = False
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
@@ -134,6 +135,7 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
     borrowed = {robot.parameters_of for robot in virtual} - files.keys()
     default = load_parameters(DEFAULT_PARAMETERS) if borrowed else None
     loader = Loader(robot.behaviour for robot in virtual)
+    loader.is_held = True  # until it is known what is compiled first
     world = World(
         virtual,
         lambda robot_id: ParameterFollower(

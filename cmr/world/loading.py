@@ -18,9 +18,13 @@ Key = tuple[tuple[str, float], ...]
 
 
 class Loader:
-    """Makes ready what robots need to be simulated by some parameters, and to decide by these behaviours."""
+    """Makes ready what robots need to be simulated by some parameters, and to decide by these behaviours.
+
+    While `is_held`, nothing begins: what compiles all at first use would otherwise compile it twice.
+    """
 
     def __init__(self, behaviours: Iterable[AnyBehaviour] = ()) -> None:
+        self.is_held = False
         self._behaviours = list({id(behaviour): behaviour for behaviour in behaviours}.values())
         self._threads: dict[Key, Thread] = {}
         self._since: float = 0.0
@@ -33,6 +37,8 @@ class Loader:
         """Return whether robots can be simulated by these parameters without delay; if not, begin to see to it."""
         key = tuple(sorted(parameters.values.items()))
         if key not in self._threads:
+            if self.is_held:
+                return False
             self._since = time.monotonic()
             self._threads[key] = Thread(target=self._load, args=(key, parameters), daemon=True)
             self._threads[key].start()

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import threading
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -19,12 +20,14 @@ from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.parameters import RobotParameters
 from cmr.world import loading
 from cmr.world.loading import Loader
+from tests.support.private_bus import private_url
 
 LOAD = """
 from numba.core import event
 from cmr.geometry.manoeuvres import TYPICAL
 from cmr.model.parameters import RobotParameters
 from cmr.world.loading import Loader
+from tests.support.private_bus import private_url
 with event.install_recorder("numba:compile") as compiled:
     for effects in ({}, {"coulomb_friction": 0.3}):
         loader, parameters = Loader(), RobotParameters.of({**TYPICAL.values, **effects})
@@ -149,6 +152,22 @@ def test_a_simulator_is_starting_until_a_robot_can_move(monkeypatch: pytest.Monk
     while not loader.ready(parameters):
         pass
     assert not loader.is_starting
+
+
+def test_a_simulator_loads_nothing_beside_what_compiles_at_first_use(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    loaded: list[object] = []
+    monkeypatch.setattr(loading.Loader, "_load", lambda _loader, key, _parameters: loaded.append(key))
+
+    def compile_first(_names: list[str]) -> None:
+        raise InterruptedError
+
+    sim = import_module("cmr.commands.sim")  # the package has a function of that name
+    monkeypatch.setattr(sim, "compile_first", compile_first)
+    with pytest.raises(InterruptedError):
+        sim.main(["--virtual", "10=figure_eight", "--parameters", str(tmp_path), "--lcm-url", private_url()])
+    assert not loaded
 
 
 def test_the_demo_keeps_an_earlier_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
