@@ -17,9 +17,11 @@ OF_ONE_FRAME = {"slope", "surface_patch", "pose_distortion"}
     ("effects", "manoeuvre", "seed"),
     [
         (("pose_offset", "pose_latency"), WINDOWS, 1),  # a tracker that jumps, pieces without poses behind the jump
-        (("pose_offset", "pose_latency"), CONTROLLED_WINDOWS, 1),  # speeds of the moment beside counts, 50 Hz
         (("gyro_latency", "pose_latency"), WINDOWS, 31),  # as if wheels slipped, and poses were a little less late
-        *further((("pose_latency",), CONTROLLED_WINDOWS, 10)),  # poses that are 0.4 s late
+        *further(
+            (("pose_offset", "pose_latency"), CONTROLLED_WINDOWS, 1),  # speeds of the moment beside counts, 50 Hz
+            (("pose_latency",), CONTROLLED_WINDOWS, 10),  # poses that are 0.4 s late
+        ),
     ],
 )
 def test_what_is_hidden_in_windows_is_named_and_nothing_else(
