@@ -176,6 +176,12 @@ PROGRAMS = {
         may_end="took over robot",
         instead=("cmr/commands/steering/steer.py",),
     ),
+    "investigate": Program(
+        "cmr.commands.investigating.command",
+        lambda at: ["--parameters", _own(at), "--no-diagnosis", "--longest", "3600", "--out", str(at / "investigation")],
+        may_end="took over robot",
+        instead=("cmr/commands/steering/steer.py",),
+    ),
     "calibrate": Program(
         "cmr.commands.calibrate",
         lambda at: ["--robot", "0", "--parameters", _own(at), "--out", str(at / "found.yaml")],
