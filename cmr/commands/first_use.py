@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 from cmr.cli.progress import Progress
 from cmr.model.cache import lasting_folder
 
-MODEL, WORLD, BEHAVIOURS, EMULATOR, ESTIMATOR = "model", "world", "behaviours", "emulator", "estimator"
+MODEL, WORLD, BEHAVIOURS, EMULATOR = "model", "world", "behaviours", "emulator"
+OBSERVER, ESTIMATOR = "observer", "estimator"
 HERE = Path(__file__).resolve().parents[1]
 COMPILED = ("model", "world", "plant", "estimation", "calibration")  # packages with compiled functions
 FIRST_USE = "first use on this computer"
@@ -28,11 +29,12 @@ NOT_TO_BE_COMPILED = "NUMBA_DISABLE_JIT"  # of the environment: to step through 
 
 
 class Part(NamedTuple):
-    """Something to compile: what it is in words, how long it takes on one core [s], and what loads it."""
+    """Something to compile: what it is in words, how long it takes on one core [s], what loads it, what it needs."""
 
     words: str
     seconds: int
     load: Callable[[], None]
+    needs: tuple[str, ...] = ()
 
 
 def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None) -> None:
@@ -54,11 +56,12 @@ def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None
 def not_compiled(names: Iterable[str]) -> dict[str, Path]:
     """Return those of PARTS that this computer has not compiled yet, each with the file that will mark that it has.
 
-    Those that take longest are first. Nothing is to be compiled where the environment says so, or nothing can be kept.
+    So are those that these need. Those that take longest are first. Nothing is to be compiled where the environment
+    says so, or nothing can be kept.
     """
     if os.environ.get(NOT_TO_BE_COMPILED, "0") != "0":
         return {}
-    wanted = set(names)
+    wanted = {one for name in names if name in PARTS for one in (name, *PARTS[name].needs)}
     marks = {name: _mark(name) for name in PARTS if name in wanted}
     return {name: mark for name, mark in marks.items() if mark is not None and not mark.exists()}
 
@@ -164,8 +167,13 @@ def _load_all_of(package: str) -> None:
     """Load the compiled functions of all modules of a package."""
     for found in iter_modules(import_module(package).__path__, f"{package}."):
         for function in list(vars(import_module(found.name)).values()):
-            if getattr(function, "unloaded", False) is True:
-                function.loaded()
+            _load_one(function)
+
+
+def _load_one(function: Any) -> None:
+    """Load a function if it is one that is compiled."""
+    if getattr(function, "unloaded", False) is True:
+        function.loaded()
 
 
 def _load_emulator() -> None:
@@ -176,27 +184,43 @@ def _load_emulator() -> None:
     Plant(load_settings(None))
 
 
-def _load_estimator() -> None:
-    """Fit a short drive that was made up."""
-    from cmr.calibration.calibrator import Calibrator
+def _load_observer() -> None:
+    """Load what compares the model with recorded sensors."""
+    from cmr.model.observer.observer import load
 
-    _load_model()  # else what this compiles beside the part MODEL would be compiled twice
-    Calibrator(0).load()
+    load()
+
+
+def _load_estimator() -> None:
+    """Load what a fit computes with, besides the model and the observer."""
+    from cmr.model.commands import fill_profile, fill_profiles
+    from cmr.model.paper import drive
+
+    _load_all_of("cmr.estimation")
+    _load_all_of("cmr.estimation.unexplained")
+    for function in (drive, fill_profile, fill_profiles):
+        _load_one(function)
 
 
 PARTS = {
-    ESTIMATOR: Part("the estimator", 35, _load_estimator),
-    MODEL: Part("the robot model", 7, _load_model),
-    WORLD: Part("the world", 10, _load_world),
-    BEHAVIOURS: Part("behaviours", 10, _load_behaviours),
+    OBSERVER: Part("the observer", 9, _load_observer),
+    ESTIMATOR: Part("the estimator", 7, _load_estimator, (MODEL, OBSERVER)),
+    WORLD: Part("the world", 7, _load_world),
+    MODEL: Part("the robot model", 6, _load_model),
+    BEHAVIOURS: Part("behaviours", 5, _load_behaviours),
     EMULATOR: Part("the emulated robot", 5, _load_emulator),
 }
 
 
 def main(arguments: list[str]) -> int:
-    """Compile the parts that are named."""
-    for name in arguments:
-        PARTS[name].load()
+    """Compile the parts that are named in this process; without any, all that are missing, as at a first use."""
+    from cmr.model.remembered_types import remembered
+
+    with remembered():
+        for name in arguments:
+            PARTS[name].load()
+    if not arguments:
+        compile_first(PARTS)
     return 0
 
 

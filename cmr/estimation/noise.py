@@ -370,8 +370,9 @@ def whiten(errors, ends, shares, before, weights, at, result):  # type: ignore[n
     `before` each, and what remains is weighed. The first, which have no past, become 0.
     """
     candidates = errors.shape[1]
-    longest = np.max(before)
-    kept = 1
+    longest, kept = 0, 1
+    for rows in before:
+        longest = max(longest, rows)
     while kept <= longest:  # a power of two: its remainders are the last bits
         kept *= 2
     last_bits = kept - 1

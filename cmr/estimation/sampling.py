@@ -57,10 +57,11 @@ def walk(
         np.ascontiguousarray(normal), np.ascontiguousarray(pull), groups, one_sided.astype(np.uint8), odds,
         neighbours(normal, groups), np.array(BELIEFS), states, steps, seed, mean, products, shares, likeliest,
     )  # fmt: skip
-    return mean, products, shares, likeliest.astype(np.bool_)
+    kept = steps - int(BURN_IN * steps)
+    return mean / kept, products / kept, shares / kept, likeliest.astype(np.bool_)
 
 
-@inlined
+@compiled("i8(u1[::1], i8[::1], i8[::1])")
 def _switched_on(state, groups, on):  # type: ignore[no-untyped-def]
     """Write the sizes that are on; return how many."""
     count = 0
@@ -71,7 +72,7 @@ def _switched_on(state, groups, on):  # type: ignore[no-untyped-def]
     return count
 
 
-@inlined
+@compiled("f8(f8, f8[:, ::1], f8[::1], u1[::1], f8[::1], u1[::1], i8[::1], i8, f8[:, ::1], f8[::1])")
 def _probability(belief, normal, pull, one_sided, odds, state, on, count, factor, solved):  # type: ignore[no-untyped-def]
     """Return the log of a set's probability, the sizes integrated out; write the Cholesky factor L and L^-1 pull."""
     total = 0.0
@@ -91,7 +92,7 @@ def _probability(belief, normal, pull, one_sided, odds, state, on, count, factor
     return total
 
 
-@inlined
+@compiled("f8(u1[::1], i8[::1], i8, f8[:, ::1], f8[::1], f8[::1])")
 def _drawn(one_sided, on, count, factor, solved, drawn):  # type: ignore[no-untyped-def]
     """Draw the sizes of a set from their posterior; return the log of how likely signs were that are possible."""
     total = 0.0
@@ -132,6 +133,13 @@ def _positive(mean):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def _copy(state, to):  # type: ignore[no-untyped-def]
+    """Copy a set: a slice that is assigned takes seconds to compile."""
+    for effect in range(len(state)):
+        to[effect] = state[effect]
+
+
+@inlined
 def _keep(sizes, on, drawn, count):  # type: ignore[no-untyped-def]
     sizes[:] = 0.0
     for i in range(count):
@@ -157,7 +165,7 @@ def _add(state, sizes, mean, products, shares):  # type: ignore[no-untyped-def]
 def _walk(  # type: ignore[no-untyped-def]
     normal, pull, groups, one_sided, odds, edges, beliefs, states, steps, seed, mean, products, shares, likeliest
 ):
-    """Walk; see `walk`. `states` are the sets that each walk begins with."""
+    """Walk; see `walk`, whose means are sums here. `states` are the sets that each walk begins with."""
     np.random.seed(seed)
     walks, effects, sizes = len(beliefs), states.shape[1], np.zeros(len(pull))
     here = np.full(walks, -np.inf)  # where a walk begins is accepted
@@ -166,7 +174,7 @@ def _walk(  # type: ignore[no-untyped-def]
     tried, settled, highest = np.empty(effects, np.uint8), int(BURN_IN * steps), -np.inf
     for step in range(steps):
         for number in range(walks):
-            tried[:] = states[number]
+            _copy(states[number], tried)
             move = np.random.randint(0, effects + len(edges)) if step else -1
             if move >= effects:
                 for end in range(2):
@@ -177,7 +185,8 @@ def _walk(  # type: ignore[no-untyped-def]
             there = _probability(beliefs[number], normal, pull, one_sided, odds, tried, on, count, factor, solved)
             there += _drawn(one_sided, on, count, factor, solved, drawn)
             if np.log(np.random.random()) < there - here[number]:
-                states[number], here[number] = tried, there
+                _copy(tried, states[number])
+                here[number] = there
                 if number == 0:
                     _keep(sizes, on, drawn, count)
         cold = np.random.randint(0, walks - 1)
@@ -188,17 +197,14 @@ def _walk(  # type: ignore[no-untyped-def]
         down = _probability(beliefs[cold], normal, pull, one_sided, odds, states[cold + 1], on, count, factor, solved)
         down += _drawn(one_sided, on, count, factor, solved, drawn)
         if np.log(np.random.random()) < up + down - here[cold] - here[cold + 1]:
-            tried[:] = states[cold]
-            states[cold], states[cold + 1] = states[cold + 1], tried
+            _copy(states[cold], tried)
+            _copy(states[cold + 1], states[cold])
+            _copy(tried, states[cold + 1])
             here[cold], here[cold + 1] = down, up
             if cold == 0:
                 _keep(sizes, on, drawn, count)
         if here[0] > highest:
             highest = here[0]
-            likeliest[:] = states[0]
+            _copy(states[0], likeliest)
         if step >= settled:
             _add(states[0], sizes, mean, products, shares)
-    kept = steps - settled
-    mean /= kept
-    products /= kept
-    shares /= kept

@@ -48,7 +48,7 @@ class Commands:
 def _place(time, delay, dt):  # type: ignore[no-untyped-def]
     """Return after how many steps a command takes effect; one that comes near a border comes with it."""
     place = (time + delay) / dt
-    whole = np.round(place)
+    whole = np.rint(place)
     return whole if abs(place - whole) < SHORTEST else place
 
 

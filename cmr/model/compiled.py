@@ -20,6 +20,7 @@ from numba.core.typing import templates
 from numba.extending import lower_builtin, type_callable
 
 from cmr.model.cache import cache_folder
+from cmr.model.remembered_types import remembered
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -32,7 +33,8 @@ typing: Numba = templates
 typed: Numba = type_callable
 lowered: Numba = lower_builtin
 config: Numba = numba.config
-OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
+# Nobody passes our functions to C: without what that takes, each is compiled a little sooner.
+OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
 _ONE_AT_A_TIME = threading.Lock()
 
@@ -124,7 +126,7 @@ class _Compiled:
 
     def _load(self) -> None:
         # Processes that are begun together would all compile the same: others wait, and load what the first compiled.
-        with _without_linear_algebra(), _alone(self._lock):
+        with _without_linear_algebra(), _alone(self._lock), remembered():
             # By types alone, as compiled callers ask for it: so both find the same in the cache.
             self._dispatcher.compile(self._arguments)
         self._dispatcher.disable_compile()

@@ -175,10 +175,13 @@ def processor_time(pid: int) -> float:
 
 def _command(command: Sequence[str], cache: Path) -> Times:
     """Run a command of ours to its end; return its CPU seconds and the seconds on the clock."""
+    return command_times([*_program(command[0]), *command[1:]], cache)
+
+
+def command_times(command: Sequence[str], cache: Path) -> Times:
+    """Run a command line to its end, with this folder for compiled code; return its CPU seconds and the wall's."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    subprocess.run(
-        [*_program(command[0]), *command[1:]], env=_environment(cache), check=True, stdout=subprocess.DEVNULL
-    )
+    subprocess.run(command, env=_environment(cache), check=True, stdout=subprocess.DEVNULL)
     wall, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
 

@@ -22,6 +22,31 @@ def place(step, mask):
 
 
 @inlined
+def prepare_parts(here, shares, dt, parts, before, behind):
+    """Keep the coefficients of a block for steps of these shares of dt, and for the rest of it; `parts` is overwritten.
+
+    Numbers are copied one by one here and below: a slice that is assigned takes seconds to compile.
+    """
+    for i in range(LANES):
+        parts[i] = (1.0 - shares[i]) * dt
+    prepare_each(here, parts)
+    for i in range(len(behind)):
+        behind[i] = here[DT + i]
+    for i in range(LANES):
+        parts[i] = shares[i] * dt
+    prepare_each(here, parts)
+    for i in range(len(before)):
+        before[i] = here[DT + i]
+
+
+@inlined
+def put_coefficients(kept, here):
+    """Put coefficients that were kept back into their block."""
+    for i in range(len(kept)):
+        here[DT + i] = kept[i]
+
+
+@inlined
 def known(duty, held):
     """Return a duty, or where it is not known, as before the first command, that which held the speed at the start."""
     return held if np.isnan(duty) else duty

@@ -73,7 +73,8 @@ def observe(
         prepare(here, stride, dt)
         whole = here[DT:COEFFICIENTS_END].copy()
         before, behind = whole.copy(), whole.copy()
-        shares, turning, growing, curving = np.zeros(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+        shares, parts, turning = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
+        growing, curving = np.empty(LANES), np.empty(LANES)
         for i in range(LANES):
             for row in range(len(numbers)):
                 own[GAIN_ANGLE + row * LANES + i] = numbers[row, block * LANES + i]
@@ -87,14 +88,17 @@ def observe(
                 begun[ANGLE_LEFT + i], begun[ANGLE_RIGHT + i] = starts[drive, 5], starts[drive, 6]
             if continued[drive] > 0:
                 for row in lasting:
-                    begun[row : row + LANES] = here[row : row + LANES]
-            here[COMMAND_LEFT:remembered] = begun[COMMAND_LEFT:remembered]
+                    for i in range(row, row + LANES):
+                        begun[i] = here[i]
+            for i in range(COMMAND_LEFT, remembered):
+                here[i] = begun[i]
             began, first_step = begins[drive], step_ends[drive]
             steps = step_ends[drive + 1] - first_step
             speeds = given[given_ends[drive] : given_ends[drive + 1]]
             next_wheel, next_gyro, next_pose = wheel_ends[drive], gyro_ends[drive], pose_ends[drive]
             last_wheel, last_gyro, last_pose = wheel_ends[drive + 1], gyro_ends[drive + 1], pose_ends[drive + 1]
-            own[:GAIN_ANGLE] = 0.0
+            for i in range(GAIN_ANGLE):
+                own[i] = 0.0
             for i in range(LANES):
                 # The first poses of a late sensor show the robot before the beginning, at its first speeds.
                 left, right = own[RADIUS_LEFT + i] * here[PSI_LEFT + i], own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
@@ -147,11 +151,8 @@ def observe(
                             here[COMMAND_LEFT + i] = known(duties[FIRST], here[LEFT_BEFORE + i])
                             here[COMMAND_RIGHT + i] = known(duties[FIRST + 1], here[RIGHT_BEFORE + i])
                         if not same:
-                            prepare_each(here, (1.0 - shares) * dt)
-                            behind[:] = here[DT:COEFFICIENTS_END]
-                            prepare_each(here, shares * dt)
-                            before[:] = here[DT:COEFFICIENTS_END]
-                        here[DT:COEFFICIENTS_END] = before
+                            prepare_parts(here, shares, dt, parts, before, behind)
+                        put_coefficients(before, here)
                         call(equations.step, here, work, varying, filled)
                         for i in range(LANES):
                             own[HALF + i] = shares[i]
@@ -168,9 +169,9 @@ def observe(
                             duties = commands[profile[block * LANES + min(i, filled - 1)], first_step + border - 1]
                             here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
                             here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
-                        here[DT:COEFFICIENTS_END] = behind
+                        put_coefficients(behind, here)
                         call(equations.step, here, work, varying, filled)
-                        here[DT:COEFFICIENTS_END] = whole
+                        put_coefficients(whole, here)
                     else:
                         call(equations.step, here, work, varying, filled)
                         for i in range(LANES):

@@ -227,6 +227,11 @@ class Observer:
         return np.broadcast_to(np.asarray(value, np.float64), self._count)
 
 
+def load() -> None:
+    """Load the observer of all effects but laws, or compile it."""
+    _module(()).observe.loaded()
+
+
 def in_two_threads(work: Callable[[int, int], None], count: int) -> None:
     """Do `work` on the numbers below `count`, from a first to a last one, which is not included: by halves at once.
 

@@ -1,0 +1,88 @@
+"""Rows of the first use on a computer: what each part compiles, function by function, and all parts side by side."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from benchmarks.processes import command_times
+from benchmarks.report import Row, seconds
+from benchmarks.timing import Timing, all_cores
+from cmr.commands.first_use import PARTS
+
+FIRST_USE = "cmr.commands.first_use"
+WORTH_A_ROW = 0.4  # s
+
+
+def first_use() -> Iterator[Row]:
+    """Measure what is compiled at the first use, each time with an empty cache."""
+    with tempfile.TemporaryDirectory() as cache, all_cores():
+        times = command_times([sys.executable, "-m", FIRST_USE], Path(cache))
+    processor, wall = (Timing(one, one) for one in times)
+    yield Row(f"all that is compiled at the first use, on {os.cpu_count()} cores", _both(processor, wall))
+    for part in PARTS:
+        with tempfile.TemporaryDirectory() as cache:
+            command = [sys.executable, "-m", "benchmarks.compiling", part]
+            environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path[:2])}
+            result = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        said = json.loads(result.stdout)
+        yield Row(f"{part}: {said['functions']} functions, the process as a whole", _seconds(said["process"]))
+        for name, took in said["own"]:
+            again = said["signatures"][name]
+            times_compiled = f"compiled for {again} signatures" if again > 1 else "-"
+            yield Row(f"- {name}, without what it calls", _seconds(took), times_compiled)
+
+
+def _both(processor: Timing, wall: Timing) -> str:
+    return f"{seconds(processor)}; wall {seconds(wall)}"
+
+
+def _seconds(took: float) -> str:
+    return f"{took:.2f} s"
+
+
+def compiled(part: str) -> dict[str, Any]:
+    """Load a part in this process; return the CPU seconds of each function that is compiled, without its callees."""
+    from numba.core import event as untyped
+
+    event: Any = untyped  # Numba has no annotations
+    own: Counter[str] = Counter()
+    signatures: Counter[str] = Counter()
+    running: list[list[float]] = []
+
+    class _Clock(untyped.Listener):
+        def on_start(self, _event: Any) -> None:
+            running.append([time.thread_time(), 0.0])
+
+        def on_end(self, happened: Any) -> None:
+            began, of_callees = running.pop()
+            took = time.thread_time() - began
+            with suppress(IndexError):
+                running[-1][1] += took
+            function = happened.data["dispatcher"].py_func
+            name = f"{function.__module__}.{function.__qualname__}"
+            own[name] += took - of_callees
+            signatures[name] += 1
+
+    event.register("numba:compile", _Clock())
+    from cmr.commands.first_use import main
+
+    main([part])
+    shown = [(name, took) for name, took in own.most_common() if took >= WORTH_A_ROW]
+    return {
+        "functions": sum(signatures.values()),
+        "process": time.process_time(),
+        "own": shown,
+        "signatures": {name: signatures[name] for name, _ in shown},
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(compiled(sys.argv[1])))
