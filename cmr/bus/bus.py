@@ -87,7 +87,8 @@ class Bus:
     def receive(self, timeout: float) -> list[Received]:
         """Wait up to `timeout` seconds for a message; return all that have arrived, oldest first."""
         if not self._listens:
-            time.sleep(max(timeout, 0.0))
+            if timeout > 0.0:
+                time.sleep(timeout)
             return []
         if timeout <= 0.0 or select.select([self._lcm.fileno()], [], [], timeout)[0]:
             enough = time.monotonic() + DRAIN_SECONDS
