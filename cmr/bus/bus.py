@@ -2,18 +2,16 @@
 
 import select
 import time
-from collections import Counter, deque
+from collections import Counter
 
+from cmr.bus.inbox import Inbox
 from cmr.bus.message import Message
-from cmr.bus.messages import Received, RejectedMessage, decode, now_utime
+from cmr.bus.messages import Received, now_utime
 from cmr.bus.preflight import handled, key_of, open_lcm, resolve_url, self_test, verifier_of, warnings
-from cmr.bus.rejections import Rejections
-from cmr.bus.signing import RefusedSignature, Signer
+from cmr.bus.signing import Signer
 from cmr.bus.streams import WORLD_STATE, Stream
-from cmr.bus.texts import make_plain
 
 DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
-MOST_OWN = 64  # messages of a process that it knows again when the bus brings them back
 
 
 class Bus:
@@ -23,21 +21,21 @@ class Bus:
     words for why. `warnings` are sentences about losses to expect. The bus brings back what a process sends itself,
     if it listens; of WORLD_STATE, which is large, that is passed over.
     Where this computer has a key, all is signed, and nothing unsigned is taken but an emergency stop that is engaged.
+    Nothing is listened to before the first `subscribe`: the kernel hands each message on the bus to every socket that
+    listens, at the cost of who sends, and LCM's thread takes it from there. A bus that is let go is closed.
     Raises BusError when the bus cannot be used, KeyFileError when the key cannot.
     """
 
     def __init__(self, url: str | None = None) -> None:
         self.url = resolve_url(url)
         self.warnings = warnings(self.url)
-        self.rejected = Rejections()
         self.unsent: Counter[str] = Counter()
-        self._signer, self._verifier = Signer(key_of(self.url)), verifier_of(self.url)
+        self._signer, self._inbox = Signer(key_of(self.url)), Inbox(verifier_of(self.url))
+        self.rejected = self._inbox.rejected
+        self_test(open_lcm(self.url), self.url)  # another connection, as a test listens
         self._lcm = open_lcm(self.url)
-        self_test(self._lcm, self.url)
         self._every: set[str] = set()
-        self._arrived: list[Received] = []
-        self._own: deque[bytes] = deque(maxlen=MOST_OWN)
-        self._hears_worlds = False
+        self._listens = self._hears_worlds = False
         self._repeated: dict[str, _Repeated] = {}
 
     @property
@@ -56,10 +54,12 @@ class Bus:
         controller wants after it was held up.
         """
         pattern = stream.pattern if robot_id is None else stream.channel(robot_id)
-        subscription = self._lcm.subscribe(pattern, self._take)
+        # A method of this object would keep it alive for ever: LCM's part in such a circle is not collected.
+        subscription = self._lcm.subscribe(pattern, self._inbox.take)
         subscription.set_queue_capacity(0)  # unlimited: LCM's 30 lose messages whenever we are held up
         if every:
             self._every.add(stream.name)
+        self._listens = True
         self._hears_worlds |= stream is WORLD_STATE
 
     def publish(self, stream: Stream[Message], message: Message, robot_id: int | None = None) -> None:
@@ -86,12 +86,15 @@ class Bus:
 
     def receive(self, timeout: float) -> list[Received]:
         """Wait up to `timeout` seconds for a message; return all that have arrived, oldest first."""
+        if not self._listens:
+            if timeout > 0.0:
+                time.sleep(timeout)
+            return []
         if timeout <= 0.0 or select.select([self._lcm.fileno()], [], [], timeout)[0]:
             enough = time.monotonic() + DRAIN_SECONDS
             while handled(self._lcm) and time.monotonic() < enough:
                 pass
-        arrived, self._arrived = self._arrived, []
-        return self.latest(arrived)
+        return self.latest(self._inbox.emptied())
 
     def latest(self, arrived: list[Received]) -> list[Received]:
         """Return the last message of each channel, and all of those subscribed to with `every`, in order."""
@@ -107,24 +110,11 @@ class Bus:
     def _send(self, channel: str, message: Message) -> None:
         data = self._signer.sign(channel, message.encode())
         if channel == WORLD_STATE.name and self._hears_worlds:
-            self._own.append(data)
+            self._inbox.pass_over(data)
         try:
             self._lcm.publish(channel, data)
         except OSError as error:  # Wi-Fi that drops out takes its route with it, and brings it back
             self.unsent[error.strerror or str(error)] += 1
-
-    def _take(self, channel: str, data: bytes) -> None:
-        if channel == WORLD_STATE.name and data in self._own:
-            self._own.remove(data)
-            return
-        try:
-            signed = self._verifier.verify(channel, data)
-            received = decode(channel, signed.data)
-        except (RejectedMessage, RefusedSignature) as rejected:
-            self.rejected.note(channel, rejected.reason)
-        else:
-            make_plain(received.message)
-            self._arrived.append(received._replace(sender=signed.sender))
 
 
 class _Repeated:

@@ -23,8 +23,8 @@ SIGNED = Struct(">qq")  # the part of it that the tag covers, too
 WINDOW = 1_000_000  # us by which the moment of sending may differ from the receiver's clock
 SET_BACK = 100_000  # us by which a clock may go back before its process takes another name
 NO_TAG = bytes(TAG_BYTES)
-# Streams whose sender counts, also where there is no key.
-COMMANDING = (MOTOR_COMMAND, WHEEL_SPEED_COMMAND, VELOCITY_COMMAND, COMMAND_CLAIM)
+# Names of the streams whose sender counts, also where there is no key.
+COMMANDING = frozenset(stream.name for stream in (MOTOR_COMMAND, WHEEL_SPEED_COMMAND, VELOCITY_COMMAND, COMMAND_CLAIM))
 
 # Why a message was refused for its signature. unsigned: it has none, and this process has a key. forged: its sender has
 # another key, or it was changed. stale: sent more than a second before or after now, as in a log that is replayed; or
@@ -147,7 +147,7 @@ def _new_name() -> int:
 
 def _is_commanding(channel: str) -> bool:
     identity = identify(channel)
-    return identity is not None and identity[0] in COMMANDING
+    return identity is not None and identity[0].name in COMMANDING
 
 
 def _tag(key: bytes, channel: str, message: bytes, signed: bytes) -> bytes:

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cmr.bus.bus import Bus
+from cmr.bus.preflight import handled, open_lcm
 from cmr.bus.streams import POSE
-from cmr.msg import pose_xyt_t
+from cmr.bus.wire import utime_of
 from tests.support.private_bus import private_url
 from tests.support.trackers.bench import RATE, server_of
 from tests.support.trackers.frame import Emitted
@@ -90,19 +90,21 @@ def _written(folder: Path, kind: str, robots: int, port: int) -> Path:
 
 
 def _heard(url: str, pid: int, seconds: float) -> "tuple[list[tuple[int, float]], float]":
-    """Return stamp [us] and arrival [s] of the poses, and what the process takes of a core."""
-    bus = Bus(url)
-    bus.subscribe(POSE, every=True)
-    heard: list[tuple[int, float]] = []
+    """Return stamp [us] and arrival [s] of the poses, and what the process takes of a core.
+
+    Poses are decoded later, so that the arrival of one does not contain the decoding of those before it.
+    """
+    bus = open_lcm(url)
+    heard: list[tuple[float, bytes]] = []
+    bus.subscribe(POSE.pattern, lambda _channel, data: heard.append((time.time(), data))).set_queue_capacity(0)
     end, begin, used = time.monotonic() + STARTED + seconds, 0.0, 0.0
     while (now := time.monotonic()) < end:
-        received = bus.receive(0.05)
+        handled(bus, 50)
         if not begin and now > end - seconds:
             begin, used = now, _used(pid)
             heard.clear()
-        arrived = time.time()
-        heard += [(one.message.utime, arrived) for one in received if isinstance(one.message, pose_xyt_t)]
-    return heard, (_used(pid) - used) / (now - begin)
+    share = (_used(pid) - used) / (now - begin)
+    return [(utime_of(data), arrived) for arrived, data in heard], share
 
 
 def _used(pid: int) -> float:

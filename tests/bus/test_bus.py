@@ -24,6 +24,7 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, PARAMETERS, PROCESS_STATUS
 from cmr.msg import gyro_t, motor_command_t, process_status_t
 from cmr.parameters.file import announcement
 from tests.support.bus_bench import PATIENCE, our_command, receive_until
+from tests.support.taken import open_files, threads
 from tests.support.typed_messages import all_of, as_a
 
 pytestmark = pytest.mark.real_time
@@ -291,8 +292,34 @@ def test_a_flood_neither_starves_the_loop_nor_deafens_it_to_signals(url: str) ->
     assert max(after - before for before, after in itertools.pairwise(moments)) < 1.0
 
 
-def test_waiting_for_messages_takes_no_longer_than_asked(url: str) -> None:
+@pytest.mark.parametrize("listens", [False, True])
+def test_waiting_for_messages_takes_no_longer_than_asked(url: str, listens: bool) -> None:
     bus = Bus(url)
+    if listens:
+        bus.subscribe(MOTOR_COMMAND)
     began = time.monotonic()
     assert bus.receive(0.2) == []
     assert 0.19 < time.monotonic() - began < 1.0
+
+
+# What the system gives
+
+
+def test_a_bus_that_is_let_go_gives_its_thread_and_sockets_back(url: str) -> None:
+    before = threads(), open_files()
+    for _ in range(3):
+        bus = Bus(url)
+        bus.subscribe(MOTOR_COMMAND, every=True)
+        assert (threads(), open_files()) > before
+        del bus
+        assert (threads(), open_files()) == before
+
+
+def test_who_only_sends_has_no_thread_that_takes_what_others_send(url: str) -> None:
+    before = threads()
+    bus = Bus(url)
+    bus.publish(MOTOR_COMMAND, command(0.5), 0)
+    assert bus.receive(0.0) == []
+    assert threads() == before
+    bus.subscribe(MOTOR_COMMAND)
+    assert threads() == before + 1

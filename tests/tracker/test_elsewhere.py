@@ -10,6 +10,7 @@ from cmr.bus.streams import POSE
 from cmr.msg import pose_xyt_t
 from cmr.tracker.elsewhere import FIRST_LOOK, LOOK, PERIOD, Elsewhere
 from tests.support.private_bus import private_url
+from tests.support.taken import threads
 
 pytestmark = pytest.mark.waits
 
@@ -58,3 +59,14 @@ def test_a_program_that_comes_later_is_reported_and_own_poses_are_not_taken_for_
         assert elsewhere.others == {*range(1, robot_id + 1)}
     assert elsewhere.yielded == set()
     assert "Another program publishes poses of robot 1" in elsewhere.problem()
+
+
+def test_looks_leave_nothing_behind_that_listens() -> None:
+    url = private_url()
+    elsewhere = Elsewhere(lambda: Bus(url), [0, 1])
+    before = threads()
+    for begin in (0.0, FIRST_LOOK + PERIOD, FIRST_LOOK + 3.0 * PERIOD):
+        elsewhere.look(begin)
+        assert threads() == before + 1
+        elsewhere.look(begin + FIRST_LOOK)
+        assert threads() == before
