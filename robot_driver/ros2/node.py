@@ -122,7 +122,7 @@ class Publisher:
 
 
 def _executor(context: Any) -> Any:
-    """Return what calls back: from ROS 2 Kilted on without a set of all topics, which takes a millisecond to wait for."""
+    """Return what calls back; from ROS 2 Kilted on, one that needs no set of all topics for each message."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
