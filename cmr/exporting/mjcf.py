@@ -25,8 +25,8 @@ MASS = 2.0  # kg
 WHEEL_INERTIA = 0.02  # of m r^2, that of the larger wheel: small, so that any coupling has a body
 WHEEL_MASS = 1e-3  # kg; its inertia is that of the joint's armature
 LEAST_INERTIA = 1e-8  # kg m^2, as MuJoCo refuses none
-TIME_STEP = 0.002  # s
-STIFFNESS = 0.004  # s, time constant of contacts: as stiff as this time step allows
+TIME_STEP = 0.001  # s
+STIFFNESS = 0.002  # s, time constant of contacts: as stiff as this time step allows
 GRAVITY = 9.81  # m/s^2
 
 
