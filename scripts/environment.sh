@@ -56,3 +56,24 @@ provide_environment() {
         echo "$stamp" > ".venv/installed$extras"
     fi
 }
+
+# Make .venv/ros2 with rclpy from the package index, and with all that .venv has, unless that has been done for this
+# pyproject.toml. Fails where there are no wheels for this computer, or the index has not answered within $1 seconds.
+provide_ros2() {
+    local stamp command
+    stamp="$(sha256sum pyproject.toml) $PWD"
+    [ "$(cat .venv/ros2/installed 2> /dev/null)" != "$stamp" ] || return 0
+    .venv/bin/python -m venv --clear .venv/ros2 || return 1
+    .venv/bin/python -c 'import os, sysconfig; print(sysconfig.get_path("purelib"), os.getcwd(), sep="\n")' \
+        > "$(.venv/ros2/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/cmr.pth" || return 1
+    .venv/bin/python -c 'from setuptools.config.pyprojecttoml import read_configuration as read
+print("\n".join(read("pyproject.toml", expand=False)["project"]["optional-dependencies"]["ros2"]))' \
+        > .venv/ros2/requirements.txt || return 1
+    timeout "$1" .venv/ros2/bin/pip install --quiet --no-compile --requirement .venv/ros2/requirements.txt || return 1
+    .venv/ros2/bin/python -c 'import rclpy' || return 1
+    for command in .venv/bin/cmr .venv/bin/cmr-*; do
+        sed "1s|.*|#!$PWD/.venv/ros2/bin/python|" "$command" > ".venv/ros2/bin/${command##*/}" || return 1
+        chmod +x ".venv/ros2/bin/${command##*/}"
+    done
+    echo "$stamp" > .venv/ros2/installed
+}

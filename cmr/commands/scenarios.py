@@ -1,12 +1,12 @@
-"""Scenarios as commands read them: the options of drivers and emulators in them are those of `robot_driver`."""
+"""Scenarios as commands read them: options of drivers, bridges and emulators in them are those of `robot_driver`."""
 
 from pathlib import Path
 
-from cmr.documents.document import Item
+from cmr.documents.document import DocumentError, Item
 from cmr.documents.structure import structured
 from cmr.experiments import scenario
 from cmr.experiments.scenario import Scenario
-from cmr.experiments.scenario.hardware import EmulatorPlan
+from cmr.experiments.scenario.hardware import BridgePlan, EmulatorPlan
 
 
 class RobotDriver:
@@ -20,6 +20,19 @@ class RobotDriver:
         from robot_driver.settings import Connection
 
         return structured(item, Connection)
+
+    def bridging(self, item: Item, folder: Path) -> BridgePlan:
+        """Return the options of cmr-ros2 that an item describes; files are named from `folder`.
+
+        Raises the document's error for what cmr-ros2 does not allow, or a profile that it cannot use.
+        """
+        from robot_driver.ros2.options import Bridging
+
+        bridging = structured(item, Bridging)
+        try:
+            return bridging.found_from(folder)
+        except DocumentError as error:
+            raise item.place.error(f"profile: {error}") from error
 
     def emulation(self, item: Item | None) -> EmulatorPlan:
         """Return the options of cmr-emulate that an item describes; without one, those that it has by default.

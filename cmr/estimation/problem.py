@@ -178,8 +178,12 @@ class Problem:
     @cached_property
     def of_wheels(self) -> Mask:
         """Which white errors are those of wheels, shape (n,)."""
+        return self.rows_of(WHEELS)
+
+    def rows_of(self, signals: Collection[str]) -> Mask:
+        """Return which white errors are those of some signals, shape (n,)."""
         times = [(name, len(of)) for predictor in self.predictors for name, of in predictor.times.items()]
-        return np.concatenate([np.full(count, name in WHEELS) for name, count in times])
+        return np.concatenate([np.full(count, name in signals) for name, count in times])
 
     def rows(self, errors: Sequence[Errors]) -> Floats:
         """Return when [s] and where [m] each white error arises, shape (n, 3): time, x, y."""

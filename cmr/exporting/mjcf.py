@@ -2,13 +2,14 @@
 
 A body on two wheels, free in x, y and heading, and held upright. What the model says of each side, domega =
 (K2/K3) (duty - K1 psi), is MuJoCo's `dcmotor`: stall torque (K2/K3) I and no-load speed 1/K1, where I is what one side
-accelerates: the wheel, and its part of a body of mass m and yaw inertia J,
+accelerates: the wheel of radius r_i, and its part of a body of mass m and yaw inertia J,
 
-    I = I_wheel + m r^2 / 4 + J r^2 / b^2.
+    I = I_wheel,i + r_i^2 (m / 4 + J / b^2),
 
-J is chosen so that one side pushes back the other by `motor_coupling` c, or not at all:
+the same on both sides: I_wheel,i makes up for wheels of different size. J is chosen so that one side pushes back the
+other by `motor_coupling` c, or not at all:
 
-    m r^2 / 4 - J r^2 / b^2 = c I.
+    r_left r_right (m / 4 - J / b^2) = c I.
 
 The mass itself makes no difference to the motion.
 """
@@ -21,22 +22,26 @@ from cmr.exporting.robot import ExportedRobot
 from cmr.model.extended.statements import SIDES
 
 MASS = 2.0  # kg
-WHEEL_INERTIA = 0.02  # of m r^2: small, so that any coupling has a body
+WHEEL_INERTIA = 0.02  # of m r^2, that of the larger wheel: small, so that any coupling has a body
 WHEEL_MASS = 1e-3  # kg; its inertia is that of the joint's armature
 LEAST_INERTIA = 1e-8  # kg m^2, as MuJoCo refuses none
-TIME_STEP = 0.002  # s
-STIFFNESS = 0.004  # s, time constant of contacts: as stiff as this time step allows
+TIME_STEP = 0.001  # s
+STIFFNESS = 0.002  # s, time constant of contacts: as stiff as this time step allows
 GRAVITY = 9.81  # m/s^2
 
 
 @dataclass(frozen=True)
 class Side:
-    """A wheel and its motor: radius [m], what it accelerates [kg m^2], stall torque [N m], no-load speed [rad/s]."""
+    """A wheel and its motor: radius [m], what it accelerates, and of that the wheel alone [kg m^2].
+
+    The motor has a stall torque [N m] and a no-load speed [rad/s].
+    """
 
     name: str
     side: float
     radius: float
     inertia: float
+    of_wheel: float
     stall_torque: float
     no_load_speed: float
 
@@ -47,9 +52,9 @@ def mjcf(robot: ExportedRobot) -> str:
     Raises ValueError where no body has the robot's coupling of both sides.
     """
     value = robot.value
-    radius = value("wheel_radius") * (1.0 + value("wheel_radius_scale"))
-    body = _yaw_inertia(robot)
-    sides = [_side(robot, name, side, body) for name, side in SIDES.items()]
+    radius = _radius(robot)
+    body, accelerated = _inertias(robot)
+    sides = [_side(robot, name, side, body, accelerated) for name, side in SIDES.items()]
     inertia = body - 2.0 * WHEEL_MASS * (value("base_width") / 2.0) ** 2
     mass = MASS - 2.0 * WHEEL_MASS
     carried = "\n".join(what_is_carried(MJCF, robot)).replace("--", "- -")
@@ -101,28 +106,43 @@ def _what_ctrl_is(robot: ExportedRobot) -> str:
     return "the duty, -1 to 1" if robot.controller is None else "the commanded wheel speed [rad/s]"
 
 
-def _yaw_inertia(robot: ExportedRobot) -> float:
-    """Return the yaw inertia of the robot [kg m^2] that couples both sides as the robot's are."""
+def _inertias(robot: ExportedRobot) -> tuple[float, float]:
+    """Return the yaw inertia of the body that couples both sides as the robot's are, and what a side accelerates.
+
+    Both are in kg m^2. In units of m b^2 and of m r^2, r being the mean radius and r (1 -+ a) those of the wheels, the
+    equations of this module are j (p + c) = p / 4 - c (w + 1 / 4) and i = w + 1 / 4 + j, with p = 1 - a^2. The larger
+    wheel has a share WHEEL_INERTIA of i if w = WHEEL_INERTIA + ((1 + a)^2 - 1) (1 / 4 + j).
+    """
     coupling, width = robot.value("motor_coupling"), robot.value("base_width")
-    inertia = width**2 * MASS * (0.25 * (1.0 - coupling) - coupling * WHEEL_INERTIA) / (1.0 + coupling)
-    if inertia <= 2.0 * WHEEL_MASS * (width / 2.0) ** 2:
+    unequal = abs(robot.value("wheel_radius_asymmetry"))
+    product, larger = 1.0 - unequal**2, (1.0 + unequal) ** 2 - 1.0
+    without, by_wheels = 0.25 * (product - coupling) / (product + coupling), coupling / (product + coupling)
+    room = 1.0 + larger * by_wheels
+    wheels = (WHEEL_INERTIA + larger * (0.25 + without)) / room if room > 0.0 else inf
+    yaw = without - by_wheels * wheels
+    inertia = width**2 * MASS * yaw
+    if not 2.0 * WHEEL_MASS * (width / 2.0) ** 2 < inertia < inf:
         raise ValueError(f"no body couples both sides by motor_coupling {coupling}: it would have no inertia")
-    return inertia
+    return inertia, MASS * _radius(robot) ** 2 * (wheels + 0.25 + yaw)
 
 
-def _side(robot: ExportedRobot, name: str, side: float, body: float) -> Side:
+def _radius(robot: ExportedRobot) -> float:
+    """Return the mean radius of the wheels [m]."""
+    return robot.value("wheel_radius") * (1.0 + robot.value("wheel_radius_scale"))
+
+
+def _side(robot: ExportedRobot, name: str, side: float, body: float, accelerated: float) -> Side:
     value = robot.value
-    radius = (
-        value("wheel_radius") * (1.0 + value("wheel_radius_scale")) * (1.0 + side * value("wheel_radius_asymmetry"))
-    )
-    inertia = radius**2 * (WHEEL_INERTIA * MASS + MASS / 4.0 + body / value("base_width") ** 2)
+    radius = _radius(robot) * (1.0 + side * value("wheel_radius_asymmetry"))
+    of_wheel = accelerated - radius**2 * (MASS / 4.0 + body / value("base_width") ** 2)
     gain = 1.0 + side * value("motor_gain_asymmetry")
     back_emf = value("k1") * (1.0 + side * value("back_emf_asymmetry"))
-    return Side(name, side, radius, inertia, value("k2_over_k3") * inertia * gain, gain / back_emf)
+    stall_torque = value("k2_over_k3") * accelerated * gain
+    return Side(name, side, radius, accelerated, of_wheel, stall_torque, gain / back_emf)
 
 
 def _wheel(robot: ExportedRobot, side: Side, mean_radius: float) -> str:
-    armature = WHEEL_INERTIA * MASS * side.radius**2 - LEAST_INERTIA
+    armature = side.of_wheel - LEAST_INERTIA
     friction, drag = (robot.value(name) * side.inertia for name in ("coulomb_friction", "quadratic_drag"))
     place = f"0 {side.side * robot.value('base_width') / 2.0!r} {side.radius - mean_radius!r}"
     return f"""\

@@ -177,6 +177,7 @@ def _in_mujoco(robot: ExportedRobot, path: Path, left: Floats, right: Floats) ->
         data.ctrl[:] = command
         for _ in range(round(STEP / model.opt.timestep)):
             mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)  # a step leaves what sensors said where it began
         poses[number] = [data.joint(name).qpos[0] for name in POSE]
         encoders = [data.sensor(name).data[0] for name in ("encoder_left", "encoder_right")]
         readings[number] = [*encoders, data.sensor("gyro").data[2], *poses[number]]

@@ -28,7 +28,8 @@ from cmr.msg import process_status_t
 from cmr.parameters.following import ParameterFollower
 from robot_driver.ros2.bridge import RobotBridge
 from robot_driver.ros2.joined import Wake, waiting_for_both
-from robot_driver.ros2.network import RANGES, choose_network
+from robot_driver.ros2.network import LARGEST_DOMAIN, RANGES, choose_network
+from robot_driver.ros2.options import NAMESPACE, check_base
 from robot_driver.ros2.profile import Profile, ProfileError, shipped
 from robot_driver.ros2.shown import ShownRobot
 from robot_driver.stop_file import StopFile, state_folder
@@ -40,8 +41,7 @@ if TYPE_CHECKING:
 
 NAME = "cmr-ros2"
 LEAST_RATE = 100.0  # Hz of the loop; what comes on either bus is handled at once
-LARGEST_DOMAIN = 232  # the ports of larger ones are beyond 65535
-ROBOT = re.compile(r"(\d+)=([^@]+)(?:@(/[A-Za-z][A-Za-z0-9_/]*))?")
+ROBOT = re.compile(rf"(\d+)=([^@]+)(?:@({NAMESPACE}))?")
 NOTHING = "Nothing to do: --robot names a real robot, --virtual and --show robots of the world, --probe looks around."
 NO_ROS = (
     "cmr-ros2 needs rclpy, and {missing} cannot be imported. Source a ROS 2 (source /opt/ros/DISTRO/setup.bash) whose "
@@ -284,15 +284,10 @@ def _profiles(robots: Sequence[Robot], shown: Sequence[int], *, allowed: bool) -
         raise CommandError(f"Robot {twice[0]} is named twice.")
     try:
         profiles = {robot: Profile.load(robot.profile) for robot in robots}
+        for profile in profiles.values():
+            check_base(profile, allowed=allowed)
     except ProfileError as error:
         raise CommandError(str(error)) from error
-    for robot, profile in profiles.items():
-        if profile.base.command_timeout is None and not allowed:
-            raise CommandError(
-                f"Robot {robot.robot_id} ({profile.name}) has no command timeout of its own: it would drive on if this "
-                f"process were killed or cut off ({profile.base.source}). Add one to the robot, or give "
-                "--no-base-timeout, with a hardware stop in reach."
-            )
     return profiles
 
 

@@ -3,6 +3,7 @@
 import os
 
 SUBNET = "subnet"
+LARGEST_DOMAIN = 232  # the ports of larger ones are beyond 65535
 RANGES = ("localhost", SUBNET, "off")
 WITH_LOCALHOST_ONLY = ("foxy", "galactic", "humble")  # distributions that know ROS_LOCALHOST_ONLY alone
 

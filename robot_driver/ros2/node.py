@@ -56,7 +56,7 @@ class Node:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.ros = rclpy.create_node(name, context=self._context, enable_rosout=False, start_parameter_services=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = _executor(self._context)
         self._executor.add_node(self.ros)
         self._over = Event()
         self._thread = Thread(target=self._spin, name="ROS 2", daemon=True)
@@ -119,6 +119,15 @@ class Publisher:
     def heard_by(self) -> int:
         """How many subscribe to it."""
         return int(self._publisher.get_subscription_count())
+
+
+def _executor(context: Any) -> Any:
+    """Return what calls back; from ROS 2 Kilted on, one that needs no set of all topics for each message."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def _quality(reliable: bool, latched: bool) -> QoSProfile:

@@ -1,6 +1,7 @@
 """The measure that decides about an effect agrees with the decision, and its sentence has the value and the limit."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,9 +11,16 @@ import pytest
 from cmr.diagnosis.diagnose import _candidates
 from cmr.estimation.candidates import SMALLEST, Excitation, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect, measured, why_not
+from cmr.estimation.search.criteria import (
+    TOO_SMALL,
+    CandidateEffect,
+    SelectedEffect,
+    _lost_readings,
+    measured,
+    why_not,
+)
 from cmr.estimation.search.inflation import Inflation
-from cmr.estimation.search.measures import size_below_limit, with_unit
+from cmr.estimation.search.measures import readings_lost, size_below_limit, with_unit
 from cmr.estimation.search.rivals import Rival
 from cmr.estimation.search.selection import _Selection
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, Trace
@@ -21,8 +29,17 @@ from cmr.recordings.signal import Floats
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 USUAL = Excitation(ROBOT, turning=2.0)
-PROBLEM = cast(Any, SimpleNamespace(excitation=USUAL, moving=(1.0, 59.0), by_moments=True))
 ROWS = 8
+SIGNALS = ("psi_left", "psi_right", "psi_left", "yaw_rate", "yaw_rate", "forward", "sideways", "heading")  # of the rows
+PROBLEM = cast(
+    Any,
+    SimpleNamespace(
+        excitation=USUAL,
+        moving=(1.0, 59.0),
+        by_moments=True,
+        rows_of=lambda signals: np.array([name in signals for name in SIGNALS]),
+    ),
+)
 
 
 def candidate(name: str, share: float, drop: float, explained: int | None = None) -> CandidateEffect:
@@ -68,6 +85,30 @@ def test_a_reason_of_the_judgement_has_the_measure_of_the_same_reason() -> None:
         assert known.measure
         assert known.measure.quantity == quantity
         assert known.reason(why) == known.measure.sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "raised", "is_refused"),
+    [
+        ("pose_offset", "heading", True),  # a tracker says where the robot is, and with that what moves it at a place
+        ("gyro_bias", "yaw_rate", True),
+        ("gyro_bias", "heading", False),  # it may say which of two sensors is right
+        ("encoder_scale", "psi_left", False),  # all predictions follow the encoders
+        ("surface_patch", "heading", False),
+    ],
+)
+def test_what_a_sensor_does_may_not_make_its_own_readings_less_likely(name: str, raised: str, is_refused: bool) -> None:
+    rest = np.ones(ROWS)
+    rest[SIGNALS.index(raised)] = 20.0
+    one = candidate("gyro_bias", 2.0, 500.0)
+    assert one.fit is not None
+    one = replace(one, effect=CATALOGUE[name], fit=replace(one.fit, rest=rest))
+    lost = _lost_readings(PROBLEM, fit_of(), one)
+    assert lost == (399.0 if is_refused else pytest.approx(0.0, abs=1e-9))
+    if is_refused:
+        assert readings_lost(lost, 30.0).sentence == (
+            "It raises -2 log likelihood of its own sensor's readings by 399.0; at most 30.0 may be chance."
+        )
 
 
 def test_a_small_effect_is_included_and_its_rivals_are_rows_with_the_difference() -> None:

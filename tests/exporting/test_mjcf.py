@@ -2,11 +2,13 @@
 
 import importlib.util
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from cmr.exporting.carried import BY_TARGET, MJCF
-from cmr.exporting.mjcf import mjcf
+from cmr.exporting.mjcf import LEAST_INERTIA, TIME_STEP, WHEEL_MASS, mjcf
 from cmr.exporting.proof import FAR, Proof, prove
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.parameters import RobotParameters
@@ -56,6 +58,43 @@ def test_what_is_not_carried_counts_as_lost(tmp_path: Path) -> None:
     proof = proven(robot_with(("coulomb_friction", "turn_slip")), tmp_path)
     assert proof.lost > FAR * proof.length
     assert proof.holds
+
+
+@pytest.mark.parametrize("unequal", [-0.04, 0.0, 0.1])
+@pytest.mark.parametrize("coupling", [-0.3, 0.0, 0.5])
+def test_both_sides_accelerate_and_couple_alike_however_unequal_the_wheels(coupling: float, unequal: float) -> None:
+    """By the equations of motion of two wheels that roll: M = I_wheel,i + r_i^2 (m / 4 + J / b^2) on the diagonal."""
+    effects = {"motor_coupling": coupling, "wheel_radius_asymmetry": unequal}
+    model = ElementTree.fromstring(mjcf(ExportedRobot(0, RobotParameters(*PAPER, effects=effects))))
+    *_, base_width = PAPER
+    inertial = model.find("worldbody/body/inertial")
+    assert inertial is not None
+    mass = float(inertial.attrib["mass"]) + 2.0 * WHEEL_MASS
+    yaw = float(inertial.attrib["diaginertia"].split()[0]) + 2.0 * WHEEL_MASS * (base_width / 2.0) ** 2
+    wheels = [(float(attribute_of(wheel, "geom", "size")), float(attribute_of(wheel, "joint", "armature")))
+              for wheel in model.findall("worldbody/body/body")]  # fmt: skip
+    own = [armature + LEAST_INERTIA + r**2 * (mass / 4.0 + yaw / base_width**2) for r, armature in wheels]
+    assert own[0] == pytest.approx(own[1], rel=1e-12)
+    assert min(armature for _, armature in wheels) > 0.0
+    between = wheels[0][0] * wheels[1][0] * (mass / 4.0 - yaw / base_width**2)
+    assert between / own[0] == pytest.approx(coupling, abs=1e-12)
+
+
+def attribute_of(body: ElementTree.Element, tag: str, name: str) -> str:
+    found = body.find(tag)
+    assert found is not None
+    return found.attrib[name]
+
+
+@needs_mujoco
+def test_sensors_say_what_is_so_when_they_are_read(tmp_path: Path) -> None:
+    """Encoders that are late by L fall behind the heading by L times the turn rate; wheels that slip do so a little."""
+    driven = proven(robot_with(()), tmp_path)
+    radius, _, _, base_width = PAPER
+    behind = driven.found[:, 2] - radius * (driven.readings[:, 1] - driven.readings[:, 0]) / base_width
+    rate = np.diff(driven.readings[:, 2])
+    late = float(np.sum(np.diff(behind) * rate) / np.sum(rate**2))  # s
+    assert abs(late) < 0.5 * TIME_STEP
 
 
 def test_a_coupling_that_no_body_has_is_refused() -> None:

@@ -4,6 +4,7 @@ With the drop D = S(before) - S(after) that its k parameters bring, and the infl
 
     is there      D >= inflation (THRESHOLD + PER_PARAMETER (k - 1) + OF_A_PLACE if it chose a place)
     not unusual   D >= inflation (the same + unlikelihood of its sizes, less what the model had before)
+    its own       what a gyro or a tracker does may not raise S of its own readings by as much
     holds         G > 0, with G = (S_left_out(before) - S_left_out(after)) / 2
     possible      values inside their ranges, and the paper's parameters not those of another robot
     matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations
@@ -25,6 +26,7 @@ import numpy as np
 from cmr.estimation.candidates import USUAL_RATE, Excitation, locality, rarity, unlikelihood
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.prediction import POSE_SIGNALS, SIGNALS
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.cross_validation import as_seen
 from cmr.estimation.search.inflation import Inflation
@@ -35,6 +37,7 @@ from cmr.estimation.search.measures import (
     likelihood_ratio,
     moment_at_an_end,
     place_everywhere,
+    readings_lost,
     size_below_limit,
     turns_exceeded,
     undetermined,
@@ -55,6 +58,7 @@ ABSURD = 4.0  # factor by which the paper's parameters may not change when an ef
 LARGEST_STRETCH = 0.5  # of a usual distance from the origin, by which poses may be stretched
 FARTHEST = 1.5  # times its root mean square distance from the origin: farther a robot hardly is on a drive of loops
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
+READINGS = {"gyro": ("yaw_rate",), "pose": POSE_SIGNALS}  # of sensors that move nothing, by their stage
 TOO_SMALL = "It is too small to matter."
 MAY_BE_CHANCE = "What it explains may be chance."
 TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
@@ -138,6 +142,9 @@ def _objections(
     least += unlikelihood(values, problem.excitation) - unlikelihood(before.values, problem.excitation)
     if drop < least * inflated:
         yield TOO_UNUSUAL, likelihood_ratio(drop, least * inflated, unusual=True)
+    lost = _lost_readings(problem, before, candidate)
+    if lost > least * inflated:
+        yield "It makes the readings of its own sensor less likely.", readings_lost(lost, least * inflated)
     stds = _stds(candidate)
     yield from _impossible(problem, before, candidate, stds)
     if candidate.fit is not None and not candidate.held_out > 0.0:
@@ -145,6 +152,20 @@ def _objections(
     small = size_below_limit(candidate.effect, values, stds, problem.excitation)
     if small is not None:
         yield TOO_SMALL, small
+
+
+def _lost_readings(problem: Problem, before: Fit, candidate: CandidateEffect) -> float:
+    """Return by how much what a gyro or a tracker does raises the squares of its own white errors; 0 of other effects.
+
+    Where the robot is decides whether it is at a place that acts on its wheels, and poses say where it is. So an effect
+    of the tracker may predict wheels better by chance, at the expense of the poses.
+    """
+    effect, fit = candidate.effect, candidate.fit
+    if fit is None or not effect.is_sensor or not problem.by_moments:
+        return 0.0
+    own = {name for stage in effect.equations for name in READINGS.get(stage.partition("_")[0], SIGNALS)}
+    rows = problem.rows_of(own)
+    return float(np.sum(fit.rest[rows] ** 2) - np.sum(before.rest[rows] ** 2)) if own < {*SIGNALS} else 0.0
 
 
 def _impossible(

@@ -103,6 +103,14 @@ def left_out_gain(gain: float) -> Measure:
     return Measure("left_out_log_likelihood", gain, 0.0, "-", sentence)
 
 
+def readings_lost(rise: float, most: float) -> Measure:
+    """Return by how much the readings of a sensor are less likely with what it is said to do."""
+    sentence = (
+        f"It raises -2 log likelihood of its own sensor's readings by {rise:.1f}; at most {most:.1f} may be chance."
+    )
+    return Measure("likelihood_ratio_of_its_readings", rise, most, "-", sentence)
+
+
 def coarse_tick(tick: float, coarse: float) -> Measure:
     """Return the size [rad] of an encoder's tick, which is coarse."""
     sentence = f"One tick of the encoders is {tick:.2g} rad; more than {coarse:.2g} rad is coarse."

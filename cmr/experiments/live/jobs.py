@@ -44,24 +44,7 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
     robot_id = robot.robot_id
     who = ["--robot", str(robot_id)]
     parameters = ["--parameters", str(folder / f"robot_{robot_id}.yaml")]
-    ports = folder / f"ports_{robot_id}"
-    if robot.emulator is not None:
-        emulation = arguments_of(replace(robot.emulator, settings=folder / f"emulator_{robot_id}.yaml"))
-        behind = ["--ports", str(ports)] if robot.emulator.command == DUTY else []
-        command = [our_command("cmr-emulate"), *who, *behind, *emulation, *bus]
-        command += ["--seed", str(scenario.seed + robot_id)]
-        yield Job(f"emulator {robot_id}", EMULATOR, command, robot_id, host=robot.host)
-        connection = ["--port", str(ports / "motor"), "--controller", robot.emulator.controller]
-        connection += ["--gyro-port", str(ports / "gyro"), "--gyro", robot.emulator.gyro]
-        connection += ["--state", str(folder / STATE)]
-        after: Path | None = ports / "gyro"
-    else:
-        connection = arguments_of(robot.driver) if robot.driver is not None else []
-        after = None
-    # Robots with a velocity controller are on the bus themselves, real ones by a bridge of their own.
-    if robot.driver is not None or (robot.emulator is not None and robot.emulator.command == DUTY):
-        driver = [our_command("cmr-driver"), *who, *connection, *parameters, *bus]
-        yield Job(f"driver {robot_id}", DRIVER, driver, robot_id, after, robot.host)
+    yield from _driven(robot, scenario, folder, bus)
     if robot.calibrate:
         command = [our_command("cmr-calibrate"), *who, "--out", str(folder / f"robot_{robot_id}.yaml"), *bus]
         yield Job(f"calibrator {robot_id}", CALIBRATOR, command, robot_id, host=scenario.host)
@@ -76,3 +59,30 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
             command.append(f"--geofence={corners}")
         once = robot.behaviour.name == OPEN_LOOP
         yield Job(f"pilot {robot_id}", PILOT, command, robot_id, host=robot.host, once=once)
+
+
+def _driven(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]) -> Iterator[Job]:
+    """Yield what stands between a robot and the bus: its emulator and driver, or its bridge to ROS 2.
+
+    Other robots with a velocity controller are on the bus themselves, real ones by a bridge of their own.
+    """
+    robot_id = robot.robot_id
+    who, ports = ["--robot", str(robot_id)], folder / f"ports_{robot_id}"
+    name, after = f"driver {robot_id}", None
+    connection = arguments_of(robot.driver) if robot.driver is not None else []
+    if robot.emulator is not None:
+        emulation = arguments_of(replace(robot.emulator, settings=folder / f"emulator_{robot_id}.yaml"))
+        behind = ["--ports", str(ports)] if robot.emulator.command == DUTY else []
+        command = [our_command("cmr-emulate"), *who, *behind, *emulation, *bus]
+        command += ["--seed", str(scenario.seed + robot_id)]
+        yield Job(f"emulator {robot_id}", EMULATOR, command, robot_id, host=robot.host)
+        connection = ["--port", str(ports / "motor"), "--controller", robot.emulator.controller]
+        connection += ["--gyro-port", str(ports / "gyro"), "--gyro", robot.emulator.gyro]
+        connection += ["--state", str(folder / STATE)]
+        after = ports / "gyro"
+    if robot.ros2 is not None:
+        yield Job(name, DRIVER, [our_command("cmr-ros2"), *robot.ros2.arguments(robot_id), *bus], robot_id)
+    elif robot.driver is not None or (robot.emulator is not None and robot.emulator.command == DUTY):
+        parameters = ["--parameters", str(folder / f"robot_{robot_id}.yaml")]
+        driver = [our_command("cmr-driver"), *who, *connection, *parameters, *bus]
+        yield Job(name, DRIVER, driver, robot_id, after, robot.host)

@@ -48,7 +48,7 @@ def write_sim_scenario(scenario: Scenario, folder: Path, poses: Mapping[int, Pos
 def _for_sim(robot: RobotPlan, start: Pose | None) -> RobotPlan:
     parameters = Path(robot.parameters.name) if robot.parameters is not None else None
     emulator = replace(robot.emulator, settings=None) if robot.emulator is not None else None
-    return replace(robot, start=start, waypoints=(), parameters=parameters, emulator=emulator)
+    return replace(robot, start=start, waypoints=(), parameters=parameters, emulator=emulator, ros2=None)
 
 
 def write_emulators(scenario: Scenario, folder: Path, poses: Mapping[int, Pose]) -> None:
@@ -67,7 +67,8 @@ def _prepared(robot: RobotPlan, folder: Path, first_with: dict[Path, int]) -> Ro
         return replace(robot, parameters=None, parameters_of=first)
     path = (folder / f"robot_{robot.robot_id}.yaml").absolute()
     replace(load_parameters(robot.parameters), robot_id=robot.robot_id).save(path)
-    return replace(robot, parameters=path)
+    bridge = robot.ros2.kept_in(path.with_name(f"profile_{robot.robot_id}.yaml")) if robot.ros2 is not None else None
+    return replace(robot, parameters=path, ros2=bridge)
 
 
 def _copied(path: Path, copy: Path) -> Path:

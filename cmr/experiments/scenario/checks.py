@@ -55,12 +55,17 @@ def _check_driver(plan: RobotPlan, place: Place, has_velocity_controller: bool) 
     if has_velocity_controller and plan.driver is not None:
         raise place.error(
             f"driver: {plan.parameters} describes a robot with a velocity controller, which cmr-driver does not drive. "
-            "Leave out driver, and start the robot's own bridge to the bus"
+            "Leave out driver; for a robot that speaks ROS 2, give ros2, else start the robot's own bridge to the bus"
+        )
+    if not has_velocity_controller and plan.ros2 is not None:
+        raise place.error(
+            f"ros2: a robot that speaks ROS 2 takes speeds, and {plan.parameters} describes one that takes duties. "
+            "It needs response_time and top_wheel_speed in place of k2_over_k3 and k1"
         )
     if not has_velocity_controller and plan.driver is None:
         raise place.error(
             "driver is missing: a real robot needs the port of its motor controller, driver: {port: /dev/ttyUSB0}. "
-            "A robot that takes speeds through a bridge of its own has response_time and top_wheel_speed "
+            "A robot that takes speeds, by ros2 or through a bridge of its own, has response_time and top_wheel_speed "
             f"in its parameters, in place of k2_over_k3 and k1; {plan.parameters} has not"
         )
 

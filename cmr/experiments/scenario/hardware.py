@@ -1,4 +1,4 @@
-"""What the driver and the emulator of robots must answer for a scenario to be read; it knows neither of them."""
+"""What drivers, bridges and emulators of robots must answer for a scenario to be read; it knows none of them."""
 
 from dataclasses import Field
 from pathlib import Path
@@ -33,13 +33,34 @@ class EmulatorPlan(Protocol):
         ...
 
 
+class BridgePlan(Protocol):
+    """How a robot that speaks ROS 2 is reached: the dataclass of the options of cmr-ros2 for one robot."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    def kept_in(self, path: Path) -> "BridgePlan":
+        """Return it with its profile copied to `path`, unless CMR ships that. Raises OSError."""
+        ...
+
+    def arguments(self, robot_id: int) -> list[str]:
+        """Return the options of cmr-ros2 that bridge this robot."""
+        ...
+
+
 class Hardware(Protocol):
-    """The options of drivers and emulators; `cmr.commands.scenarios` has those of `robot_driver`."""
+    """The options of drivers, bridges and emulators; `cmr.commands.scenarios` has those of `robot_driver`."""
 
     def connection(self, item: Item) -> object:
         """Return the dataclass of the options of cmr-driver that an item describes.
 
         Raises the document's error for what the driver does not allow.
+        """
+        ...
+
+    def bridging(self, item: Item, folder: Path) -> BridgePlan:
+        """Return the dataclass of the options of cmr-ros2 that an item describes; files are named from `folder`.
+
+        Raises the document's error for what cmr-ros2 does not allow.
         """
         ...
 

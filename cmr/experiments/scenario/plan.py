@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from cmr.documents.document import DocumentError
-from cmr.experiments.scenario.hardware import EmulatorPlan
+from cmr.experiments.scenario.hardware import BridgePlan, EmulatorPlan
 from cmr.experiments.team.metrics import UNITS
 from cmr.geometry.places import Disc, Point, Pose, Wall
 
@@ -55,6 +55,7 @@ class RobotPlan:
     start: Pose | None = None
     waypoints: tuple[Point, ...] = ()
     driver: object | None = None  # the dataclass of the options of cmr-driver
+    ros2: BridgePlan | None = None
     emulator: EmulatorPlan | None = None
     calibrate: bool = False
     diagnose: bool = False

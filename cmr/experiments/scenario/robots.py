@@ -15,7 +15,7 @@ from cmr.world.behaviours import BehaviourError, make_behaviour
 
 KEYS = (
     *("id", "count", "first_id", "kind", "behaviour", "parameters", "parameters_of", "start", "waypoints"),
-    *("driver", "emulator", "calibrate", "diagnose", "range_sensor", "host"),
+    *("driver", "ros2", "emulator", "calibrate", "diagnose", "range_sensor", "host"),
 )
 MOST_ROBOTS = 100_000
 PREVIOUS = "previous"  # as a setting's value: the id before the robot's own
@@ -65,6 +65,7 @@ def _read_entry(section: Section, folder: Path, hardware: Hardware) -> list[Plac
     whose = parameters_of.whole(0, LARGEST_ROBOT_ID) if parameters_of else None
     waypoints = read_points(section.get("waypoints"))
     driver = hardware.connection(connection) if (connection := section.get("driver")) else None
+    bridge = hardware.bridging(bridged, folder) if (bridged := section.get("ros2")) else None
     emulator = _emulator(section.get("emulator"), folder, hardware) if kind == "emulated" else None
     calibrate, diagnose, host = section.get("calibrate"), section.get("diagnose"), section.get("host")
     range_sensor = section.get("range_sensor")
@@ -79,6 +80,7 @@ def _read_entry(section: Section, folder: Path, hardware: Hardware) -> list[Plac
                 start=None if kind == "real" and "start" not in section else start,
                 waypoints=waypoints,
                 driver=driver,
+                ros2=bridge,
                 emulator=emulator,
                 calibrate=bool(calibrate and calibrate.flag()),
                 diagnose=bool(diagnose and diagnose.flag()),
@@ -111,13 +113,19 @@ def _check_belonging(section: Section, kind: Kind, ids: range) -> None:
         raise section.place.error(f"count is for virtual robots; describe each {kind} one with an id of its own")
     foreign = {
         "real": ("emulator", "parameters_of"),
-        "emulated": ("driver", "parameters_of"),
-        "virtual": ("driver", "emulator", "calibrate", "diagnose", "host"),
+        "emulated": ("driver", "ros2", "parameters_of"),
+        "virtual": ("driver", "ros2", "emulator", "calibrate", "diagnose", "host"),
     }[kind]
     for key in foreign:
         item = section.get(key)
         if item is not None:
             raise item.place.error(f"is not for {kind} robots")
+    if "ros2" in section and "driver" in section:
+        raise section.place.error("driver and ros2 exclude each other: a robot has one or the other")
+    if "ros2" in section and "host" in section:
+        raise section.place.error(
+            "host is not for robots with ros2: cmr-ros2 runs on this computer, and reaches others by range: subnet"
+        )
     if "parameters" in section and "parameters_of" in section:
         raise section.place.error("parameters and parameters_of exclude each other: one of the two is enough")
 

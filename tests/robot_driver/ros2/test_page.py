@@ -13,11 +13,17 @@ from tests.support.documentation_blocks import DOCS, Block, blocks_of
 from tests.support.private_bus import private_url
 from tests.support.ros2_python import environment, free_domain, ros2_python
 
-pytestmark = [pytest.mark.waits, pytest.mark.slow]
+# Calibration is compiled and computed here: a minute and more of a core. Others try the bridge in each run of CI.
+pytestmark = [pytest.mark.waits, pytest.mark.further]
 PATIENCE = 400.0  # s; the model may have to be compiled first, and this computer be busy
 PAGE = DOCS / "how_to" / "bring_your_turtlebot.md"
-EDITED = {"name: my robot": "my_robot.yaml", "robot_id: 0": "robot_0.yaml"}  # files that the page shows, by a line
-NOT_HERE = ("pip ", "cmr-sim --virtual", "cmr-ros2 --virtual", "cmr-ros2 --show")  # test_process.py runs the last
+EDITED = {
+    "name: my robot": "my_robot.yaml",
+    "robot_id: 0": "robot_0.yaml",
+    "kind: real": "lab.yaml",
+}  # files that the page shows, by a line
+# test_scenario.py and test_process.py run the last ones.
+NOT_HERE = ("pip ", "cmr-run ", "cmr-sim --virtual", "cmr-ros2 --virtual", "cmr-ros2 --show")
 
 
 class Reader:

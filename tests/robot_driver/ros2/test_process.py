@@ -39,7 +39,7 @@ class World:
 
     def __init__(self, folder: Path) -> None:
         self.python, self.domain, self.url = ros2_python(), free_domain(), private_url()
-        self._environment = environment(self.url, folder)
+        self.environment = environment(self.url, folder)
         self.folder = folder
         self.bus = Bus(self.url)
         for stream in (MOTOR_FEEDBACK, GYRO, POSE, PROCESS_STATUS, MOTOR_COMMAND):
@@ -52,7 +52,7 @@ class World:
         """Start a process of ours; what it says goes to a file named after its module."""
         command = [self.python, "-m", *module.split(), *arguments, "--domain-id", str(self.domain)]
         output = (self.folder / f"{module.split('.')[-1]}.txt").open("w")
-        process = subprocess.Popen(command, env=self._environment, stdout=output, stderr=subprocess.STDOUT, text=True)
+        process = subprocess.Popen(command, env=self.environment, stdout=output, stderr=subprocess.STDOUT, text=True)
         self._processes.append(process)
         return process
 
