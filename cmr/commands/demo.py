@@ -123,6 +123,18 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="M/S[/M/S...]",
         help="of the drive in m/s, one or several; each for the same time, together a minute",
     )
+    _add_lead(options)
+    options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
+    options.add_argument(
+        "--view",
+        action="store_true",
+        help="open the page of cmr-view: the twin leaves its robot, and stays with it after the calibration",
+    )
+    return options
+
+
+def _add_lead(options: argparse.ArgumentParser) -> None:
+    """Add options of a drive by hand."""
     options.add_argument(
         "--lead",
         action="store_true",
@@ -133,13 +145,6 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--script", default="", metavar="STEPS", help="with --lead: as of cmr-teleop, without a person"
     )
-    options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
-    options.add_argument(
-        "--view",
-        action="store_true",
-        help="open the page of cmr-view: the twin leaves its robot, and stays with it after the calibration",
-    )
-    return options
 
 
 def _speeds(text: str) -> str:

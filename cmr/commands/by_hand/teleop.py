@@ -186,6 +186,20 @@ def command_parser() -> argparse.ArgumentParser:
         "  cmr-pilot --robot 0 --behaviour manoeuvre,name=drive.yaml",
     )
     add_robot(options)
+    _add_leading(options)
+    options.add_argument(
+        "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
+    )
+    options.add_argument(
+        "--parameters-of", type=parse_robot_id, metavar="N", help="robot by whose parameters it goes; otherwise its own"
+    )
+    add_limits(options)
+    add_fence(options)
+    return options
+
+
+def _add_leading(options: argparse.ArgumentParser) -> None:
+    """Add options that say who or what leads, how fast and how long."""
     options.add_argument(
         "--gamepad",
         nargs="?",
@@ -208,15 +222,6 @@ def command_parser() -> argparse.ArgumentParser:
         "ahead-left, ahead-right, rest; s), then end",
     )
     options.add_argument("--page", action="store_true", help="for cmr-view: a joystick on standard input, as JSON")
-    options.add_argument(
-        "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
-    )
-    options.add_argument(
-        "--parameters-of", type=parse_robot_id, metavar="N", help="robot by whose parameters it goes; otherwise its own"
-    )
-    add_limits(options)
-    add_fence(options)
-    return options
 
 
 def _up_to(most: float) -> Callable[[str], float]:
