@@ -1,11 +1,10 @@
 """cmr-export: take a calibrated robot to another simulator, or to a robot description."""
 
 import argparse
-import math
 from pathlib import Path
 from typing import cast
 
-from cmr.cli.command_line import add_json, check_writable, parser, print_json
+from cmr.cli.command_line import add_json, check_writable, parse_number, parser, print_json
 from cmr.cli.errors import CommandError
 from cmr.estimation.estimates import EstimationError
 from cmr.exporting.carried import TARGETS, of_robot, what_is_carried
@@ -98,10 +97,4 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _length(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length: a number greater than 0, in m")
-    return value
+    return parse_number(text, f"{text!r} is not a length: a number greater than 0, in m", above=0.0)

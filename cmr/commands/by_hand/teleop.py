@@ -21,7 +21,7 @@ from cmr.bus.streams import (
     WORLD_STATE,
     Stream,
 )
-from cmr.cli.command_line import add_robot, parse_robot_id, parser
+from cmr.cli.command_line import add_robot, parse_number, parse_robot_id, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
@@ -228,13 +228,7 @@ def _up_to(most: float) -> Callable[[str], float]:
     """Return what reads a number above 0 up to `most`."""
 
     def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = 0.0
-        if not 0.0 < value <= most:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0, {most:g} at most")
-        return value
+        return parse_number(text, f"{text!r} is not a number above 0, {most:g} at most", above=0.0, most=most)
 
     return read
 

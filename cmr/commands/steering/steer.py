@@ -22,6 +22,7 @@ from cmr.bus.streams import (
     WAYPOINTS,
     WORLD_STATE,
 )
+from cmr.cli.command_line import parse_number
 from cmr.cli.errors import CommandError
 from cmr.geometry.obstacles import FURTHEST, Geofence
 from cmr.model.command_kinds import KINDS
@@ -185,10 +186,4 @@ def margin(text: str) -> float:
 
     Raises argparse.ArgumentTypeError where it is none.
     """
-    try:
-        distance = float(text)
-    except ValueError:
-        distance = -1.0
-    if not 0.0 <= distance <= FURTHEST:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a distance of 0 m or more")
-    return distance
+    return parse_number(text, f"{text!r} is not a distance of 0 m or more", least=0.0, most=FURTHEST)
