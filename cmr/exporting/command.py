@@ -83,14 +83,14 @@ def command_parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="FILE", help="file to write (default: robot_N and the target's ending)"
     )
     of_description = (
-        "as the robot description has it, for ros2_control, sdf and urdf (default: as the robot counts) [m]"
+        "as the robot description has it, for ros2_control, sdf and urdf (default: that of the robot's own controller) [m]"
     )
     result.add_argument("--wheel-separation", type=_length, metavar="M", help=f"wheel separation {of_description}")
     result.add_argument("--wheel-radius", type=_length, metavar="M", help=f"wheel radius {of_description}")
     result.add_argument(
         "--prove",
         action="store_true",
-        help="run the file (python, fmu, mjcf) beside CMR's own model, and write a page beside it: FILE.html",
+        help="run the file (python, fmu, mjcf), compare it with CMR's own model, and write FILE.html about it",
     )
     add_json(result)
     return result

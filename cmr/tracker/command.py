@@ -65,7 +65,7 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--write-profile", type=Path, metavar="FILE", help="write an example of a profile to fill in, and end"
     )
-    options.add_argument("--seconds", type=_seconds, metavar="S", help="end after so long")
+    options.add_argument("--seconds", type=_seconds, metavar="S", help="end after this time [s]")
     return options
 
 

@@ -213,7 +213,7 @@ def _add_leading(options: argparse.ArgumentParser) -> None:
         "--turn-rate", type=_up_to(FASTEST_TURN), default=TURN_RATE, metavar="RAD/S", help="with a key held"
     )
     options.add_argument("--record", type=Path, metavar="FILE", help="write the drive as a manoeuvre (.yaml)")
-    options.add_argument("--seconds", type=_up_to(1e6), metavar="S", help="end after so long")
+    options.add_argument("--seconds", type=_up_to(1e6), metavar="S", help="end after this time [s]")
     options.add_argument(
         "--script",
         type=_script,

@@ -140,7 +140,7 @@ def add_fence(options: argparse.ArgumentParser) -> None:
         metavar="X1,Y1,X2,Y2,...",
         help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
     )
-    options.add_argument("--margin", type=margin, default=MARGIN, metavar="M", help="from its border, in m")
+    options.add_argument("--margin", type=margin, default=MARGIN, metavar="M", help="distance to keep from its border, in m")
 
 
 def add_limits(options: argparse.ArgumentParser) -> None:
@@ -155,13 +155,13 @@ def add_limits(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--take-over",
         action="store_true",
-        help="command the robot although another process does, which then ends; otherwise wait until it does",
+        help="take the robot over from another process that commands it, which then ends; otherwise wait for it to end",
     )
     options.add_argument(
         "--no-keep-clear",
         dest="keep_clear",
         action="store_false",
-        help="do not stop before robots in the way, real and virtual ones",
+        help="do not stop in front of other robots, real and virtual ones",
     )
 
 
