@@ -113,6 +113,17 @@ def add_robot(options: argparse.ArgumentParser) -> None:
     options.add_argument("--robot", type=parse_robot_id, default=configuration.robot(), metavar="N", help="robot id")
 
 
+def add_nominal(options: argparse.ArgumentParser) -> None:
+    """Add the option for the parameters with which an estimate begins."""
+    options.add_argument(
+        "--parameters",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
+    )
+
+
 def add_logs(options: argparse.ArgumentParser, what: str, single: bool = False) -> None:
     """Add event logs, or a single one, which are named by themselves or after --log; `logs_of` returns them."""
     options.add_argument("logs", type=Path, nargs="?" if single else "*", metavar="RUN.lcm", help=what)
@@ -195,13 +206,23 @@ def parse_robot_id(text: str) -> int:
 
 def parse_seconds(text: str) -> float:
     """Parse a time for argparse: a finite number of seconds, 0 or more."""
+    return parse_number(text, f"{text!r} is not a time: a number of 0 or more, in seconds", least=0.0)
+
+
+def parse_number(
+    text: str, otherwise: str, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf
+) -> float:
+    """Parse a finite number for argparse, of `least` to `most`, and greater than `above`.
+
+    Raises argparse.ArgumentTypeError, which says `otherwise`, where the text is none.
+    """
     try:
-        seconds = float(text)
+        number = float(text)
     except ValueError:
-        seconds = math.nan
-    if not 0.0 <= seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a time: a number of 0 or more, in seconds")
-    return seconds
+        number = math.nan
+    if not (math.isfinite(number) and least <= number <= most and number > above):
+        raise argparse.ArgumentTypeError(otherwise)
+    return number
 
 
 def _say_why_failed(sentence: str) -> None:

@@ -15,7 +15,16 @@ from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
 from cmr.calibration.calibrator import HEARD, Calibrator
 from cmr.calibration.result import CalibrationResult
-from cmr.cli.command_line import add_json, add_logs, check_writable, logs_of, parse_robot_id, parser, print_json
+from cmr.cli.command_line import (
+    add_json,
+    add_logs,
+    add_nominal,
+    check_writable,
+    logs_of,
+    parse_robot_id,
+    parser,
+    print_json,
+)
 from cmr.cli.configuration import parameter_file
 from cmr.cli.configuration import robot as default_robot
 from cmr.cli.errors import CommandError
@@ -65,13 +74,7 @@ def command_parser() -> argparse.ArgumentParser:
         help="robot id; else 0 live, the only one of a log",
     )
     add_json(options)
-    options.add_argument(
-        "--parameters",
-        type=Path,
-        default=None,
-        metavar="FILE",
-        help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
-    )
+    add_nominal(options)
     options.add_argument(
         "--whole-log",
         action="store_true",

@@ -13,7 +13,7 @@ from cmr.bus.process import Process, Timer
 from cmr.bus.senders import keep
 from cmr.bus.streams import CAMERA_IMAGE, POSE, WAYPOINTS, WORLD_STATE
 from cmr.camera.paper import PAPERS
-from cmr.cli.command_line import parse_seconds, parser
+from cmr.cli.command_line import parse_number, parse_seconds, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.distribution import how_to_install
@@ -367,10 +367,4 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _rate(text: str) -> float:
-    try:
-        rate = float(text)
-    except ValueError:
-        rate = -1.0
-    if not 0.0 <= rate <= 1000.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a rate of 0 to 1000 Hz")
-    return rate
+    return parse_number(text, f"{text!r} is not a rate of 0 to 1000 Hz", least=0.0, most=1000.0)

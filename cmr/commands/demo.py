@@ -123,16 +123,7 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="M/S[/M/S...]",
         help="of the drive in m/s, one or several; each for the same time, together a minute",
     )
-    options.add_argument(
-        "--lead",
-        action="store_true",
-        help="lead a virtual robot by hand, with the keys of this terminal or a joystick on the page that opens, while "
-        "two emulated real robots follow it",
-    )
-    options.add_argument("--seconds", type=float, default=None, metavar="S", help="with --lead: end after so long")
-    options.add_argument(
-        "--script", default="", metavar="STEPS", help="with --lead: as of cmr-teleop, without a person"
-    )
+    _add_lead(options)
     options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
     options.add_argument(
         "--view",
@@ -140,6 +131,22 @@ def command_parser() -> argparse.ArgumentParser:
         help="open the page of cmr-view: the twin leaves its robot, and stays with it after the calibration",
     )
     return options
+
+
+def _add_lead(options: argparse.ArgumentParser) -> None:
+    """Add options of a drive by hand."""
+    options.add_argument(
+        "--lead",
+        action="store_true",
+        help="lead a virtual robot by hand, with the keys of this terminal or a joystick on the page that opens, while "
+        "two emulated real robots follow it",
+    )
+    options.add_argument(
+        "--seconds", type=float, default=None, metavar="S", help="with --lead: end after this time [s]"
+    )
+    options.add_argument(
+        "--script", default="", metavar="STEPS", help="with --lead: as of cmr-teleop, without a person"
+    )
 
 
 def _speeds(text: str) -> str:

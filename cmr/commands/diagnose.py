@@ -14,7 +14,16 @@ from cmr.bus.message import Message
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
-from cmr.cli.command_line import add_json, add_logs, check_writable, logs_of, parse_count, parse_robot_id, parser
+from cmr.cli.command_line import (
+    add_json,
+    add_logs,
+    add_nominal,
+    check_writable,
+    logs_of,
+    parse_count,
+    parse_robot_id,
+    parser,
+)
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.commands.first_use import ESTIMATOR, announce_compiling, compile_first
@@ -91,7 +100,10 @@ def command_parser() -> argparse.ArgumentParser:
         "  cmr-diagnose --live --robot 0 --parameters robot_0.yaml",
         bus="LCM bus of --live; otherwise LCM_DEFAULT_URL from the environment, otherwise this host only",
     )
-    _add_arguments(options)
+    add_logs(options, "event logs to diagnose")
+    add_json(options)
+    _add_robot(options)
+    _add_run(options)
     return options
 
 
@@ -105,17 +117,10 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     return chosen
 
 
-def _add_arguments(options: argparse.ArgumentParser) -> None:
-    add_logs(options, "event logs to diagnose")
-    add_json(options)
+def _add_robot(options: argparse.ArgumentParser) -> None:
+    """Add options that say which robot it is, and what is known of it."""
     options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id; else all there are")
-    options.add_argument(
-        "--parameters",
-        type=Path,
-        default=None,
-        metavar="FILE",
-        help="nominal parameters, at least wheel_radius; otherwise those announced on PARAMETERS_N",
-    )
+    add_nominal(options)
     options.add_argument(
         "--against",
         type=Path,
@@ -132,6 +137,10 @@ def _add_arguments(options: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="files law_*.yaml, or folders of them, to test by name; those beside the file of --parameters always are",
     )
+
+
+def _add_run(options: argparse.ArgumentParser) -> None:
+    """Add options that say what is done, and where the results go."""
     options.add_argument(
         "--held-out",
         type=Path,

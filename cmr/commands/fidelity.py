@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from cmr.cli.command_line import add_json, parse_count, parse_robot_id, parser
+from cmr.cli.command_line import add_json, parse_count, parse_number, parse_robot_id, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
 from cmr.cli.stopping import end_on_signals
@@ -136,13 +136,7 @@ def _seeds(text: str) -> int:
 
 
 def _size(text: str) -> float:
-    try:
-        size = float(text)
-    except ValueError:
-        size = -1.0
-    if not 0.0 <= size <= 2.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of 0 to 2")
-    return size
+    return parse_number(text, f"{text!r} is not a number of 0 to 2", least=0.0, most=2.0)
 
 
 def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from textwrap import dedent
 
-from cmr.cli.command_line import add_robot, parse_robot_id, parser
+from cmr.cli.command_line import add_robot, parse_number, parse_robot_id, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.system_files import USB_IDS, command_line, driver_unit, udev_rule, unit
 from cmr.files import write_atomically
@@ -183,13 +183,7 @@ def _ask(question: str, default: str, parse: object) -> str:
 
 
 def _metres(text: str) -> float:
-    try:
-        metres = float(text)
-    except ValueError:
-        metres = 0.0
-    if not 0.001 <= metres <= 10.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length of 0.001 to 10 m")
-    return metres
+    return parse_number(text, f"{text!r} is not a length of 0.001 to 10 m", least=0.001, most=10.0)
 
 
 def _refuse_to_replace(options: argparse.Namespace, names: list[str]) -> None:

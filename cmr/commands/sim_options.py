@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cmr.cli.command_line import parse_robot_id, parser
+from cmr.cli.command_line import parse_number, parse_robot_id, parser
 from cmr.cli.configuration import parameters
 from cmr.commands.robots import numbered
 from cmr.world.behaviours.help_text import help_text
@@ -177,10 +177,4 @@ def _numbers(text: str) -> list[float]:
 
 
 def _rate(text: str) -> float:
-    try:
-        rate = float(text)
-    except ValueError:
-        rate = 0.0
-    if not 20.0 <= rate <= 100.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a rate between 20 and 100 Hz")
-    return rate
+    return parse_number(text, f"{text!r} is not a rate between 20 and 100 Hz", least=20.0, most=100.0)

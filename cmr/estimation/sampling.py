@@ -110,6 +110,14 @@ def _drawn(one_sided, on, count, factor, solved, drawn):  # type: ignore[no-unty
 
 
 @inlined
+def _drawn_at(belief, normal, pull, groups, one_sided, odds, state, on, factor, solved, drawn):  # type: ignore[no-untyped-def]
+    """Draw the sizes of a set; return the log of its probability, for how likely signs were, and how many sizes."""
+    count = _switched_on(state, groups, on)
+    total = _probability(belief, normal, pull, one_sided, odds, state, on, count, factor, solved)
+    return total + _drawn(one_sided, on, count, factor, solved, drawn), count
+
+
+@inlined
 def _log_positive(mean):  # type: ignore[no-untyped-def]
     """Return the log of the probability that a normal of deviation 1 is positive."""
     if mean > FAR:
@@ -181,21 +189,20 @@ def _walk(  # type: ignore[no-untyped-def]
                     tried[edges[move - effects, end]] ^= 1
             elif move >= 0:
                 tried[move] ^= 1
-            count = _switched_on(tried, groups, on)
-            there = _probability(beliefs[number], normal, pull, one_sided, odds, tried, on, count, factor, solved)
-            there += _drawn(one_sided, on, count, factor, solved, drawn)
+            there, count = _drawn_at(
+                beliefs[number], normal, pull, groups, one_sided, odds, tried, on, factor, solved, drawn
+            )
             if np.log(np.random.random()) < there - here[number]:
                 _copy(tried, states[number])
                 here[number] = there
                 if number == 0:
                     _keep(sizes, on, drawn, count)
         cold = np.random.randint(0, walks - 1)
-        count = _switched_on(states[cold], groups, on)
-        up = _probability(beliefs[cold + 1], normal, pull, one_sided, odds, states[cold], on, count, factor, solved)
-        up += _drawn(one_sided, on, count, factor, solved, drawn)
-        count = _switched_on(states[cold + 1], groups, on)
-        down = _probability(beliefs[cold], normal, pull, one_sided, odds, states[cold + 1], on, count, factor, solved)
-        down += _drawn(one_sided, on, count, factor, solved, drawn)
+        belief, hotter = beliefs[cold], beliefs[cold + 1]
+        up, _ = _drawn_at(hotter, normal, pull, groups, one_sided, odds, states[cold], on, factor, solved, drawn)
+        down, count = _drawn_at(
+            belief, normal, pull, groups, one_sided, odds, states[cold + 1], on, factor, solved, drawn
+        )
         if np.log(np.random.random()) < up + down - here[cold] - here[cold + 1]:
             _copy(states[cold], tried)
             _copy(states[cold + 1], states[cold])

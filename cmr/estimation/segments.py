@@ -165,16 +165,14 @@ def _segment(
     wheels, gyro, poses = (s.between(first, end) for s in (recording.wheels, recording.gyro, recording.poses))
     angle, use, doubt = _readings(wheels, tick)
     use[held_up(wheels)] = 0
-    pose = np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
-    psi = _start_speeds(wheels, first)
-    begins = pose[0] if len(pose) else np.zeros(3)
+    pose = _stacked(poses)
     rolled = _rolled_of(recording, first, end, tick, steps) if len(recording.wheels) else np.empty((0, 2))
     return Segment(
         Observations(
             dt=STEP,
             steps=steps,
             commands=_commands(recording.duty, first, end),
-            start=(float(begins[0]), float(begins[1]), float(begins[2]), *psi),
+            start=(*(pose[0].tolist() if len(pose) else (0.0, 0.0, 0.0)), *_start_speeds(wheels, first)),
             wheel_time=_seconds(wheels, first),
             wheel=angle,
             wheel_use=use,
@@ -196,6 +194,11 @@ def _segment(
         piece=(piece := int(recording.pieces.number(np.array([first]))[0])),
         piece_pose=_first_pose(recording, piece),
     )
+
+
+def _stacked(poses: Signal) -> Floats:
+    """Return x, y and theta of all poses, (P, 3) [m, m, rad]."""
+    return np.stack([poses[name] for name in ("x", "y", "theta")], axis=1) if len(poses) else np.empty((0, 3))
 
 
 def _first_pose(recording: Recording, piece: int) -> tuple[float, float, float]:

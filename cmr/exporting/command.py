@@ -1,11 +1,10 @@
 """cmr-export: take a calibrated robot to another simulator, or to a robot description."""
 
 import argparse
-import math
 from pathlib import Path
 from typing import cast
 
-from cmr.cli.command_line import add_json, check_writable, parser, print_json
+from cmr.cli.command_line import add_json, check_writable, parse_number, parser, print_json
 from cmr.cli.errors import CommandError
 from cmr.estimation.estimates import EstimationError
 from cmr.exporting.carried import TARGETS, of_robot, what_is_carried
@@ -83,25 +82,17 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--out", type=Path, metavar="FILE", help="file to write (default: robot_N and the target's ending)"
     )
-    of_description = (
-        "as the robot description has it, for ros2_control, sdf and urdf (default: as the robot counts) [m]"
-    )
+    of_description = "as the robot description has it, for ros2_control, sdf and urdf (default: that of the robot's own controller) [m]"
     result.add_argument("--wheel-separation", type=_length, metavar="M", help=f"wheel separation {of_description}")
     result.add_argument("--wheel-radius", type=_length, metavar="M", help=f"wheel radius {of_description}")
     result.add_argument(
         "--prove",
         action="store_true",
-        help="run the file (python, fmu, mjcf) beside CMR's own model, and write a page beside it: FILE.html",
+        help="run the file (python, fmu, mjcf), compare it with CMR's own model, and write FILE.html about it",
     )
     add_json(result)
     return result
 
 
 def _length(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length: a number greater than 0, in m")
-    return value
+    return parse_number(text, f"{text!r} is not a length: a number greater than 0, in m", above=0.0)

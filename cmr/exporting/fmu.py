@@ -140,27 +140,9 @@ def _zipped(entries: Mapping[str, str | bytes]) -> bytes:
 
 
 def _description(robot: ExportedRobot, name: str, token: str) -> str:
-    variables: list[str] = []
+    variables = _variables(robot)
+    references = range(len(variables) - len(OUTPUTS), len(variables))  # of the outputs
     units = dict.fromkeys(one.unit for one in (*inputs_of(robot), *STARTS, *OUTPUTS))
-
-    def add(kind: str, variable: Variable, rest: str) -> None:
-        unit = f' unit="{variable.unit}"' if variable.unit else ""
-        variables.append(
-            f'    <{kind} name="{variable.name}" valueReference="{len(variables)}"{unit} '
-            f'description="{escape(variable.description)}" {rest}/>'
-        )
-
-    add("Float64", Variable("time", "s", "time"), 'causality="independent" variability="continuous"')
-    for one in inputs_of(robot):
-        add("Float64", one, 'causality="input" variability="continuous" start="0.0"')
-    for one in STARTS:
-        add("Float64", one, 'causality="parameter" variability="fixed" start="0.0"')
-    seed = Variable("seed", "", "fixes the random numbers of late and lost commands")
-    add("UInt64", seed, 'causality="parameter" variability="fixed" start="0"')
-    first = len(variables)
-    for one in OUTPUTS:
-        add("Float64", one, 'causality="output" variability="continuous" initial="calculated"')
-    references = range(first, len(variables))
     return "\n".join(
         [
             '<?xml version="1.0" encoding="UTF-8"?>',
@@ -183,6 +165,25 @@ def _description(robot: ExportedRobot, name: str, token: str) -> str:
             "</fmiModelDescription>",
             "",
         ]
+    )
+
+
+def _variables(robot: ExportedRobot) -> list[str]:
+    """Return the elements of all variables, the outputs last; the value reference of each is its place."""
+    seed = Variable("seed", "", "fixes the random numbers of late and lost commands")
+    rows = [("Float64", Variable("time", "s", "time"), 'causality="independent" variability="continuous"')]
+    rows += [("Float64", one, 'causality="input" variability="continuous" start="0.0"') for one in inputs_of(robot)]
+    rows += [("Float64", one, 'causality="parameter" variability="fixed" start="0.0"') for one in STARTS]
+    rows += [("UInt64", seed, 'causality="parameter" variability="fixed" start="0"')]
+    rows += [("Float64", one, 'causality="output" variability="continuous" initial="calculated"') for one in OUTPUTS]
+    return [_variable(kind, number, variable, rest) for number, (kind, variable, rest) in enumerate(rows)]
+
+
+def _variable(kind: str, reference: int, variable: Variable, rest: str) -> str:
+    unit = f' unit="{variable.unit}"' if variable.unit else ""
+    return (
+        f'    <{kind} name="{variable.name}" valueReference="{reference}"{unit} '
+        f'description="{escape(variable.description)}" {rest}/>'
     )
 
 

@@ -51,14 +51,10 @@ def mjcf(robot: ExportedRobot) -> str:
 
     Raises ValueError where no body has the robot's coupling of both sides.
     """
-    value = robot.value
     radius = _radius(robot)
     body, accelerated = _inertias(robot)
     sides = [_side(robot, name, side, body, accelerated) for name, side in SIDES.items()]
-    inertia = body - 2.0 * WHEEL_MASS * (value("base_width") / 2.0) ** 2
-    mass = MASS - 2.0 * WHEEL_MASS
     carried = "\n".join(what_is_carried(MJCF, robot)).replace("--", "- -")
-    wheels = "\n".join(_wheel(robot, side, radius) for side in sides)
     motors = "\n".join(_motor(robot, side) for side in sides)
     return f"""\
 <!--
@@ -76,17 +72,7 @@ For MuJoCo 4 or later. ctrl is {_what_ctrl_is(robot)}, left and right.
   <worldbody>
     <geom name="floor" type="plane" size="50 50 0.1" rgba="0.9 0.9 0.9 1"/>
     <light pos="0 0 5"/>
-    <body name="robot" pos="0 0 {radius!r}">
-      <joint name="x" type="slide" axis="1 0 0"/>
-      <joint name="y" type="slide" axis="0 1 0"/>
-      <joint name="z" type="slide" axis="0 0 1"/>
-      <joint name="theta" type="hinge" axis="0 0 1"/>
-      <inertial pos="0 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>
-      <geom name="body" type="box" size="{0.45 * value("base_width"):.4g} {0.4 * value("base_width"):.4g} 0.01"
-          contype="0" conaffinity="0" mass="0" rgba="0.3 0.5 0.8 1"/>
-      <site name="body"/>
-{wheels}
-    </body>
+{_body(robot, sides, radius, body)}
   </worldbody>
   <actuator>
 {motors}
@@ -100,6 +86,25 @@ For MuJoCo 4 or later. ctrl is {_what_ctrl_is(robot)}, left and right.
   </sensor>
 </mujoco>
 """
+
+
+def _body(robot: ExportedRobot, sides: list[Side], radius: float, yaw_inertia: float) -> str:
+    """Return the body with its wheels; `yaw_inertia` [kg m^2] is that of both together."""
+    width = robot.value("base_width")
+    inertia = yaw_inertia - 2.0 * WHEEL_MASS * (width / 2.0) ** 2
+    wheels = "\n".join(_wheel(robot, side, radius) for side in sides)
+    return f"""\
+    <body name="robot" pos="0 0 {radius!r}">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <joint name="y" type="slide" axis="0 1 0"/>
+      <joint name="z" type="slide" axis="0 0 1"/>
+      <joint name="theta" type="hinge" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="{MASS - 2.0 * WHEEL_MASS!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>
+      <geom name="body" type="box" size="{0.45 * width:.4g} {0.4 * width:.4g} 0.01"
+          contype="0" conaffinity="0" mass="0" rgba="0.3 0.5 0.8 1"/>
+      <site name="body"/>
+{wheels}
+    </body>"""
 
 
 def _what_ctrl_is(robot: ExportedRobot) -> str:

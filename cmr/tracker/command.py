@@ -8,7 +8,7 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import make
 from cmr.bus.process import Process
 from cmr.bus.streams import GYRO, MOTOR_FEEDBACK, POSE
-from cmr.cli.command_line import parser
+from cmr.cli.command_line import parse_number, parser
 from cmr.cli.errors import CommandError
 from cmr.files import write_atomically
 from cmr.msg import pose_xyt_t, process_status_t
@@ -65,18 +65,12 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--write-profile", type=Path, metavar="FILE", help="write an example of a profile to fill in, and end"
     )
-    options.add_argument("--seconds", type=_seconds, metavar="S", help="end after so long")
+    options.add_argument("--seconds", type=_seconds, metavar="S", help="end after this time [s]")
     return options
 
 
 def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0.0 < seconds <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
-    return seconds
+    return parse_number(text, f"{text!r} is not a number of seconds above 0", above=0.0, most=1e6)
 
 
 def _write_profile(path: Path) -> int:

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
-from cmr.cli.command_line import add_robot, check_writable, parser
+from cmr.cli.command_line import add_robot, check_writable, parse_number, parser
 from cmr.cli.errors import CommandError
 from cmr.cli.options import add_options, made_of
 from cmr.distribution import has_module
@@ -119,13 +119,8 @@ def _promise(text: str) -> int:
 
 
 def _duty(text: str) -> float:
-    try:
-        duty = float(text)
-    except ValueError:
-        duty = 0.0
-    if not 0.01 <= duty <= LARGEST_DUTY:
-        raise argparse.ArgumentTypeError(f"a duty is a number of 0.01 to {LARGEST_DUTY:g}, not {text!r}")
-    return duty
+    otherwise = f"a duty is a number of 0.01 to {LARGEST_DUTY:g}, not {text!r}"
+    return parse_number(text, otherwise, least=0.01, most=LARGEST_DUTY)
 
 
 def _options(arguments: list[str]) -> tuple[argparse.Namespace, Settings]:

@@ -59,6 +59,11 @@ def run_protocol(
     finally:
         bench.end()
     run.findings += not_tried(run)
+    return _report(device, setup, run, begun)
+
+
+def _report(device: str, setup: Setup, run: Run, begun: float) -> Report:
+    """Return the report of a run that began at this time [s since the Unix epoch] and ends now."""
     return Report(
         device=device,
         controller=setup.settings.controller,
@@ -70,7 +75,7 @@ def run_protocol(
         cmr=version(),
         utime=round(1e6 * begun),
         seconds=time.time() - begun,
-        short=pace.is_short,
+        short=run.pace.is_short,
         duty=setup.duty,
         figures={**run.figures, "steps_repeated": run.repeated},
         findings=tuple(sorted(run.findings, key=lambda one: one.promise)),

@@ -178,7 +178,15 @@ PROGRAMS = {
     ),
     "investigate": Program(
         "cmr.commands.investigating.command",
-        lambda at: ["--parameters", _own(at), "--no-diagnosis", "--longest", "3600", "--out", str(at / "investigation")],
+        lambda at: [
+            "--parameters",
+            _own(at),
+            "--no-diagnosis",
+            "--longest",
+            "3600",
+            "--out",
+            str(at / "investigation"),
+        ],
         may_end="took over robot",
         instead=("cmr/commands/steering/steer.py",),
     ),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_driver.emulator.settings import Mounting, Settings, load_settings
+from robot_driver.emulator.settings import Cameras, Mounting, Settings, load_settings
 from robot_driver.simulated.bringing_up import Outcome, Person, SimulatedBringup
 
 CONTROLLERS = ("roboclaw", "roboteq", "mbot")
@@ -80,6 +80,19 @@ MOUNTED = {"motors": 0.5, "left": 0.5, "right": 0.5, "encoders": 0.3, "left_agai
 }
 
 
+def _cameras(right: Cameras, wrong: tuple[str, ...], offset: float) -> Cameras:
+    """Return cameras that were set up with these mistakes."""
+    return dataclasses.replace(
+        right,
+        mirrored="mirrored" in wrong,
+        heading_offset=offset if "rotated" in wrong else 0.0,
+        vertical_y="y up" in wrong,
+        metre=1000.0 if "mm" in wrong else 1.0,
+        radian=RADIAN if "degrees" in wrong else 1.0,
+        other_body="other body" in wrong,
+    )
+
+
 def mounting_of(flags: Mapping[str, bool], factor: float) -> Mounting:
     """Return the emulator's mounting for the mistakes named in MOUNTED, and what the gyro says of a turn of 1."""
     return Mounting(
@@ -136,22 +149,13 @@ def case_of(
         hidden["pose_offset"] = 0.05
     if "late" in wrong:
         hidden["pose_latency"] = 0.3
-    cameras = dataclasses.replace(
-        settings.cameras,
-        mirrored="mirrored" in wrong,
-        heading_offset=offset if "rotated" in wrong else 0.0,
-        vertical_y="y up" in wrong,
-        metre=1000.0 if "mm" in wrong else 1.0,
-        radian=RADIAN if "degrees" in wrong else 1.0,
-        other_body="other body" in wrong,
-    )
     body = {key: robot[key] for key in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
     quantisation = dataclasses.replace(settings.imperfections.encoder_quantisation, ticks_per_turn=float(ticks))
     settings = dataclasses.replace(
         settings,
         robot=dataclasses.replace(settings.robot, **body, ticks_per_turn=float(ticks)),
         mounting=mounting,
-        cameras=cameras,
+        cameras=_cameras(settings.cameras, wrong, offset),
         imperfections=dataclasses.replace(settings.imperfections, encoder_quantisation=quantisation),
         effects=hidden,
     )

@@ -50,7 +50,6 @@ def messages(
     plant = Plant(dataclasses.replace(settings, seed=seed))
     noise = random.Random(seed)
     scale = 2.0 * math.pi / settings.robot.ticks_per_turn
-    imperfections = settings.imperfections
     wanted = set(channels)
     announcement = NOMINAL.announcement(sequence=EPOCH)
     announcement.utime = EPOCH
@@ -68,26 +67,9 @@ def messages(
             command = make(motor_command_t, utime=utime, robot_id=0, left=left, right=right)
             result.append((MOTOR_COMMAND.channel(0), command))
             plant.command(left, right)
-            pose = make(
-                pose_xyt_t,
-                utime=utime,
-                robot_id=0,
-                x=plant.x + noise.gauss(0.0, imperfections.pose_noise.position),
-                y=plant.y + noise.gauss(0.0, imperfections.pose_noise.position),
-                theta=math.remainder(plant.theta + noise.gauss(0.0, imperfections.pose_noise.heading), 2.0 * math.pi),
-            )
-            result.append((POSE.channel(0), pose))
+            result.append((POSE.channel(0), _pose(utime, plant, settings, noise)))
         result.append((MOTOR_FEEDBACK.channel(0), _feedback(utime, counts, psi, left, right)))
-        yaw_rate = settings.robot.wheel_radius * (psi[1] - psi[0]) / settings.robot.base_width
-        gyro = make(
-            gyro_t,
-            utime=utime,
-            robot_id=0,
-            yaw_rate=yaw_rate + noise.gauss(0.0, imperfections.gyro_noise.size),
-            valid=1,
-            received_utime=utime,
-        )
-        result.append((GYRO.channel(0), gyro))
+        result.append((GYRO.channel(0), _gyro(utime, psi, settings, noise)))
     return [message for message in result if message[0].rpartition("_")[0] in wanted]
 
 
@@ -98,6 +80,24 @@ def write_log(path: Path, drive: list[Message]) -> Path:
         log.write_event(message.utime, channel, message.encode())
     log.close()
     return path
+
+
+def _pose(utime: int, plant: Plant, settings: Settings, noise: random.Random) -> Any:
+    size = settings.imperfections.pose_noise
+    return make(
+        pose_xyt_t,
+        utime=utime,
+        robot_id=0,
+        x=plant.x + noise.gauss(0.0, size.position),
+        y=plant.y + noise.gauss(0.0, size.position),
+        theta=math.remainder(plant.theta + noise.gauss(0.0, size.heading), 2.0 * math.pi),
+    )
+
+
+def _gyro(utime: int, psi: list[float], settings: Settings, noise: random.Random) -> Any:
+    yaw_rate = settings.robot.wheel_radius * (psi[1] - psi[0]) / settings.robot.base_width
+    measured = yaw_rate + noise.gauss(0.0, settings.imperfections.gyro_noise.size)
+    return make(gyro_t, utime=utime, robot_id=0, yaw_rate=measured, valid=1, received_utime=utime)
 
 
 def _feedback(utime: int, counts: tuple[float, float], psi: list[float], left: float, right: float) -> Any:

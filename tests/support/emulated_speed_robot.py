@@ -1,5 +1,6 @@
 """An emulated robot with a velocity controller in simulated time, and somebody who commands it."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
@@ -39,13 +40,53 @@ class SimulatedClock(Host):
         return self.utime_at(self.monotonic_ns())
 
 
-class Bench:
-    """The robot 0, as its process runs it; `heard` is all that it says and is told, as (channel, message)."""
+class CommandedBench(ABC):
+    """A robot 0 in simulated time that is commanded; `heard` is what the bus has, as (channel, message)."""
+
+    def __init__(self) -> None:
+        self.clock = SimulatedClock()
+        self.heard: list[tuple[str, Any]] = []
+
+    @abstractmethod
+    def turn(self) -> None:
+        """Let everything go round once, TURN later."""
+
+    @abstractmethod
+    def send(self, channel: str, message: Any) -> None:
+        """Publish a message, which the robot's process takes at its next turn."""
+
+    @abstractmethod
+    def velocity(self, v: float, omega: float = 0.0) -> None:
+        """Command a velocity [m/s, rad/s]."""
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass in silence."""
+        for _ in range(round(seconds / TURN)):
+            self.turn()
+
+    def drive(self, v: float, omega: float = 0.0, *, seconds: float) -> None:
+        """Command the same velocity again and again."""
+        for _ in range(round(seconds / COMMAND_PERIOD)):
+            self.velocity(v, omega)
+            self.wait(COMMAND_PERIOD)
+
+    def follow(self, nominal: ParameterFile, manoeuvre: str, kind: str = VELOCITY) -> None:
+        """Command a manoeuvre as cmr-pilot does, and let the robot come to rest after it."""
+        duties, controller = in_sequence(manoeuvre).duties(nominal.robot_parameters), nominal.velocity_controller
+        begin = self.clock.time
+        while (time := self.clock.time - begin) < duties.duration:
+            left, right = map(float, duties.at(time))
+            self.send(COMMANDS[kind].channel(0), command_of(kind, self.clock.utime(), 0, (left, right), controller))
+            self.wait(COMMAND_PERIOD)
+        self.wait(4.0)
+
+
+class Bench(CommandedBench):
+    """The robot 0, as its process runs it."""
 
     def __init__(self, settings: Settings, commands: str = VELOCITY, pose_rate: float | None = 50.0) -> None:
-        self.clock = SimulatedClock()
+        super().__init__()
         self.robot = SpeedRobot(settings, 0, commands, pose_rate, self.clock)
-        self.heard: list[tuple[str, Any]] = []
         self.status = 0  # of the last feedback
         self._waiting: list[tuple[str, Any]] = []
 
@@ -82,17 +123,6 @@ class Bench:
             if isinstance(message, motor_feedback_t):
                 self.status = message.status
 
-    def wait(self, seconds: float) -> None:
-        """Let time pass in silence."""
-        for _ in range(round(seconds / TURN)):
-            self.turn()
-
-    def drive(self, v: float, omega: float = 0.0, *, seconds: float) -> None:
-        """Command the same velocity again and again."""
-        for _ in range(round(seconds / COMMAND_PERIOD)):
-            self.velocity(v, omega)
-            self.wait(COMMAND_PERIOD)
-
     @property
     def speed(self) -> float:
         """How fast the faster wheel turns [rad/s]."""
@@ -127,14 +157,7 @@ def messages_of(
     settings: Settings, kind: str = VELOCITY, manoeuvre: str = "figure_eight", known: Mapping[str, float] | None = None
 ) -> list[tuple[str, Any]]:
     """Return the messages of such a drive, as (channel, message)."""
-    nominal = nominal_of(settings, **(known or {}))
-    duties, controller = in_sequence(manoeuvre).duties(nominal.robot_parameters), nominal.velocity_controller
     bench = Bench(settings, kind)
     bench.wait(LISTENING_TIME)
-    begin = bench.clock.time
-    while (time := bench.clock.time - begin) < duties.duration:
-        left, right = map(float, duties.at(time))
-        bench.send(COMMANDS[kind].channel(0), command_of(kind, bench.clock.utime(), 0, (left, right), controller))
-        bench.wait(COMMAND_PERIOD)
-    bench.wait(4.0)
+    bench.follow(nominal_of(settings, **(known or {})), manoeuvre, kind)
     return bench.heard

@@ -9,11 +9,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from cmr.bus.messages import make
 from cmr.bus.streams import COMMAND_CLAIM, ESTOP, VELOCITY_COMMAND
-from cmr.geometry.manoeuvres import in_sequence
-from cmr.model.command_kinds import VELOCITY
 from cmr.msg import command_claim_t, estop_t, motor_feedback_t, velocity_command_t
 from cmr.parameters.file import ParameterFile
-from cmr.recordings.commanding import command_of
 from robot_driver.command_gate import LISTENING_TIME
 from robot_driver.emulator.settings import Settings
 from robot_driver.ros2.bridge import RobotBridge
@@ -33,9 +30,8 @@ from robot_driver.ros2.messages import (
     write_pose,
 )
 from robot_driver.ros2.profile import Profile
-from tests.support.emulated_speed_robot import SimulatedClock
+from tests.support.emulated_speed_robot import TURN, CommandedBench
 
-TURN, COMMAND_PERIOD = 0.005, 0.02  # s, of the bridge's process and of who commands
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 ZEROS = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
 EXAMPLE = Profile.load("example")
@@ -77,18 +73,17 @@ def _as_rosbags(kind: str, message: Any) -> Any:
     return STORE.types[kind](**values)
 
 
-class Bench:
-    """Robot 0. `sent` are the velocities that the robot was sent, with their times [s]; `heard` is what the bus has."""
+class Bench(CommandedBench):
+    """Robot 0. `sent` are the velocities that the robot was sent, with their times [s]."""
 
     def __init__(
         self, settings: Settings, profile: Profile = EXAMPLE, *, ahead: float = 0.0, is_deserted: bool = False
     ) -> None:
-        self.clock = SimulatedClock()
+        super().__init__()
         self.bridge = RobotBridge(0, profile, self.clock)
         self.robot = EmulatedRobot(settings, host=self.clock, ahead=ahead)
         self._is_deserted = is_deserted  # nobody takes what is sent, or says anything: as far as that is not looked at
         self.sent: list[tuple[float, Velocity]] = []
-        self.heard: list[tuple[str, Any]] = []
         self.is_deaf = False  # the bus brings nothing any more
         self._waiting: list[tuple[str, Any, int | None]] = []
         self._due = 0.0
@@ -134,17 +129,6 @@ class Bench:
         for reading in () if self._is_deserted else self.robot.readings():
             self._take(reading)
 
-    def wait(self, seconds: float) -> None:
-        """Let time pass in silence."""
-        for _ in range(round(seconds / TURN)):
-            self.turn()
-
-    def drive(self, v: float, omega: float = 0.0, *, seconds: float) -> None:
-        """Command the same velocity again and again."""
-        for _ in range(round(seconds / COMMAND_PERIOD)):
-            self.velocity(v, omega)
-            self.wait(COMMAND_PERIOD)
-
     def start(self) -> None:
         """Wait until the bridge takes commands."""
         self.wait(LISTENING_TIME + 2.0 * TURN)
@@ -178,17 +162,10 @@ def messages_of(
     settings: Settings, nominal: ParameterFile, manoeuvre: str = "figure_eight", **options: Any
 ) -> list[tuple[str, Any]]:
     """Return the messages of a drive over the bridge, as (channel, message): as cmr-pilot commands a manoeuvre."""
-    duties, controller = in_sequence(manoeuvre).duties(nominal.robot_parameters), nominal.velocity_controller
     bench = Bench(settings, **options)
     bench.start()
     bench.wait(2.0)
-    begin = bench.clock.time
-    while (time := bench.clock.time - begin) < duties.duration:
-        left, right = map(float, duties.at(time))
-        command = command_of(VELOCITY, bench.clock.utime(), 0, (left, right), controller)
-        bench.send(VELOCITY_COMMAND.channel(0), command)
-        bench.wait(COMMAND_PERIOD)
-    bench.wait(4.0)
+    bench.follow(nominal, manoeuvre)
     return bench.heard
 
 

@@ -156,18 +156,22 @@ def _recorded(
     return Recording(
         0,
         commands=commands,
-        wheels=Signal(
-            utime(stamped),
-            {
-                **{f"ticks_{side}": count for side, count in counts.items()},
-                **{f"psi_{side}": sensors.wheel_speed(count, stamped, TICKS) for side, count in counts.items()},
-                "applied_left": sent.left,
-                "applied_right": sent.right,
-                "applied_utime": applied_utime.astype(np.float64),
-                "status": np.zeros(len(stamped)),
-            },
-        ),
+        wheels=_wheels(stamped, counts, sent, applied_utime),
         gyro=Signal(utime(gyro_time), {"yaw_rate": turned + NOISE.gyro * random.standard_normal(len(turned))}),
         poses=Signal(utime(pose_time), dict(zip(("x", "y", "theta"), seen, strict=True))),
         parameters=ParameterFile(0, {"wheel_radius": Value(p.wheel_radius)}),
+    )
+
+
+def _wheels(stamped: Floats, counts: Mapping[str, Floats], sent: Commands, applied_utime: Times) -> Signal:
+    return Signal(
+        utime(stamped),
+        {
+            **{f"ticks_{side}": count for side, count in counts.items()},
+            **{f"psi_{side}": sensors.wheel_speed(count, stamped, TICKS) for side, count in counts.items()},
+            "applied_left": sent.left,
+            "applied_right": sent.right,
+            "applied_utime": applied_utime.astype(np.float64),
+            "status": np.zeros(len(stamped)),
+        },
     )

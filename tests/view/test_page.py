@@ -187,65 +187,94 @@ def choose(page: Page, label: str, text: str) -> None:
     page.get_by_role("option", name=text, exact=True).click()
 
 
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def check_stop_without_token(page: Page, world: World) -> None:
+    """Without the token, nothing starts and no stop is reset, but Esc stops the robots, unless it closes a list."""
+    page.get_by_role("button", name="start figure-eight").click()
+    page.get_by_text("Refused").first.wait_for()
+    page.get_by_role("tab", name="plots").click()
+    page.get_by_role("combobox", name="channel", exact=True).click()
+    page.get_by_role("option").first.wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_role("option").first.wait_for(state="hidden")
+    page.wait_for_timeout(500)
+    assert world.stops == 0, "Esc closed the list"
+    page.keyboard.press("Escape")
+    until(lambda: world.stops > 0, page)
+    page.get_by_role("button", name="reset emergency stop").click()
+    page.get_by_text("Refused").first.wait_for()
+
+
+def check_camera_and_plot(page: Page) -> None:
+    """The camera's picture is there, and a signal of a robot is plotted."""
+    until(lambda: page.evaluate(CAMERA_SIZE) == [64, 36], page)
+    page.get_by_text("ceiling, 64 x 36").wait_for()
+    choose(page, "channel", "WORLD_STATE robot 2")
+    choose(page, "signal", "WORLD_STATE.x[robot 2]")
+    page.locator(".u-over").wait_for()
+
+
+def check_dropped_files(page: Page, folder: Path) -> None:
+    """A log that is dropped onto the page is shown, another file is refused, and the live world comes back."""
+    (folder / "notes.txt").write_text("no log")
+    drop(page, folder / "notes.txt")
+    page.get_by_text("notes.txt is not an LCM event log.").wait_for()
+    drop(page, log_of_two_cameras(folder / "brought.lcm"))
+    page.get_by_text("LOG brought.lcm").wait_for()
+    until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)
+    page.get_by_role("button", name="back to the live world").click()
+    page.get_by_text("LIVE · ").wait_for()
+
+
+def check_stop_with_token(page: Page) -> None:
+    """With the token, a stop can be reset, once that is confirmed; the page does not hold the token."""
+    page.get_by_role("textbox").first.fill(TOKEN)
+    page.get_by_text("token taken").wait_for()
+    assert TOKEN not in page.content()
+    page.get_by_role("button", name=STOP, exact=True).click()
+    page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
+    page.get_by_role("button", name="reset emergency stop").click()
+    page.get_by_role("button", name="leave it engaged").wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="leave it engaged").wait_for(state="detached")
+    page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
+
+
+def check_log(page: Page) -> None:
+    """A log is accessible to everybody and has no stop; its charts follow the time that is gone to."""
+    page.get_by_text("door, 40 x 30").wait_for()
+    assert page.title() == TITLE
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+    assert page.get_by_role("button", name=STOP).count() == 0, "a log has nobody to stop"
+    until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)
+    page.get_by_role("tab", name="calibration").click()
+    for seconds in (1.0, 0.5, 1.5):
+        page.get_by_label("go to").fill(str(seconds))
+        page.wait_for_timeout(1500)  # until what was typed is taken, and drawn
+        until(lambda: len(page.evaluate(SPANS)) == 3, page)
+        until(lambda: all(shown == there for shown, there in page.evaluate(SPANS)), page)
+
+
 def test_the_page_has_robots_and_pictures_goes_on_after_a_restart_and_stops_them_for_everybody_here(
     url: str, tmp_path: Path
 ) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     with World(url) as world, browser() as page:
         with serving(url, port):
             page.goto(f"http://127.0.0.1:{port}")
             wait_for_motion(page)
-            page.get_by_role("button", name="start figure-eight").click()
-            page.get_by_text("Refused").first.wait_for()
-            page.get_by_role("tab", name="plots").click()
-            page.get_by_role("combobox", name="channel", exact=True).click()
-            page.get_by_role("option").first.wait_for()
-            page.keyboard.press("Escape")
-            page.get_by_role("option").first.wait_for(state="hidden")
-            page.wait_for_timeout(500)
-            assert world.stops == 0, "Esc closed the list"
-            page.keyboard.press("Escape")
-            until(lambda: world.stops > 0, page)
-            page.get_by_role("button", name="reset emergency stop").click()
-            page.get_by_text("Refused").first.wait_for()
-            until(lambda: page.evaluate(CAMERA_SIZE) == [64, 36], page)
-            page.get_by_text("ceiling, 64 x 36").wait_for()
-            choose(page, "channel", "WORLD_STATE robot 2")
-            choose(page, "signal", "WORLD_STATE.x[robot 2]")
-            page.locator(".u-over").wait_for()
-            (tmp_path / "notes.txt").write_text("no log")
-            drop(page, tmp_path / "notes.txt")
-            page.get_by_text("notes.txt is not an LCM event log.").wait_for()
-            drop(page, log_of_two_cameras(tmp_path / "brought.lcm"))
-            page.get_by_text("LOG brought.lcm").wait_for()
-            until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)
-            page.get_by_role("button", name="back to the live world").click()
-            page.get_by_text("LIVE · ").wait_for()
+            check_stop_without_token(page, world)
+            check_camera_and_plot(page)
+            check_dropped_files(page, tmp_path)
         with serving(url, port):
             wait_for_motion(page)
             page.get_by_text(f"LIVE · {ROBOTS // 2} real, {ROBOTS // 2} virtual").wait_for()
-            page.get_by_role("textbox").first.fill(TOKEN)
-            page.get_by_text("token taken").wait_for()
-            assert TOKEN not in page.content()
-            page.get_by_role("button", name=STOP, exact=True).click()
-            page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
-            page.get_by_role("button", name="reset emergency stop").click()
-            page.get_by_role("button", name="leave it engaged").wait_for()
-            page.keyboard.press("Escape")
-            page.get_by_role("button", name="leave it engaged").wait_for(state="detached")
-            page.get_by_text("EMERGENCY STOP engaged by cmr-view").wait_for()
+            check_stop_with_token(page)
         with serving(url, port, str(log_of_two_cameras(tmp_path / "run.lcm"))):
-            page.get_by_text("door, 40 x 30").wait_for()
-            assert page.title() == TITLE
-            found = Axe().run(page).response["violations"]
-            assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
-            assert page.get_by_role("button", name=STOP).count() == 0, "a log has nobody to stop"
-            until(lambda: page.evaluate(CAMERA_SIZE) == [40, 30], page)
-            page.get_by_role("tab", name="calibration").click()
-            for seconds in (1.0, 0.5, 1.5):
-                page.get_by_label("go to").fill(str(seconds))
-                page.wait_for_timeout(1500)  # until what was typed is taken, and drawn
-                until(lambda: len(page.evaluate(SPANS)) == 3, page)
-                until(lambda: all(shown == there for shown, there in page.evaluate(SPANS)), page)
+            check_log(page)

@@ -12,6 +12,7 @@ from typing import BinaryIO
 
 from cmr.tools.importing.ros_records import (
     COMPRESSIONS,
+    LONGEST_CUT_CHUNK,
     BagError,
     BagReader,
     Message,
@@ -28,7 +29,6 @@ MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 LONGEST_HEADER = 1 << 16  # bytes; a chunk's has some 50, a connection's a topic's name more
 CHUNK_OP = re.compile(rb"\x04\x00\x00\x00op=\x05")
 LONGEST_CHUNK_HEADER = 100  # bytes
-LONGEST_CUT_CHUNK = 1 << 26  # bytes that are looked at of a chunk that seems to go on behind the end of the file
 
 Header = dict[bytes, bytes]
 
@@ -39,7 +39,6 @@ class Bag1Reader(BagReader):
     def __init__(self, path: Path, wanted: frozenset[str]) -> None:
         super().__init__(path, wanted)
         self._connections: dict[int, Topic] = {}
-        self._is_intact = True  # the record at hand
 
     def __iter__(self) -> Iterator[Message]:
         with self.path.open("rb") as stream:

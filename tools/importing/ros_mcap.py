@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from cmr.tools.importing.ros_records import (
     COMPRESSIONS,
+    LONGEST_CUT_CHUNK,
     BagError,
     BagReader,
     Message,
@@ -32,7 +33,6 @@ CHUNK_BEGIN = re.compile(
     rb"\x06.{5}\x00{3}.{20}.{8}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd)", re.DOTALL
 )  # shorter than 2^40 bytes, and of a known compression
 LONGEST_CHUNK_BEGIN = 45  # bytes
-LONGEST_CUT_CHUNK = 1 << 26  # bytes that are looked at of a chunk that seems to go on behind the end of the file
 FOOTER_BYTES = RECORD_HEAD.size + 20 + len(MAGIC)
 LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 
@@ -44,7 +44,6 @@ class McapReader(BagReader):
         super().__init__(path, wanted)
         self._schemas: dict[int, tuple[str, str, str]] = {}  # name, definition, language
         self._channels: dict[int, Topic] = {}
-        self._is_intact = True  # the record at hand
 
     def __iter__(self) -> Iterator[Message]:
         with self.path.open("rb") as stream:

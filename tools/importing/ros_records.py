@@ -11,6 +11,7 @@ from cmr.tools.importing.unpacking import LARGEST_RECORD
 
 COMPRESSIONS = ("", "none", "bz2", "lz4", "zstd")
 
+LONGEST_CUT_CHUNK = 1 << 26  # bytes that are looked at of a chunk that seems to go on behind the end of the file
 LONGEST_NAME = 256  # characters of a topic's or type's name, as in ROS
 
 _WINDOW_BYTES = 1 << 20
@@ -59,6 +60,7 @@ class BagReader(ABC):
         self._faults: dict[str, int] = {}
         self._damaged_bytes = 0
         self._damaged_places = 0
+        self._is_intact = True  # the record at hand
 
     @abstractmethod
     def __iter__(self) -> Iterator[Message]:

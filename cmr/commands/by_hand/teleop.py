@@ -21,7 +21,7 @@ from cmr.bus.streams import (
     WORLD_STATE,
     Stream,
 )
-from cmr.cli.command_line import add_robot, parse_robot_id, parser
+from cmr.cli.command_line import add_robot, parse_number, parse_robot_id, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
@@ -186,6 +186,20 @@ def command_parser() -> argparse.ArgumentParser:
         "  cmr-pilot --robot 0 --behaviour manoeuvre,name=drive.yaml",
     )
     add_robot(options)
+    _add_leading(options)
+    options.add_argument(
+        "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
+    )
+    options.add_argument(
+        "--parameters-of", type=parse_robot_id, metavar="N", help="robot by whose parameters it goes; otherwise its own"
+    )
+    add_limits(options)
+    add_fence(options)
+    return options
+
+
+def _add_leading(options: argparse.ArgumentParser) -> None:
+    """Add options that say who or what leads, how fast and how long."""
     options.add_argument(
         "--gamepad",
         nargs="?",
@@ -199,7 +213,7 @@ def command_parser() -> argparse.ArgumentParser:
         "--turn-rate", type=_up_to(FASTEST_TURN), default=TURN_RATE, metavar="RAD/S", help="with a key held"
     )
     options.add_argument("--record", type=Path, metavar="FILE", help="write the drive as a manoeuvre (.yaml)")
-    options.add_argument("--seconds", type=_up_to(1e6), metavar="S", help="end after so long")
+    options.add_argument("--seconds", type=_up_to(1e6), metavar="S", help="end after this time [s]")
     options.add_argument(
         "--script",
         type=_script,
@@ -208,28 +222,13 @@ def command_parser() -> argparse.ArgumentParser:
         "ahead-left, ahead-right, rest; s), then end",
     )
     options.add_argument("--page", action="store_true", help="for cmr-view: a joystick on standard input, as JSON")
-    options.add_argument(
-        "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
-    )
-    options.add_argument(
-        "--parameters-of", type=parse_robot_id, metavar="N", help="robot by whose parameters it goes; otherwise its own"
-    )
-    add_limits(options)
-    add_fence(options)
-    return options
 
 
 def _up_to(most: float) -> Callable[[str], float]:
     """Return what reads a number above 0 up to `most`."""
 
     def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = 0.0
-        if not 0.0 < value <= most:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0, {most:g} at most")
-        return value
+        return parse_number(text, f"{text!r} is not a number above 0, {most:g} at most", above=0.0, most=most)
 
     return read
 

@@ -22,6 +22,7 @@ from cmr.bus.streams import (
     WAYPOINTS,
     WORLD_STATE,
 )
+from cmr.cli.command_line import parse_number
 from cmr.cli.errors import CommandError
 from cmr.geometry.obstacles import FURTHEST, Geofence
 from cmr.model.command_kinds import KINDS
@@ -139,7 +140,9 @@ def add_fence(options: argparse.ArgumentParser) -> None:
         metavar="X1,Y1,X2,Y2,...",
         help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
     )
-    options.add_argument("--margin", type=margin, default=MARGIN, metavar="M", help="from its border, in m")
+    options.add_argument(
+        "--margin", type=margin, default=MARGIN, metavar="M", help="distance to keep from its border, in m"
+    )
 
 
 def add_limits(options: argparse.ArgumentParser) -> None:
@@ -154,13 +157,13 @@ def add_limits(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--take-over",
         action="store_true",
-        help="command the robot although another process does, which then ends; otherwise wait until it does",
+        help="take the robot over from another process that commands it, which then ends; otherwise wait for it to end",
     )
     options.add_argument(
         "--no-keep-clear",
         dest="keep_clear",
         action="store_false",
-        help="do not stop before robots in the way, real and virtual ones",
+        help="do not stop in front of other robots, real and virtual ones",
     )
 
 
@@ -185,10 +188,4 @@ def margin(text: str) -> float:
 
     Raises argparse.ArgumentTypeError where it is none.
     """
-    try:
-        distance = float(text)
-    except ValueError:
-        distance = -1.0
-    if not 0.0 <= distance <= FURTHEST:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a distance of 0 m or more")
-    return distance
+    return parse_number(text, f"{text!r} is not a distance of 0 m or more", least=0.0, most=FURTHEST)

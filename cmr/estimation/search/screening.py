@@ -87,7 +87,6 @@ def screen(
     sets += [problem.excitation.without(values, _own(name)) for name in selected]
     sets += [{**values, **trial.values} for trial in attempts]
     errors = problem.errors(lanes_of(sets))
-    rows = problem.rows(errors)
     off = list(range(1 + len(names), 1 + len(names) + len(selected)))
     changes = [changes_of(one) for one in errors]
     explaining = [number for number in range(len(sets)) if number not in off]
@@ -96,7 +95,7 @@ def screen(
     if noise is None:
         plain = Noise.plain(problem.predictors, changes)
         noise = noise_of_all(problem, changes, plain, _reaches(attempts, len(names)))
-    attempts, changes = _localised(problem, attempts, changes, len(names), noise, rows)
+    attempts, changes = _localised(problem, attempts, changes, len(names), noise, problem.rows(errors))
     if not keep_noise:
         noise = noise_of_all(problem, changes, noise, _reaches(attempts, len(names)))
     white = problem.made_white(changes, noise)
@@ -104,17 +103,26 @@ def screen(
     linear = _linear(white, problem.made_white(without, noise) if off else white[:, :0], names, steps, selected)
     sizes = beside.sizes
     scores = [_score(trial, size, pull) for trial, size, pull in zip(attempts, sizes, beside.pulls, strict=True)]
+    usual = [number for number, trial in enumerate(attempts) if not trial.spare]
+    inflation = inflation_of([attempts[n].effect for n in usual], beside.only(np.array(usual, np.int64)))
+    return Screening(noise, _best(scores), inflation, _traces(attempts, sizes), tuple(attempts), linear)
+
+
+def _best(scores: Sequence[Score]) -> tuple[Score, ...]:
+    """Return the best score of each effect, best first."""
     best: dict[str, Score] = {}
     for score in sorted(scores, key=lambda score: -score.drop):
         best.setdefault(score.trial.effect, score)
-    best = {name: _together(score, scores) for name, score in best.items()}
+    return tuple(_together(score, scores) for score in best.values())
+
+
+def _traces(attempts: Sequence[Trial], sizes: Floats) -> dict[str, float]:
+    """Return by effect how much of its typical size would show; `sizes` (c,) are those of the trials."""
     traces: dict[str, float] = {}
-    usual = [number for number, trial in enumerate(attempts) if not trial.spare]
-    for number in usual:
-        effect = attempts[number].effect
-        traces[effect] = max(float(sizes[number]) / attempts[number].portion ** 2, traces.get(effect, 0.0))
-    inflation = inflation_of([attempts[n].effect for n in usual], beside.only(np.array(usual, np.int64)))
-    return Screening(noise, tuple(best.values()), inflation, traces, tuple(attempts), linear)
+    for trial, size in zip(attempts, sizes, strict=True):
+        if not trial.spare:
+            traces[trial.effect] = max(float(size) / trial.portion**2, traces.get(trial.effect, 0.0))
+    return traces
 
 
 def _is_due(effect: Effect, problem: Problem, selected: Sequence[str]) -> bool:

@@ -29,8 +29,9 @@ from cmr.model.extended.evaluating import mean_radii, slip_time
 from cmr.model.extended.model import START, Candidates, aligned, composed_module, model_of
 from cmr.model.extended.statements import OF_MOTION, SIDES, Statements, memories, read_by
 from cmr.model.extended.step_statements import CHANGED
-from cmr.model.observer import helpers, loops
+from cmr.model.observer import loops
 from cmr.model.observer.drives import Drives
+from cmr.model.observer.helpers import SENSORS
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import Quantity
 
@@ -39,18 +40,6 @@ MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
 LONGEST_LATENCY = 1.2  # s that the observer looks back
 RESTART = 0  # in `pose_use`: the observer begins again at this pose
 FOLLOWED = 1
-# What the compiled observer keeps of each candidate beside the model's rows: what changes, and then what is given. They
-# are rows of one array, as the model's are: only so does the compiler see that none overlap, and vectorises.
-CHANGING = (
-    *("offset_x", "offset_y", "offset_theta", "offset_left", "offset_right", "offset_yaw_rate"),
-    *("before_left", "before_right", "half", "middle_left", "middle_right", "error_left", "error_right"),
-    *("bow_before_left", "bow_before_right", "bow_left", "bow_right"),
-    *("at_time", "at_x", "at_y", "at_theta", "error_x", "error_y", "error_theta", "gyro_at", "gyro_reading"),
-)
-GIVEN = (
-    *("gain_angle", "gain_psi", "gain_position", "gain_theta"),
-    *("scale_left", "scale_right", "radius_left", "radius_right", "slip_time"),
-)
 DEAD_MOTOR = {"k2_over_k3": 1e-2, "k1": 1e-5}  # neither drives nor slows down: wheel speeds are given
 
 
@@ -150,7 +139,7 @@ class Observer:
         neutral = {name: DEFINITIONS[name].neutral or 0.0 for name in _sensor_parameters(self._laws)}
         sensors = (self._values.get(name, usual) for name, usual in neutral.items())
         wheels = (*_encoder_scales(self._values, self._count), *mean_radii(self._values), slip_time(self._values))
-        given = (*gains, *wheels, *sensors)
+        given = (*gains, *wheels, *sensors)  # as the rows from GAIN_ANGLE on
         self._numbers = np.stack([self._each(row)[lanes] for row in given])
 
     def observe(
@@ -308,14 +297,14 @@ def _module(laws: tuple[str, ...]) -> ModuleType:
 
 def _source(laws: tuple[str, ...]) -> str:
     """Return the source of the observer with all effects of sensors of the catalogue, of laws these."""
-    text = helpers.HELPERS + loops.LOOPS
+    text = loops.LOOPS
     for place, lines in _sensor_lines(laws).items():
         text = text.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
-    rows = (*CHANGING, *GIVEN, *_sensor_parameters(laws))
+    rows = _sensor_parameters(laws)
     constants = {
         "CHANGED_FIELDS": len(MOTION) - 1,
-        **{name.upper(): LANES * i for i, name in enumerate(rows)},
-        "OWN_ROWS": len(rows),
+        **{name.upper(): SENSORS + LANES * i for i, name in enumerate(rows)},
+        "OWN_ROWS": SENSORS // LANES + len(rows),
     }
     return "\n".join(
         [

@@ -1,0 +1,139 @@
+"""Commands within a step of the observer: those that come in its middle split it in two; compiled into its loops.
+
+A command's row of a profile is the share of the step at which it comes, or 0, the duties before it, and those after it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cmr.model.compiled import inlined
+from cmr.model.extended.compose import COMMAND_LEFT, COMMAND_RIGHT, DT, LANES, LEFT_BEFORE, RIGHT_BEFORE
+from cmr.model.extended.stepping import prepare_each
+from cmr.model.observer.helpers import (
+    BASE_WIDTH,
+    CURVE,
+    CURVE_BEFORE,
+    GROWTH,
+    GROWTH_BEFORE,
+    K2_OVER_K3,
+    MEAN,
+    MEAN_BEFORE,
+    RADIUS_LEFT,
+    RADIUS_RIGHT,
+    SLIP_TIME,
+    SPLIT_AT,
+    TWELFTH,
+    Floats,
+)
+
+Indices = NDArray[np.int64]
+
+# Duty; a step is split for larger changes, and takes the mean command for smaller ones. For a change D at the share s
+# of a step dt, the mean puts the angle of a wheel k2_over_k3 D dt^2 s (1 - s) / 2 off: 3e-5 rad.
+SMALL = 0.02
+SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, with right behind it
+
+
+@inlined
+def known(duty: float, held: float) -> float:
+    """Return a duty, or where it is not known, as before the first command, that which held the speed at the start."""
+    return held if np.isnan(duty) else duty
+
+
+@inlined
+def command(here: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> tuple[bool, bool]:
+    """Command a whole step to each lane by its profile; return whether it must be split, and whether one is inside."""
+    splits, comes = False, False
+    for i in range(lanes):
+        duties = commands[profile[i], step]
+        share = duties[SPLIT]
+        change_left, change_right = duties[LAST] - duties[FIRST], duties[LAST + 1] - duties[FIRST + 1]
+        # Neither is true of duties that are not known, as before the first command.
+        small = abs(change_left) <= SMALL and abs(change_right) <= SMALL
+        splits |= share > 0.0 and not small
+        comes |= share > 0.0
+        left = duties[LAST] - share * change_left if share > 0.0 and small else duties[LAST]
+        right = duties[LAST + 1] - share * change_right if share > 0.0 and small else duties[LAST + 1]
+        here[COMMAND_LEFT + i] = known(left, here[LEFT_BEFORE + i])
+        here[COMMAND_RIGHT + i] = known(right, here[RIGHT_BEFORE + i])
+    return splits, comes
+
+
+@inlined
+def command_first_part(here: Floats, shares: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> bool:
+    """Command the first part of a split step; return whether it is split as the last one that was.
+
+    Robots to which no command comes within the step take it in two halves.
+    """
+    same = True
+    for i in range(LANES):
+        duties = commands[profile[min(i, lanes - 1)], step]
+        share = duties[SPLIT] if duties[SPLIT] > 0.0 else 0.5
+        same &= share == shares[i]
+        shares[i] = share
+        here[COMMAND_LEFT + i] = known(duties[FIRST], here[LEFT_BEFORE + i])
+        here[COMMAND_RIGHT + i] = known(duties[FIRST + 1], here[RIGHT_BEFORE + i])
+    return same
+
+
+@inlined
+def command_last_part(here: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> None:
+    """Command the last part of a split step."""
+    for i in range(LANES):
+        duties = commands[profile[min(i, lanes - 1)], step]
+        here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
+        here[COMMAND_RIGHT + i] = known(duties[LAST + 1], here[RIGHT_BEFORE + i])
+
+
+@inlined
+def bend(
+    newest: Floats, own: Floats, curving: Floats, commands: Floats, profile: Indices, step: int, lanes: int, dt: float
+) -> None:
+    """Bend the yaw rate within a step, kept already, where a command comes that the step has taken as a mean.
+
+    The mean command leads to the same end.
+    """
+    for i in range(lanes):
+        duties = commands[profile[i], step]
+        share = duties[SPLIT]
+        left = own[RADIUS_LEFT + i] * (duties[LAST] - duties[FIRST])
+        right = own[RADIUS_RIGHT + i] * (duties[LAST + 1] - duties[FIRST + 1])
+        change = own[K2_OVER_K3 + i] * (right - left) / own[BASE_WIDTH + i] if share > 0.0 else 0.0
+        slips, change = own[SLIP_TIME + i] * change, dt * change * share * (1.0 - share)
+        mean, growth = newest[MEAN, i] - 0.5 * change, newest[GROWTH, i]
+        newest[SPLIT_AT, i] = share
+        newest[MEAN_BEFORE, i] = mean + (1.0 - share) * (slips - 0.5 * growth)
+        newest[GROWTH_BEFORE, i] = share * growth - change
+        newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
+        newest[GROWTH, i] = (1.0 - share) * growth + change
+        curve, rest = curving[i], 1.0 - share
+        newest[MEAN_BEFORE, i] += (0.25 * rest * rest + TWELFTH * (share * share - 1.0)) * curve
+        newest[MEAN, i] += (0.25 * share * share + TWELFTH * (rest * rest - 1.0)) * curve
+        newest[GROWTH_BEFORE, i] -= share * rest * curve
+        newest[GROWTH, i] += share * rest * curve
+        newest[CURVE_BEFORE, i], newest[CURVE, i] = share * share * curve, rest * rest * curve
+
+
+@inlined
+def prepare_parts(here: Floats, shares: Floats, dt: float, parts: Floats, before: Floats, behind: Floats) -> None:
+    """Keep the coefficients of a block for steps of these shares of dt, and for the rest of it; `parts` is overwritten.
+
+    Numbers are copied one by one here and below: a slice that is assigned takes seconds to compile.
+    """
+    for i in range(LANES):
+        parts[i] = (1.0 - shares[i]) * dt
+    prepare_each(here, parts)
+    for i in range(len(behind)):
+        behind[i] = here[DT + i]
+    for i in range(LANES):
+        parts[i] = shares[i] * dt
+    prepare_each(here, parts)
+    for i in range(len(before)):
+        before[i] = here[DT + i]
+
+
+@inlined
+def put_coefficients(kept: Floats, here: Floats) -> None:
+    """Put coefficients that were kept back into their block."""
+    for i in range(len(kept)):
+        here[DT + i] = kept[i]

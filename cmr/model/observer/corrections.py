@@ -1,0 +1,106 @@
+"""What the observer's state is corrected by: errors of encoders and of poses; compiled into its loops."""
+
+from math import pi
+
+import numpy as np
+
+from cmr.model.compiled import inlined
+from cmr.model.elementary import cos, sin
+from cmr.model.extended.compose import ANGLE_LEFT, ANGLE_RIGHT, PSI_LEFT, PSI_RIGHT, THETA, X, Y
+from cmr.model.observer.helpers import (
+    AT_TIME,
+    BASE_WIDTH,
+    BEFORE_LEFT,
+    BEFORE_RIGHT,
+    EARLY,
+    ERROR_LEFT,
+    ERROR_RIGHT,
+    ERROR_THETA,
+    ERROR_X,
+    ERROR_Y,
+    GAIN_ANGLE,
+    GAIN_POSITION,
+    GAIN_PSI,
+    GAIN_THETA,
+    MIDDLE_LEFT,
+    MIDDLE_RIGHT,
+    OFFSET_LEFT,
+    OFFSET_RIGHT,
+    OFFSET_THETA,
+    OFFSET_X,
+    OFFSET_Y,
+    RADIUS_LEFT,
+    RADIUS_RIGHT,
+    SCALE_LEFT,
+    SCALE_RIGHT,
+    SLIP_TIME,
+    Floats,
+)
+
+NEARBY = 1e-3  # m
+
+
+@inlined
+def move(own: Floats, here: Floats, i: int, x: float, y: float, turned: float) -> None:
+    """Move the robot of lane i [m, m, rad]."""
+    own[OFFSET_X + i] += x
+    own[OFFSET_Y + i] += y
+    own[OFFSET_THETA + i] += turned
+    here[X + i] += x
+    here[Y + i] += y
+    here[THETA + i] += turned
+
+
+@inlined
+def correct_by_encoders(own: Floats, here: Floats, i: int, left: bool, right: bool) -> None:
+    """Turn the wheels of lane i by its errors of encoders, each that is used, and move the robot with them."""
+    # By how much the wheels, not their encoders, are elsewhere.
+    error_left = own[SCALE_LEFT + i] * own[ERROR_LEFT + i] if left else 0.0
+    error_right = own[SCALE_RIGHT + i] * own[ERROR_RIGHT + i] if right else 0.0
+    rolled_left, rolled_right = own[GAIN_ANGLE + i] * error_left, own[GAIN_ANGLE + i] * error_right
+    here[ANGLE_LEFT + i] += rolled_left
+    own[BEFORE_LEFT + i] += rolled_left
+    own[MIDDLE_LEFT + i] += rolled_left
+    here[ANGLE_RIGHT + i] += rolled_right
+    own[BEFORE_RIGHT + i] += rolled_right
+    own[MIDDLE_RIGHT + i] += rolled_right
+    here[PSI_LEFT + i] += own[GAIN_PSI + i] * error_left
+    here[PSI_RIGHT + i] += own[GAIN_PSI + i] * error_right
+    own[OFFSET_LEFT + i] += own[GAIN_PSI + i] * error_left
+    own[OFFSET_RIGHT + i] += own[GAIN_PSI + i] * error_right
+    # Wheels that are elsewhere have carried the robot there, but for what it slipped as they came to the speed that
+    # they have.
+    rolled_left -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_left
+    rolled_right -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_right
+    rolled_left *= own[RADIUS_LEFT + i]
+    rolled_right *= own[RADIUS_RIGHT + i]
+    ahead = 0.5 * (rolled_left + rolled_right)
+    turned = (rolled_right - rolled_left) / own[BASE_WIDTH + i]
+    move(own, here, i, ahead * cos(here[THETA + i]), ahead * sin(here[THETA + i]), turned)
+
+
+@inlined
+def correct_by_pose(
+    own: Floats, here: Floats, i: int, x: float, y: float, theta: float, east: tuple[float, float],
+    north: tuple[float, float], pose: Floats, restart: bool, dt: float,
+) -> None:  # fmt: skip
+    """Move the robot of lane i towards where a `pose` (3,) shows it [m, m, rad]: there at once, if it is to `restart`.
+
+    `x`, `y`, `theta` are what the sensor was expected to show, `east` and `north` what it would show of a robot NEARBY:
+    where the sensor stretches or folds space, following its error itself may lead away.
+    """
+    error_x, error_y = pose[0] - x, pose[1] - y
+    error_theta = pose[2] - theta
+    error_theta -= 2.0 * pi * np.floor(error_theta / (2.0 * pi) + 0.5)
+    own[ERROR_X + i] = error_x
+    own[ERROR_Y + i] = error_y
+    own[ERROR_THETA + i] = error_theta
+    east_x, east_y = (east[0] - x) / NEARBY, (east[1] - y) / NEARBY
+    north_x, north_y = (north[0] - x) / NEARBY, (north[1] - y) / NEARBY
+    stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
+    # Nobody knows what the robot did before the beginning: each pose of then is a new one.
+    anew = restart or (own[AT_TIME + i] < -EARLY * dt and own[GAIN_POSITION + i] > 0.0)
+    followed = (1.0 if anew else own[GAIN_POSITION + i]) / max(1.0, stretched)
+    turned = (1.0 if anew else own[GAIN_THETA + i]) * error_theta
+    move_x = followed * (east_x * error_x + east_y * error_y)
+    move(own, here, i, move_x, followed * (north_x * error_x + north_y * error_y), turned)
