@@ -12,7 +12,7 @@ from cmr.cli.errors import CommandError
 from cmr.commands import doctor, first_use
 from cmr.commands.demo import free_folder
 from cmr.commands.demo import main as demo
-from cmr.commands.first_use import BEHAVIOURS, EMULATOR, ESTIMATOR, MODEL, WORLD, compile_first
+from cmr.commands.first_use import BEHAVIOURS, EMULATOR, ESTIMATOR, MODEL, OBSERVER, WORLD, compile_first
 from cmr.commands.run import parts_to_compile
 from cmr.commands.scenarios import load
 from cmr.experiments.scenario.reading import path_of
@@ -34,6 +34,14 @@ with event.install_recorder("numba:compile") as compiled:
         while not loader.ready(parameters):  # what is no longer starting is ready, or has failed
             assert loader.is_starting or loader.ready(parameters), loader.message
 print(len(compiled.buffer))
+"""
+
+CALIBRATE = """
+from numba.core import event
+from cmr.calibration.calibrator import Calibrator
+with event.install_recorder("numba:compile") as compiled:
+    Calibrator(0).load()
+print(*(done.data["dispatcher"].py_func.__qualname__ for _, done in compiled.buffer))
 """
 
 # The compiled functions of the world that none of the parts has loaded.
@@ -81,13 +89,23 @@ def test_each_part_is_compiled_once_and_announced(compiled: list[str]) -> None:
 @pytest.mark.usefixtures("compiled")
 def test_doctor_says_what_is_not_compiled_yet() -> None:
     assert (
-        "the estimator, the robot model, the world, behaviours and the emulated robot"
+        "the observer, the estimator, the world, the robot model, behaviours and the emulated robot"
         in doctor.compiled_model().sentence
     )
     compile_first([MODEL, WORLD, BEHAVIOURS, EMULATOR])
-    assert doctor.compiled_model().sentence.startswith("Not compiled yet: the estimator. ")
+    assert doctor.compiled_model().sentence.startswith("Not compiled yet: the observer and the estimator. ")
     compile_first([ESTIMATOR])
     assert doctor.compiled_model().colour == doctor.GREEN
+
+
+def test_what_a_part_needs_is_compiled_with_it(compiled: list[str]) -> None:
+    compile_first([ESTIMATOR], lambda _text: None)
+    assert sorted(compiled) == sorted([ESTIMATOR, OBSERVER, MODEL])
+
+
+def test_all_parts_are_compiled_where_none_is_named(compiled: list[str]) -> None:
+    assert first_use.main([]) == 0
+    assert sorted(compiled) == sorted(first_use.PARTS)
 
 
 def test_what_changed_is_compiled_anew(compiled: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,6 +140,13 @@ def test_a_simulator_compiles_nothing_after_that() -> None:
     compile_first([MODEL, WORLD])
     result = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True)
     assert (result.stdout.split(), result.returncode) == (["0"], 0), result.stderr
+
+
+@pytest.mark.slow
+def test_an_estimator_compiles_nothing_after_that() -> None:
+    compile_first([ESTIMATOR])
+    result = subprocess.run([sys.executable, "-c", CALIBRATE], capture_output=True, text=True)
+    assert (result.stdout.split(), result.returncode) == ([], 0), result.stderr
 
 
 @pytest.mark.slow
