@@ -7,8 +7,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from cmr.estimation.candidates import Excitation
 from cmr.estimation.checks import looked_at
-from cmr.estimation.estimates import INTERVAL
+from cmr.estimation.estimates import INTERVAL, OF_EFFECT, OF_PAPER, inexactness
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.preparation import prepare
@@ -70,3 +71,12 @@ def test_where_nothing_was_named_the_doubts_of_free_runs_stay() -> None:
     after = as_the_paper_has_it(cast(Any, Found(problem, base, final, {})))
     assert after.final is base
     assert after.doubts["k1"] == pytest.approx(np.sqrt(1.0**2 + 0.04**2 + 0.3**2), rel=1e-12)
+
+
+@pytest.mark.parametrize("held", [0.0, 0.16])
+def test_how_strong_motors_are_is_known_no_better_than_what_holds_their_wheels(held: float) -> None:
+    strength = ROBOT["k2_over_k3"]
+    robot = {**ROBOT, "static_friction": held * strength}
+    share = inexactness("k2_over_k3", robot, Excitation(robot, 1.0)) / strength
+    assert share == pytest.approx(np.hypot(OF_PAPER["k2_over_k3"], held * OF_EFFECT["static_friction"]), rel=1e-12)
+    assert inexactness("k1", robot, Excitation(robot, 1.0)) == OF_PAPER["k1"] * ROBOT["k1"]
