@@ -26,8 +26,8 @@ OF_EFFECT = {
     "surface_patch_friction": 0.07,
     "longitudinal_slip": 0.05,
 }
-# The effect in a parameter's own unit whose inexactness it takes over: what holds a wheel fades while it sets off, which
-# looks like another motor. Of robots held by 11 to 16 % duty, k2_over_k3 was off by 1.1 to 1.4 %.
+# The effect in a parameter's own unit whose inexactness it takes over: what holds a wheel fades while it sets off. That
+# looks like another motor: of robots held by 11 to 16 % duty, k2_over_k3 was off by 1.1 to 1.4 %.
 TAKEN_OVER = {"k2_over_k3": "static_friction"}
 # Of the paper's parameters: effects beside them are not exactly as the model has them.
 OF_PAPER = {"k2_over_k3": 0.0016, "k1": 0.0013, "base_width": 0.0005}
