@@ -145,7 +145,9 @@ class Estimation:
 
     def _inexactness(self, name: str) -> float:
         assert self.whole is not None
-        return inexactness(name, self.whole.model.values, self.found.problem.excitation)
+        named = {parameter.name for one in self.found.named for parameter in one.candidate.effect.parameters}
+        there = {n: value for n, value in self.whole.model.values.items() if n in PAPER or n in named or n == name}
+        return inexactness(name, there, self.found.problem.excitation)
 
 
 def estimate(

@@ -5,7 +5,7 @@ to do with what the model lacks. A model that never moves predicts the next read
 the wheels' speeds run freely from the commands on; gyro and pose follow the measured wheels. Errors are not made white
 by their past: each counts as much less as they last (effective sample size; Bayley and Hammersley, J. R. Stat. Soc.
 Suppl. 8, 1946). They also come in bursts, after commands; standard deviations allow for that by blocks of time (Liang
-and Zeger, Biometrika 73, 1986).
+and Zeger, Biometrika 73, 1986), and for effects that may be hidden (averaging.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cmr.estimation.candidates import Excitation, driving_parameters, lanes_of, wheel_parameters
+from cmr.estimation.averaging import averaged
+from cmr.estimation.candidates import AS_THE_RADIUS, Excitation, driving_parameters, lanes_of, wheel_parameters
 from cmr.estimation.gains import interval_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import FOREIGN, SPANS, Noise, SignalNoise, size_found
@@ -22,6 +23,7 @@ from cmr.estimation.problem import Problem, nearer_to_neutral
 from cmr.model.observer.observer import MOTION, Gains, Observer
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import Quantity
+from cmr.parameters.file import MOTOR
 from cmr.recordings.signal import Floats, Mask
 
 MEMORY = 0.1  # s after which the angle of a wheel that runs freely has come to its encoder's: what counts is its speed
@@ -32,6 +34,7 @@ QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
 PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
 BURST = 3.0  # s; errors of one burst lie within a block, or two
 UNCORRELATED = 0.05  # correlation from which on errors no longer belong together
+FREE_RUN_INFLATION = 1.5  # for how many samples errors count that last is known roughly
 FINEST = 1e-6  # rad, m, rad/s: no sensor is more exact; without noise no fit would ever be close enough
 
 
@@ -99,6 +102,28 @@ class SimulationErrorProblem(Problem):
         }
 
     def doubts(self, fit: Fit) -> dict[str, float]:
+        """Return what standard deviations lack, by name: errors come in bursts, and effects may be hidden."""
+        bursts, hidden = self._bursts(fit), self._hidden(fit)
+        return {name: float(np.hypot(bursts[name], hidden[name])) for name in fit.names}
+
+    def _hidden(self, fit: Fit) -> dict[str, float]:
+        """Return what effects that were not named leave in doubt of a fit's parameters, by name.
+
+        A search by steps finds none of several effects that show only together, such as those of a robot whose wheels
+        stick; an average over all does. Of the body, free runs say less than each moment beside wheels as they were
+        measured; the larger doubt is that of both.
+        """
+        doubts = _left_in_doubt(self, fit, fit, FREE_RUN_INFLATION)
+        body, beside = self.by_moments_of(fit)
+        names = [name for name in beside.names if name not in MOTOR]
+        if names and "forward" in body.batch.signals and not set(names) & set(AS_THE_RADIUS):
+            names = ["wheel_radius", *names]  # no effect stands for it beside measured wheels
+        if names:
+            of_body = _left_in_doubt(body, body.fit(beside.values, names, beside.noise), fit, 1.0)
+            doubts |= {name: max(doubt, doubts[name]) for name, doubt in of_body.items()}
+        return doubts
+
+    def _bursts(self, fit: Fit) -> dict[str, float]:
         """Return what standard deviations lack because errors come in bursts, by name."""
         blocks = [
             np.stack(
@@ -134,6 +159,14 @@ class SimulationErrorProblem(Problem):
         turning = self.part(np.concatenate([_turning(p, name) for p in self.predictors for name in p.times]))
         fit = turning.fit(values, names, self.found(self.errors(values)))
         return self.renewed(fit, self.found(self.errors(fit.values)))
+
+
+def _left_in_doubt(problem: Problem, about: Fit, fit: Fit, inflation: float) -> dict[str, float]:
+    """Return what an average about one fit leaves open of another's parameters, with what lies between them."""
+    named = [effect.name for effect in problem.effects if problem.excitation.departs(effect, about.values)]
+    average = averaged(problem, about, inflation, named)
+    known = [name for name in fit.names if name in average.names]
+    return {name: float(np.hypot(average.std(name), average.values[name] - fit.values[name])) for name in known}
 
 
 def covariance_by_blocks(fit: Fit, blocks: Floats) -> Floats:

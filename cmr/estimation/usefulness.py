@@ -253,9 +253,9 @@ def as_the_paper_has_it(found: Search) -> Search:
     Both fits weigh the same data otherwise, by plain noise and by that which was found. So what lies between them is in
     doubt, and what each of them leaves open.
     """
+    final, base, doubts = found.final, found.base, found.problem.doubts(found.base)
     doubts = {
-        name: math.hypot(found.final.std(name), found.final.values[name] - found.base.values[name])
-        for name in found.base.names
+        name: math.hypot(final.std(name), final.values[name] - base.values[name], doubts[name]) for name in base.names
     }
     return replace(found, final=found.base, doubts=doubts)
 

@@ -46,6 +46,7 @@ from cmr.estimation.search.rivals import AS_WELL, margin_of, rivals_of
 from cmr.estimation.search.screening import Screening, screen
 from cmr.estimation.search.ties import decided
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
+from cmr.estimation.simulation_error import FREE_RUN_INFLATION
 from cmr.model.catalogue import CATALOGUE
 
 MOST_EFFECTS = 12  # with those that are too small to be named
@@ -60,7 +61,6 @@ STAYS = "What is too small stays in the model only during the search, so that it
 SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show leaves an effect unseen
 MOST_SMALL = 8  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
-FREE_RUN_INFLATION = 1.5  # for how many samples errors of free runs count that last is known roughly
 LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the delays of single commands are rough
 MUCH = 5.0  # times what an effect must explain: where one explains more beside the first, there may be several
 NOTED = 4  # rejected effects of each step that the trace keeps
