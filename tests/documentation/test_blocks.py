@@ -56,6 +56,7 @@ ONLY_PARSED = {
     "cmr-replay run.lcm --remap": "takes as long as the log",
     "cmr-replay run.lcm --start": "repeats until it is stopped",
     "cmr-run line": "takes half a minute; tests/experiments/live/test_run.py runs scenarios",
+    "cmr-run lab.yaml": "needs rclpy; tests/robot_driver/ros2/test_scenario.py runs such a scenario",
     "cmr-run pair.yaml": "takes half a minute; its scenario is read here",
     "cmr-sim --parameters": "runs until it is stopped",
     "cmr-sim --real": "runs until it is stopped",
