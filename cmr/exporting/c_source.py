@@ -4,7 +4,7 @@ from importlib.resources import files
 
 from cmr.exporting.c_statements import assigned, c_functions, c_lines, declared, number
 from cmr.exporting.carried import what_is_carried
-from cmr.exporting.python_file import PREPARE, filter_of, moments
+from cmr.exporting.python_file import PREPARE, SHORTEST, filter_of, moments
 from cmr.exporting.python_statements import called, filled, indented
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.extended.program import Program, collocation
@@ -14,16 +14,12 @@ HEADER, TEMPLATE = "cmr_robot.h", "cmr_robot.c"
 LATE = """\
 double delay, lost;
 uint64_t seed = moved->seed, count = moved->count++, robot = 0;
-(void)seed, (void)count, (void)robot;
+(void)dt, (void)seed, (void)count, (void)robot;
 PACKET
-if (!arrives(moved, lost != 0.0, moved->time + delay)) return 0;
-in_force(moved, dt, left, right);
-return 1;
+return arrives(moved, lost != 0.0, moved->time + delay);
 """
 PROMPT = """\
-(void)dt;
-*left = moved->command_left;
-*right = moved->command_right;
+(void)moved, (void)dt;
 return 1;
 """
 
@@ -77,6 +73,7 @@ def _constants(robot: ExportedRobot) -> list[str]:
     ]
     lines += [f"static const double {name} = {number(value)};" for name, value in collocation().items()]
     lines.append(f"#define LATE_COMMANDS {int(program.is_late)}")
+    lines += [f"static const double SHORTEST = {number(SHORTEST)}; /* of a step */"] if program.is_late else []
     return [*lines, f"static const double LONGEST_STEP = {number(LONGEST_STEP)}; /* [s] */", *_filter(program)]
 
 

@@ -51,7 +51,7 @@ NOT_IN = {  # why an effect on the motion is not carried
     MJCF: "MuJoCo's motor, joints and contacts have nothing like it",
     ROS2_CONTROL: "the controller has no parameter for it",
     SDF: "Gazebo's plugin has no parameter for it",
-    URDF: "a URDF describes no such thing",
+    URDF: "neither a URDF nor Gazebo's plugin in it has a parameter for it",
 }
 OF_SENSORS = {
     MJCF: "the sensors of the file read the true motion",
@@ -68,6 +68,7 @@ PLUGIN = {
     "current_limit": _approximately(ACCELERATION_LIMIT),
     "wheel_radius_scale": _exactly("the radius of the wheels"),
 }
+GAZEBO = {**PLUGIN, "wheel_radius_asymmetry": _exactly("the radius of each wheel")}
 BY_TARGET: dict[str, dict[str, Carried]] = {
     MJCF: {
         "command_delay": _approximately("a delay of each motor's command, in whole time steps"),
@@ -90,8 +91,8 @@ BY_TARGET: dict[str, dict[str, Carried]] = {
         "wheel_radius_asymmetry": _exactly("left_wheel_radius_multiplier and right_wheel_radius_multiplier"),
         "wheel_separation_error": _exactly("wheel_separation_multiplier"),
     },
-    SDF: PLUGIN,
-    URDF: {"wheel_radius_scale": PLUGIN["wheel_radius_scale"]},
+    SDF: GAZEBO,
+    URDF: GAZEBO,
 }
 
 
@@ -146,7 +147,7 @@ def what_is_carried(target: str, robot: "ExportedRobot") -> list[str]:
 
 
 def _entry(sentence: str, why: str) -> Iterable[str]:
-    reason = "" if why == STEPS_THE_MODEL.why else f" ({why[0].upper()}{why[1:]}.)"
+    reason = "" if why == STEPS_THE_MODEL.why else f" ({why})"
     text = fill(sentence + reason, 110, subsequent_indent="  ", break_on_hyphens=False)
     return ("* " + text).splitlines()
 

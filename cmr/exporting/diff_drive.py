@@ -144,7 +144,8 @@ def urdf(robot: ExportedRobot, said: Described) -> str:
     return f"""\
 {_comment(URDF, robot)}
 <xacro:property name="wheel_separation" value="{known.separation:.6g}"/>
-<xacro:property name="wheel_radius" value="{known.radius:.6g}"/>
+<xacro:property name="left_wheel_radius" value="{known.radius_left:.6g}"/>
+<xacro:property name="right_wheel_radius" value="{known.radius_right:.6g}"/>
 <gazebo>
 {plugin}
 </gazebo>
@@ -154,11 +155,15 @@ def urdf(robot: ExportedRobot, said: Described) -> str:
 def _comment(target: str, robot: ExportedRobot) -> str:
     known = calibrated(robot)
     carried = "\n".join(what_is_carried(target, robot)).replace("--", "- -")
+    radius = f"{known.radius:.6g} m"
+    if known.radius_left != known.radius_right:
+        radius = f"{known.radius_left:.6g} m on the left and {known.radius_right:.6g} m on the right"
     return f"""\
 <!--
 Robot {robot.robot_id} of Calibrated Mixed Reality, as it was calibrated: written by cmr-export.
 In Gazebo the robot turns as its wheels roll: place them {known.separation:.6g} m apart, one on each side, with a radius
-of {known.radius:.6g} m, and let casters slide. The plugin counts with what the real robot's controller counts with.
+of {radius}, and let casters slide.
+The plugin counts with what the real robot's controller counts with.
 
 {carried}
 -->"""

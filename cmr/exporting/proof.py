@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.cli.errors import CommandError
+from cmr.exporting.arrivals import in_force, prompt
 from cmr.exporting.carried import FMU, MJCF, PYTHON, Carry, of_robot
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.motion import RobotState, drive
@@ -128,8 +129,9 @@ def _with_only(robot: ExportedRobot, names: set[str]) -> RobotParameters:
 
 
 def _driven(parameters: RobotParameters, left: Floats, right: Floats) -> Floats:
-    motion = drive(left, right, np.full(len(left), STEP), parameters, RobotState.at_rest(), seed=SEED)
-    return np.stack([motion.x[1:], motion.y[1:], motion.theta[1:]], axis=1)
+    spans = in_force(parameters, left, right, np.full(len(left), STEP), SEED)
+    motion = drive(spans.left, spans.right, spans.dt, prompt(parameters), RobotState.at_rest(), spans.ends)
+    return np.stack([motion.x, motion.y, motion.theta], axis=1)
 
 
 def _in_python(_robot: ExportedRobot, path: Path, left: Floats, right: Floats) -> Driven:

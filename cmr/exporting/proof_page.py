@@ -12,7 +12,7 @@ from cmr.report.keys import keys, real_key, simulated_key
 from cmr.report.markup import Html, tag
 from cmr.report.numbers import number
 from cmr.report.page import page_of
-from cmr.report.section import paragraph, quiet, section
+from cmr.report.section import code, paragraph, quiet, section
 from cmr.report.style import AFTER, REAL, REAL_OUTLINE
 from cmr.report.svg import Frame, line, plot
 from cmr.report.table import table
@@ -74,8 +74,8 @@ def _numbers(proof: Proof) -> Html:
         ["largest distance between the paths", number(proof.off), "m"],
         ["the same at the end", number(float(np.hypot(*(proof.found[-1, :2] - proof.expected[-1, :2])))), "m"],
         ["largest difference of headings", number(heading), "rad"],
-        ["lost with effects that are not carried", number(proof.lost), "m"],
-        ["largest distance to a robot with the effects that are", number(proof.off_of_carried), "m"],
+        ["the largest that effects which are not carried make", number(proof.lost), "m"],
+        ["largest distance to a robot with the carried effects alone", number(proof.off_of_carried), "m"],
         ["length of the path", number(proof.length), "m"],
     ]
     return table(["what", "size", "unit"], rows, numbers=[1])
@@ -85,7 +85,9 @@ def _departures(proof: Proof, diagnosis: Diagnosis, carried: Mapping[str, Carrie
     """Return what a diagnosis names that departs from the parameter file, beside what the target does not carry."""
     drive = quiet(
         f"The same drive of {SECONDS:.0f} s as encoders, a gyro and a tracker with the usual noise say it, diagnosed "
-        "against the parameter file that was exported: `cmr-diagnose --against`."
+        "against the parameter file that was exported, as ",
+        code("cmr-diagnose --against"),
+        " does.",
     )
     against = diagnosis.against
     assert against is not None
@@ -93,7 +95,7 @@ def _departures(proof: Proof, diagnosis: Diagnosis, carried: Mapping[str, Carrie
         [one.name, one.cause, "not carried" if _is_lost(carried.get(one.name)) else ""] for one in diagnosis.effects
     ]
     rows += [[one.name, f"{one.estimate.value:.4g}, in the file {one.given:.4g}", ""] for one in against.departures]
-    headings = ["what departs", "how", f"of {proof.target}"]
+    headings = ["what departs", "how", f"by {proof.target}"]
     return [paragraph(diagnosis.sentence), *([table(headings, rows)] if rows else []), drive]
 
 

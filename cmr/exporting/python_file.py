@@ -7,6 +7,7 @@ from cmr.model.extended.program import Program, collocation
 from cmr.model.extended.step_statements import LONGEST_STEP
 from cmr.model.filtering import FILTER_AGES, FILTER_WEIGHTS
 
+SHORTEST = 1e-3  # of a step, as that of cmr.model.commands, whose import takes a second
 PREPARE = [  # what `cmr.model.extended.step_statements.COEFFICIENTS` are
     "rate = k1 * k2_over_k3",
     *(
@@ -69,14 +70,17 @@ SPEEDS
         del self._history[: max(0, min(known, len(self._history) - 2))]
 
     def _step(self, dt):
-        command_left, command_right = self._in_force(dt)
+        for left, right, span in self._in_force(dt):
+            self._drive(left, right, span)
+
+    def _drive(self, command_left, command_right, dt):
         RECALL
         PREPARE
         STEP
         KEEP
 
     def _in_force(self, dt):
-        """Send the command; return the mean over the next dt [s] of those that have arrived by then."""
+        """Send the command; return those in force over the next dt [s], each with how long it is [s]."""
         left, right = self._command
         PACKET
 
@@ -144,16 +148,20 @@ PACKET
 packet = self._packets[-1] if lost else (left, right, self.time + delay)
 self._packets.append(packet)
 self._count += 1
-mean_left, mean_right, until = 0.0, 0.0, self.time + dt
+spans, until = [], 1.0
 for number in reversed(range(len(self._packets))):
     left, right, arrival = self._packets[number]
-    since = max(arrival, self.time)
-    part = max(until - since, 0.0) / dt
-    mean_left, mean_right, until = mean_left + part * left, mean_right + part * right, min(until, since)
-    if arrival <= self.time:
+    place = max((arrival - self.time) / dt, -1.0)
+    if abs(place - floor(place + 0.5)) < SHORTEST:
+        place = floor(place + 0.5)
+    if place < until:
+        since = max(place, 0.0)
+        spans.append((left, right, (until - since) * dt))
+        until = since
+    if place <= 0.0:
         del self._packets[:number]
         break
-return mean_left, mean_right
+return reversed(spans)
 """
 
 
@@ -173,7 +181,7 @@ def python_file(robot: ExportedRobot) -> str:
     used = called(line for part in ("BEGIN", "PREPARE", "STEP", "ENCODER", "GYRO", "POSE") for line in lines[part])
     used |= called(program.packet)
     sources = [*functions(used), TURNED]
-    everything = used | called(sources) | {"ceil", "inf"}
+    everything = used | called(sources) | {"ceil", "inf"} | ({"floor"} if program.is_late else set())
     parts = {name: indented(part) for name, part in lines.items()}
     names = (*program.state, "yaw_rate")
     parts |= {
@@ -191,7 +199,7 @@ def python_file(robot: ExportedRobot) -> str:
 
 def _packet(program: Program, never_zero: list[str]) -> list[str]:
     if not program.is_late:
-        return ["return left, right"]
+        return ["return [(left, right, dt)]"]
     text = filled(LATE, {"PACKET": indented(safe(program.packet, never_zero), 0)})
     return text.splitlines()
 
@@ -227,6 +235,7 @@ def _constants(robot: ExportedRobot) -> list[str]:
         ]
     lines += [
         f"LONGEST_STEP = {LONGEST_STEP}  # [s]",
+        *([f"SHORTEST = {SHORTEST}  # of a step, in which a command comes"] if program.is_late else []),
         "# Ages of the poses that stand for a smoothed one, in time constants, and their weights.",
         f"FILTER = {filter_of(program)!r}",
         *(f"{name} = {value!r}" for name, value in collocation().items()),

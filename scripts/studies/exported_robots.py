@@ -76,9 +76,9 @@ class Found:
         return self.verdict == NO_EFFECT if self.kind == SAME else self.planted in self.names
 
 
-def tasks(kinds: Sequence[str], targets: Sequence[str], robots: int) -> list[Task]:
-    """Return so many robots of each kind for each target, in turn."""
-    return [Task(target, kind, seed) for seed in range(robots) for kind in kinds for target in targets]
+def tasks(kinds: Sequence[str], targets: Sequence[str], numbers: Iterable[int]) -> list[Task]:
+    """Return the robots with these numbers of each kind for each target, in turn."""
+    return [Task(target, kind, seed) for seed in numbers for kind in kinds for target in targets]
 
 
 def effects_of(task: Task) -> tuple[tuple[str, ...], str]:

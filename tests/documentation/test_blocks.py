@@ -56,6 +56,7 @@ ONLY_PARSED = {
     "cmr-replay run.lcm --remap": "takes as long as the log",
     "cmr-replay run.lcm --start": "repeats until it is stopped",
     "cmr-run line": "takes half a minute; tests/experiments/live/test_run.py runs scenarios",
+    "cmr-run lab.yaml": "needs rclpy; tests/robot_driver/ros2/test_scenario.py runs such a scenario",
     "cmr-run pair.yaml": "takes half a minute; its scenario is read here",
     "cmr-sim --parameters": "runs until it is stopped",
     "cmr-sim --real": "runs until it is stopped",
@@ -193,7 +194,7 @@ def test_the_python_of_a_page_runs_from_its_first_block_to_its_last(
 def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path: Path) -> None:
     content = yaml.safe_load(block.text)
     readers: dict[str, Callable[[], object]] = {
-        "robots": lambda: scenarios.parse(block.text, str(block), bench),
+        "robots": lambda: scenarios.parse(block.text, str(block), shown_before(block, tmp_path) or bench),
         "schema": lambda: parse_parameters(block.text, str(block)),
         "effects": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
         "mounting": lambda: load_settings(written(tmp_path / "settings.yaml", block.text)),
@@ -213,6 +214,16 @@ def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path:
     assert used or block.page in (
         "cmr/tools/importing/mappings/README.md",
     )  # its examples leave out what "..." stands for
+
+
+def shown_before(block: Block, folder: Path) -> Path | None:
+    """Write the files of a ROS 2 robot that its page shows, and return the folder; None for other blocks."""
+    if "ros2:" not in block.text:
+        return None
+    for other in blocks_of(PROJECT / block.page):
+        if other.language == "yaml" and "schema:" in other.text:
+            written(folder / ("my_robot.yaml" if "wheels:" in other.text else "robot_0.yaml"), other.text)
+    return folder
 
 
 def written(path: Path, text: str) -> Path:

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from cmr.exporting.arrivals import in_force, prompt
 from cmr.exporting.c_source import c_header, c_source
 from cmr.exporting.python_file import python_file
 from cmr.exporting.robot import ExportedRobot
@@ -58,8 +59,9 @@ def commands(seconds: float) -> tuple[Floats, Floats, Floats]:
 
 def driven_by_cmr(robot: ExportedRobot, spans: Spans, seed: int = 0) -> Floats:
     """Return the state at the end of each span, columns STATE, as CMR simulates it."""
-    motion = drive(*spans, robot.parameters, RobotState.at_rest(), seed=seed)
-    return np.stack([getattr(motion, name)[1:] for name in STATE], axis=1)
+    left, right, dt, ends = in_force(robot.parameters, *spans, seed)
+    motion = drive(left, right, dt, prompt(robot.parameters), RobotState.at_rest(), ends)
+    return np.stack([getattr(motion, name) for name in STATE], axis=1)
 
 
 def module_of(robot: ExportedRobot) -> ModuleType:

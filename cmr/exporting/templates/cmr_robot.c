@@ -82,41 +82,59 @@ static int arrives(cmr_robot *robot, int lost, double arrival) {
     return send(robot, lost, robot->command_left, robot->command_right, arrival);
 }
 
-/* The mean over the next dt of the commands that have arrived by then. */
-static void in_force(cmr_robot *robot, double dt, double *left, double *right) {
-    double until = robot->time + dt;
-    size_t number = robot->packets_used;
-    *left = *right = 0.0;
-    while (number-- > 0) {
-        cmr_packet one = robot->packets[number];
-        double since = larger(one.arrival, robot->time);
-        double part = larger(until - since, 0.0) / dt;
-        *left = *left + part * one.left;
-        *right = *right + part * one.right;
-        until = smaller(until, since);
-        if (one.arrival <= robot->time) {
-            robot->packets_used -= number;
-            memmove(robot->packets, robot->packets + number, robot->packets_used * sizeof(cmr_packet));
-            break;
-        }
-    }
-}
-
 #endif
 
-/* Send the command; find the mean over the next dt of those that have arrived by then. */
-static int commands(cmr_robot *moved, double dt, double *left, double *right) {
+/* Send the command. */
+static int send_command(cmr_robot *moved, double dt) {
     PACKET
 }
 
-static int one_step(cmr_robot *robot, double dt) {
-    double command_left, command_right;
+/* Drive with constant duties for dt. */
+static void drive(cmr_robot *robot, double command_left, double command_right, double dt) {
     RECALL
-    if (!commands(robot, dt, &command_left, &command_right)) return 0;
     STEP
     KEEP
+}
+
+#if LATE_COMMANDS
+/* After how many steps of dt a command takes effect; one that comes near a border comes with it. */
+static double place_of(double later, double dt) {
+    double place = larger(later / dt, -1.0), whole = floor(place + 0.5);
+    return fabs(place - whole) < SHORTEST ? whole : place;
+}
+
+static void drop_older(cmr_robot *robot, size_t number) {
+    robot->packets_used -= number;
+    memmove(robot->packets, robot->packets + number, robot->packets_used * sizeof(cmr_packet));
+}
+
+static int one_step(cmr_robot *robot, double dt) {
+    double begin = robot->time, since = 0.0;
+    if (!send_command(robot, dt)) return 0;
+    while (since < 1.0) { /* the newest command that has come drives, until a newer one comes */
+        double until = 1.0;
+        size_t number = robot->packets_used - 1;
+        for (; number > 0; number--) {
+            double place = place_of(robot->packets[number].arrival - begin, dt);
+            if (place <= since) break;
+            until = smaller(until, place);
+        }
+        if (since <= 0.0) {
+            drop_older(robot, number);
+            number = 0;
+        }
+        drive(robot, robot->packets[number].left, robot->packets[number].right, (until - since) * dt);
+        since = until;
+    }
     return 1;
 }
+#else
+static int one_step(cmr_robot *robot, double dt) {
+    if (!send_command(robot, dt)) return 0;
+    drive(robot, robot->command_left, robot->command_right, dt);
+    return 1;
+}
+#endif
 
 /* Which moments the readings of now show: wheels, gyro, the pose, and by what time constant it is smoothed. */
 static void moments(double time, double *of_encoder, double *of_gyro, double *of_pose, double *smoothed) {
