@@ -9,6 +9,7 @@ from cmr.experiments.live.page import run_page
 from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 from cmr.report.density import CELL, MOST_LINES, density, passes
 from cmr.report.markup import Html
+from cmr.report.numbers import typeset
 from cmr.report.page import MOST_WITHOUT_CONTENTS, page_of
 from cmr.report.section import paragraph, section
 from cmr.report.style import DARK, DENSITY_STEPS, LIGHT, TONES, style_sheet
@@ -116,3 +117,10 @@ def test_a_swarm_is_drawn_as_a_density_and_fewer_robots_as_lines() -> None:
 
 def test_the_page_of_a_thousand_robots_can_be_mailed() -> None:
     assert len(run_page(document(1000))) < 600_000
+
+
+def test_texts_on_a_page_have_raised_exponents_and_signs_of_their_own() -> None:
+    text = "w = w_wheels (1 - 0.24 s^2/m^2 v^2), -0.24 +- 0.01 s^-1 in run-01 of 2026-11-27"
+    assert typeset(text) == (
+        "w = w_wheels (1 \u2212 0.24 s\u00b2/m\u00b2 v\u00b2), \u22120.24 \u00b1 0.01 s\u207b\u00b9 in run-01 of 2026-11-27"
+    )

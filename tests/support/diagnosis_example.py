@@ -254,7 +254,7 @@ LAWFUL = replace(
                 left=4.0,
             ),
         ),
-        reasons=("It explains 1810 of -2 log likelihood on the data fitted.",),
+        reasons=("It lowers -2 log likelihood by 1810 on the fitted data.",),
     ),
 )
 ALL = {

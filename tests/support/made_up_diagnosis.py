@@ -45,7 +45,7 @@ DIAGNOSIS = Diagnosis(
         ),
         NamedEffect(
             name="surface_change",
-            cause="From 61.0 s on the floor is another.",
+            cause="The floor changes at 61.0 s.",
             estimates=SURFACE,
             statistic=40.0,
             p_value=1e-6,

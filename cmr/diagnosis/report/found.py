@@ -47,7 +47,7 @@ TONES = {  # of the style sheet
     PARAMETERS_DIFFER: "plain",
 }
 NOTHING_NAMED = {
-    LAW_FOUND: "No effect in the catalogue was named; what the data show is a law, which has no name yet: see below.",
+    LAW_FOUND: "No effect in the catalogue was named. The data show a law instead, which has no name yet: see below.",
     NO_EFFECT: "No effect in the catalogue improves the predictions of both fitted and left-out data enough to matter.",
     UNEXPLAINED: "No effect in the catalogue was named, but the residuals have structure: see \u201cUnexplained "
     "residuals\u201d below.",

@@ -20,8 +20,8 @@ from cmr.report.table import table
 
 SIZE = {"width": 390.0, "height": 275.0}
 ANSWERS = {
-    "law": "A law: nothing that a formula could explain is left beside it.",
-    "approximation": "An approximation of something unknown: structure is left beside it.",
+    "law": "A law: no further formula would explain anything beside it.",
+    "approximation": "An approximation of something unknown: it leaves structure in the residuals.",
     "tie": "A tie: the formulas below explain these data equally well.",
 }
 KEEP = (
@@ -70,9 +70,11 @@ def _evidence(found: Sequence[LawFound]) -> str:
     if not found:
         return ""
     one = found[0]
-    words = f"The score is {likelihood(one.score)}: the drop of -2 log likelihood, less what so free a search finds by "
-    words += f"chance. On data left out of the fit the log likelihood grows by {likelihood(one.held_out)}. The best "
-    return words + f"further formula beside it has the score {likelihood(one.left)}."
+    words = (
+        f"The score is {likelihood(one.score)}: the drop of \u22122 log likelihood, minus what a search among so many "
+    )
+    words += "formulas finds by chance. On data left out of the fit, the log likelihood grows by "
+    return words + f"{likelihood(one.held_out)}. The best further formula has a score of {likelihood(one.left)}."
 
 
 def _figure(curve: Curve) -> Html:
@@ -82,7 +84,7 @@ def _figure(curve: Curve) -> Html:
     plots = [_plot(curve, course, title, limit) for title, course in courses]
     caption = (
         f"What the model lacks at the place of {curve.law}, over {curve.variable}: without the law, and with it. The "
-        "law goes through what is lacking without it; a complete model leaves a flat line."
+        "law follows what is lacking without it; a complete model leaves a flat line."
     )
     entries = keys(
         before_key("without the law, \u00b1 1 standard error", marked=True),

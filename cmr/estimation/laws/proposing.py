@@ -177,8 +177,8 @@ def _answer(offer: Offer) -> str:
 
 def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
     reasons = [
-        f"It explains {offer.gain:.0f} of -2 log likelihood on the data fitted, and {offer.held_out:.0f} on data that "
-        "it was not fitted on."
+        f"It lowers -2 log likelihood by {offer.gain:.0f} on the fitted data, and by {offer.held_out:.0f} on data that it "
+        "was not fitted to."
     ]
     if not held_out:
         reasons.append(LAST_THIRD)

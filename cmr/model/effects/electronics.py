@@ -26,7 +26,7 @@ COMMAND_DELAY = Effect(
 COMMAND_JITTER = Effect(
     name="command_jitter",
     group=GROUP,
-    cause="Each command is late by another time, of up to {command_jitter:.3f} s.",
+    cause="Each command is late by a different time, of up to {command_jitter:.3f} s.",
     equations={"packet": "delay = delay + command_jitter * random"},
     parameters=(
         ParameterDefinition("command_jitter", "s", "largest additional delay of a command", 0.0, 0.5, 0.0, 0.04),
@@ -83,7 +83,7 @@ WHEEL_SEPARATION_ERROR = Effect(
     name="wheel_separation_error",
     group=GROUP,
     cause="Commanded turns reach the wheels {wheel_separation_error:.1%} {wheel_separation_error:larger/smaller}: the "
-    "robot turns (v, omega) into wheel speeds by another wheel separation than command_base_width.",
+    "robot turns (v, omega) into wheel speeds with a wheel separation other than command_base_width.",
     equations={
         "command": """
             more = 0.5 * wheel_separation_error * (duty_right - duty_left)

@@ -117,7 +117,7 @@ TURN_ASYMMETRY = Effect(
 SURFACE_CHANGE = Effect(
     name="surface_change",
     group=GROUP,
-    cause="From {surface_change_time:.1f} s on the floor is another: K1 is {surface_change_k1:.1%} "
+    cause="The floor changes at {surface_change_time:.1f} s: K1 is {surface_change_k1:.1%} "
     "{surface_change_k1:larger/smaller} and the base width {surface_change_base_width:.1%} "
     "{surface_change_base_width:larger/smaller}.",
     equations={
@@ -139,8 +139,8 @@ SURFACE_CHANGE = Effect(
 SURFACE_PATCH = Effect(
     name="surface_patch",
     group=GROUP,
-    cause="Around ({surface_patch_x:+.2f} m, {surface_patch_y:+.2f} m) the floor is another within "
-    "{surface_patch_radius:.2f} m: "
+    cause="The floor differs within {surface_patch_radius:.2f} m of "
+    "({surface_patch_x:+.2f} m, {surface_patch_y:+.2f} m): "
     "{surface_patch_friction:.1f} rad/s^2 of friction, base width {surface_patch_base_width:.1%} "
     "{surface_patch_base_width:larger/smaller}.",
     equations={
