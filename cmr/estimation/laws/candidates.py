@@ -150,9 +150,23 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
     further += [(f"sign({own})", "abs(v)"), ("w", "abs(w)"), ("v", "abs(w)"), ("v", "w"), ("w ** 2",), (own, "abs(w)")]
     further += [("w",), ("abs(w)",), ("v ** 2",), ("u", "abs(w)"), ("u", "abs(v)"), ("effort", "abs(w)")]
     further += [("other_psi", "abs(other_psi)"), ("other_psi", f"abs({own})"), ("other_u", f"abs({own})")]
+    further += [("sign(effort)",)]
     for factors in further:
         yield Candidate(place, factors, len(factors) + sum("**" in factor for factor in factors))
     yield from _limited(place, (own, "u", "effort", "w"))
+    current = Candidate(place, ("effort",), 1)
+    yield from _modulated(current)
+    yield from _remembering(current, ("effort ** 2", "abs(w)", "load"))
+    yield from _fading(place, own)
+    yield Candidate(place, ("x", "cos(theta)"), 2, others=(("y", "sin(theta)"),))
+    yield Candidate(place, ("y", "cos(theta)"), 2, others=(("x", "sin(theta)"),))
+
+
+def _fading(place: str, name: str) -> Iterator[Candidate]:
+    """Yield what acts at low speed alone: its sign, times what fades as it grows."""
+    for share in SHARES:
+        factors = f"sign({name})", f"exp(-abs({name}) / fade)"
+        yield Candidate(place, factors, 2, constants={"fade": share}, scaled=name)
 
 
 def _modulated(base: Candidate) -> Iterator[Candidate]:
