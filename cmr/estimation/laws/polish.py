@@ -33,7 +33,7 @@ ROUNDS = 16  # of a search for inner constants, at most
 WIDEST, NARROWEST = 4.0, 0.015  # of its steps, at first and at last, as shares of the reach of each constant,
 NARROWER = 0.25  # to which share they shrink where none is better
 SHARES_OF_STEP = (1.0, 0.5, 0.25)  # at which it looks to either side,
-STRETCH = 2.0  # or a factor, of a constant that has no reach
+STRETCH, FURTHEST = 2.0, 64.0  # or a factor, of a constant that has no reach; and how far it may go in all
 
 
 @dataclass(frozen=True)
@@ -132,11 +132,11 @@ def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candid
     Steps go to either side of each constant, and of two at once, from its whole reach down to a small part of it. So a
     constant that was tried far from the best one still comes there.
     """
-    best = _gained(model, rest, [law])[1] if law.constants else 0.0
-    width = WIDEST
+    best = _gained(model, rest, [law], law)[1] if law.constants else 0.0
+    width, first = WIDEST, law
     with model.only_tried():
         for _ in range(ROUNDS if law.constants else 0):
-            better, gain = _gained(model, rest, _around(law, width))
+            better, gain = _gained(model, rest, [one for one in _around(law, width) if _within(one, first)], law)
             if gain > best:
                 law, best = better, gain
             else:
@@ -146,10 +146,16 @@ def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candid
     return law
 
 
-def _gained(model: Linearised, rest: Rest, laws: Sequence[Candidate]) -> tuple[Candidate, float]:
-    """Return the law of several of one size that explains most, and how much."""
-    found = scan(model, rest, laws)
-    return (found[0].candidate, found[0].gain) if found else (laws[0], -math.inf)
+def _within(law: Candidate, first: Candidate) -> bool:
+    """Return whether no constant is further from where it was at first than a law may go."""
+    pairs = [(value, first.constants[name]) for name, value in law.constants.items() if name not in law.reach]
+    return all(1.0 / FURTHEST < value / before < FURTHEST for value, before in pairs)
+
+
+def _gained(model: Linearised, rest: Rest, laws: Sequence[Candidate], first: Candidate) -> tuple[Candidate, float]:
+    """Return the law of several of one size that explains most, and how much; the `first` where none says anything."""
+    found = scan(model, rest, laws) if laws else []
+    return (found[0].candidate, found[0].gain) if found else (first, -math.inf)
 
 
 def _around(law: Candidate, width: float) -> list[Candidate]:

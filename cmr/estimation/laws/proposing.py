@@ -52,7 +52,6 @@ MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, 
 # Score to first order that a law must have where the diagnosis sees no structure in what is left: fitting it takes
 # seconds.
 UNSEEN = 3.0
-RIVALS_NAMES = 0.3  # share of what the strongest name explains that a law alone must explain to first order
 DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
 INEXACT = 0.008  # share of a coefficient by which the model is inexact; as of effects
 UNKNOWN = Gain(ratio=math.nan, interval=(math.nan, math.nan), signals={})
@@ -87,12 +86,11 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     tied = False
     if effects and found.problem is problem and (len(effects) > 1 or more or beside.best >= promising):
         alone = without_names(problem, found, other)
-        strongest = max((one.candidate.drop for one in found.named if not one.estimates), default=0.0)
-        law = alone.offer(RIVALS_NAMES * strongest, promising)
+        law = alone.offer(promising)
         rivalry = _rivalry(alone, law, beside, len(effects))
         if isinstance(law, Offer) and rivalry is Rivalry.BETTER and leaves_nothing(law):
             return _alone(alone, law, found, other, held_out)
-        both = beside.offer(0.0, promising)
+        both = beside.offer(promising)
         if isinstance(law, Offer) and isinstance(both, Offer):
             rivalry = against_both(alone.data, law, both)
         if isinstance(law, Offer) and rivalry is Rivalry.BETTER:
@@ -101,7 +99,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
         if isinstance(law, Offer) and tied:
             return _tied(alone, law, found, held_out)
     else:
-        both = beside.offer(0.0, promising)
+        both = beside.offer(promising)
     return _answered(beside, both, found, held_out)
 
 

@@ -19,10 +19,11 @@ from cmr.estimation.laws.scan import penalty
 from cmr.estimation.laws.searching import (
     ALONE,
     ANOTHER,
-    HOLDS,
     LEAST,
     OF_NAMES,
     PROMISING,
+    SET,
+    SHARE_OF_SET,
     Data,
     Offer,
     Refused,
@@ -66,11 +67,11 @@ class Hypothesis:
         """The model without a law; None where laws cannot be told."""
         return self.first.before
 
-    def offer(self, at_least: float = 0.0, promising: float = PROMISING) -> Offer | Refused:
-        """Return the law that stands beside the model, or why there is none."""
+    def offer(self, promising: float = PROMISING) -> Offer | Refused:
+        """Return the law that stands beside the model, or why there is none; it must score as much to first order."""
         if isinstance(self.first, Refused):
             return self.first
-        return offered_of(self.first, self.selected, self.explained, at_least, promising)
+        return offered_of(self.first, self.selected, self.explained, promising)
 
 
 def effects_of(found: Search) -> list[CandidateEffect]:
@@ -120,8 +121,8 @@ def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Ri
     held_out = data.held_out(names, alone.after)
     if more > LEAST and held_out > LEAST:
         return Rivalry.BETTER
-    margin = max(LEAST, HOLDS * alone.held_out)
-    return Rivalry.TIED if effects > 1 and more > -LEAST and held_out > -margin else Rivalry.WORSE
+    near, near_there = (max(SET, SHARE_OF_SET * gain) for gain in (alone.gain, alone.held_out))
+    return Rivalry.TIED if effects > 1 and more > -near and held_out > -near_there else Rivalry.WORSE
 
 
 def against_both(data: Data, alone: Offer, both: Offer) -> Rivalry:

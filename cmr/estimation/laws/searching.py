@@ -149,20 +149,15 @@ class Data:
 
 
 def offered(
-    data: Data,
-    model: Linearised,
-    selected: Sequence[str],
-    named: float,
-    at_least: float = 0.0,
-    promising: float = PROMISING,
+    data: Data, model: Linearised, selected: Sequence[str], named: float, promising: float = PROMISING
 ) -> Offer | Refused:
     """Return the law that stands beside a model which has some effects `selected`, or why there is none.
 
-    `named` is how much these explain: a law beside them must explain a share of it. A law that explains less than
-    `at_least` to first order, or scores less than `promising`, is not fitted.
+    `named` is how much these explain: a law beside them must explain a share of it. A law that scores less than
+    `promising` to first order is not fitted.
     """
     first = scanned(data, model)
-    return first if isinstance(first, Refused) else offered_of(first, selected, named, at_least, promising)
+    return first if isinstance(first, Refused) else offered_of(first, selected, named, promising)
 
 
 @dataclass(frozen=True)
@@ -191,15 +186,11 @@ def scanned(data: Data, model: Linearised) -> Scanned | Refused:
     return Scanned(data, before, rest, tuple(_scores_of(model, rest)))
 
 
-def offered_of(
-    first: Scanned, selected: Sequence[str], named: float, at_least: float = 0.0, promising: float = PROMISING
-) -> Offer | Refused:
+def offered_of(first: Scanned, selected: Sequence[str], named: float, promising: float = PROMISING) -> Offer | Refused:
     """Return the law that stands beside a model where laws were scored; see `offered`."""
     before = first.before
     if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
-    if first.scores[0].gain < at_least:
-        return Refused("What formulas explain is too little to matter beside what is known.", before)
     fits = _fits(first, selected)
     if isinstance(fits, Refused):
         return replace(fits, before=before)
