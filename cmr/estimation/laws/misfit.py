@@ -6,6 +6,8 @@ where the formula is right (lack of fit; N. R. Draper, H. Smith, Applied Regress
 2.1).
 """
 
+import math
+
 import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate
@@ -23,7 +25,7 @@ SURELY = 5.0  # standard deviations of chi-squared that a misfit must exceed its
 def misfit_of(fit: Polished) -> float:
     """Return how much more factors along the variables of its laws explain than chance does: below 0 where no more."""
     beyond = [_beyond(fit, number, name) for number, law in enumerate(fit.laws) for name in variables_of_law(law)]
-    return max(beyond, default=-np.inf)
+    return max(beyond, default=-math.inf)
 
 
 def variables_of_law(law: Candidate) -> tuple[str, ...]:
@@ -38,12 +40,12 @@ def _beyond(fit: Polished, number: int, variable: str) -> float:
     free = traces - rest.basis @ (rest.basis.T @ traces)
     own = np.sum(free**2, axis=0) > LEAST_OWN * np.maximum(np.sum(traces**2, axis=0), NOTHING)
     if not np.any(own):
-        return -np.inf
+        return -math.inf
     kept = free[:, own]
     u, sizes, _ = np.linalg.svd(kept / np.linalg.norm(kept, axis=0), full_matrices=False)
     u = u[:, sizes > ALIKE * sizes[0]]
-    freedom = u.shape[1]
-    return float(np.sum((u.T @ rest.white) ** 2)) - freedom - SURELY * float(np.sqrt(2.0 * freedom))
+    freedom = int(u.shape[1])
+    return float(np.sum((u.T @ rest.white) ** 2)) - freedom - SURELY * math.sqrt(2.0 * freedom)
 
 
 def _traces(fit: Polished, number: int, variable: str) -> Floats:

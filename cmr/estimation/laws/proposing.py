@@ -25,7 +25,7 @@ from cmr.estimation.laws.rivals import (
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import LEFT, PROMISING, SEEN, Offer, Refused
+from cmr.estimation.laws.searching import LEFT, PROMISING, Offer, Refused
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search
@@ -183,8 +183,7 @@ def _in_the_model(
     harm = min(gain.signals.values(), default=1.0) < LARGEST_LOSS
     if harm or not _matters(offer, gain):
         _forget([law for law in laws if law.name not in known])
-        seen = offer.after if offer.gain >= SEEN else None
-        return Proposal(Laws(answer=NO_LAW, reasons=(HARM if harm else TOO_LITTLE,)), seen=seen)
+        return Proposal(Laws(answer=NO_LAW, reasons=(HARM if harm else TOO_LITTLE,)), seen=offer.after)
     tried = data.tried_on(offer.after)
     result = Laws(
         answer=_answer(offer),

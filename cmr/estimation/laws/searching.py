@@ -7,6 +7,7 @@ must hold on data held out: with their coefficients from the data that were fitt
 it is a law, or an approximation of something unknown.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -133,8 +134,8 @@ class Data:
     @property
     def share_tried(self) -> float:
         """How many errors a law is tried on for each that it is fitted to, at most 1."""
-        tried = np.count_nonzero(self.tried) if self.other is None else self.other.batch.rows
-        return min(1.0, float(tried) / max(float(np.count_nonzero(self.fitted)), 1.0))
+        tried = self.other.batch.rows if self.other is not None else int(np.count_nonzero(~self.fitted))
+        return min(1.0, tried / max(int(np.count_nonzero(self.fitted)), 1))
 
     def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
         """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
@@ -172,7 +173,7 @@ class Scanned:
     @property
     def best(self) -> float:
         """The best score."""
-        return self.scores[0].score if self.scores else -np.inf
+        return self.scores[0].score if self.scores else -math.inf
 
 
 def scanned(data: Data, model: Linearised) -> Scanned | Refused:
