@@ -129,6 +129,10 @@ def _of_sensor(place: str) -> Iterator[Candidate]:
 
 
 def _of_wheel(place: str) -> Iterator[Candidate]:
+    """Yield laws of wheels. None goes with the wheel's own acceleration.
+
+    At the motor that is its gain, and at the encoder its lateness, which the model and the catalogue have.
+    """
     own, other = ("s", "u") if place == "wheel_voltage" else ("psi", "u")
     for factors, size in _products(own, other):
         base = Candidate(place, factors, size)
@@ -141,7 +145,6 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
         ("other_u",),
         ("abs(other_psi)",),
         ("abs(other_u)",),
-        ("domega",),
         ("abs(domega)",),
     ]
     further += [("other_domega",), ("load",), ("load", "u"), ("load", own), ("load ** 2",), ("load", f"sign({own})")]

@@ -83,7 +83,8 @@ def beside_names(found: Search, other: Problem | None) -> Hypothesis:
     """Return the model with all that was found, effects that are too small to be named included."""
     fit = with_small_effects(found)
     names = [one.candidate.effect.name for one in found.named] + [one.effect.name for one in small_effects(found)]
-    explained = max(0.0, found.base.squares - found.final.squares)
+    by_chance = sum(max(one.candidate.drop, 0.0) for one in found.named if one.estimates)
+    explained = max(0.0, found.base.squares - found.final.squares) + by_chance
     return _hypothesis(found.problem, fit, found.final, names, explained, other)
 
 

@@ -336,7 +336,8 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
         after = best
     further = scan(after.model, after.rest)
     inflation = inflation_of(further)
-    gain, score = before.quality() - after.quality(), score_of(before, after, inflation)
+    at_places = max(inflation_of([one for one in further if one.candidate.place == law.place]) for law in after.laws)
+    gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     held_out = data.held_out(before, after)
     seen = after if score >= LEAST and gain >= max(SEEN, OF_NAMES * named) else None
     if score < LEAST or gain < OF_NAMES * named:
@@ -373,6 +374,9 @@ def _tried(data: Data, fit: Polished) -> float:
 
 
 def inflation_of(scores: Sequence[Score]) -> float:
-    """Return how much larger the usual law's gain is than chance would have it, at least 1."""
+    """Return how much larger the usual law's gain is than chance would have it, at least 1.
+
+    Of laws at one place it says how inexact the model is there: with noisy encoders, of the motors alone.
+    """
     gains = [one.gain for one in scores if len(one.coefficients) == 1]
     return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if gains else 1.0

@@ -45,6 +45,11 @@ class Extended:
         """The generic term, if it is one that extends the model."""
         return None if self.laws.found else self.term
 
+    @property
+    def only_reads_otherwise(self) -> bool:
+        """Whether laws of sensors are all that extends the model."""
+        return bool(self.laws.found) and not self.found.named and all(one.law.at.of_sensors for one in self.laws.found)
+
     def without_term(self) -> "Extended":
         """Return the same without its term, which did harm."""
         if not self.laws.found:
