@@ -74,7 +74,7 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
     proposal = proposed(problem, found, held_out, unexplained.present)
     if proposal.extension:
         return _with_laws(problem, found, proposal, unexplained)
-    if not unexplained.present and proposal.seen:
+    if proposal.seen and not unexplained.present and not unexplained.not_judged:
         return Extended(found, structure_of(proposal.seen), laws=proposal.laws)
     if not unexplained.present:
         return Extended(found, unexplained, laws=proposal.laws)
@@ -89,7 +89,7 @@ def _with_laws(problem: Problem, found: Search, proposal: Proposal, without: Une
     if proposal.withdrawn:
         found = _without_names(problem, found, BY_A_LAW, proposal.withdrawn, proposal.before)
     left = remaining(found.problem, proposal.extension.fit, found.base).unexplained
-    if not without.present and proposal.seen:
+    if proposal.seen and not without.present and not without.not_judged:
         without = structure_of(proposal.seen)
     return Extended(found, left, proposal.extension, proposal.laws, without)
 
