@@ -17,7 +17,7 @@ from cmr.estimation.laws.scan import LEAST_OWN, NOTHING
 from cmr.model.laws.grammar import parse
 from cmr.recordings.signal import Floats
 
-BINS = 6
+BINS = 6  # of a variable, each with equally many moments
 ALIKE = 0.02  # of the largest: factors that the model's parameters, or others, nearly make up for do not count
 SURELY = 5.0  # standard deviations of chi-squared that a misfit must exceed its mean by
 
