@@ -11,7 +11,7 @@ from cmr.model.laws.sentence import equation, headline
 MILLIMETRES = 1000.0
 MOST_RIVALS = 3  # that a sentence names
 UNNAMED = "No entry of the catalogue describes this."
-APPROXIMATED = "Structure is left beside it, so it is an approximation of something unknown."
+APPROXIMATED = "It is an approximation of something unknown: structure is left, or the formula is not quite right."
 TIED = "What remains, or all of it, is explained as well by a law that this drive does not set apart"
 SAME_LENGTH = 0.02  # of a path error: what changes by less is called unchanged
 
