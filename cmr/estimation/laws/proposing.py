@@ -83,30 +83,23 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     promising = PROMISING if more else UNSEEN
     beside = beside_names(found, other)
     effects = effects_of(found)
-    tied = False
-    if effects and found.problem is problem and (len(effects) > 1 or more or beside.best >= promising):
-        alone = without_names(problem, found, other)
-        law = alone.offer(promising)
-        rivalry = _rivalry(alone, law, beside, len(effects))
-        if isinstance(law, Offer) and rivalry is Rivalry.BETTER and leaves_nothing(law):
-            return _alone(alone, law, found, other, held_out)
-        both = beside.offer(promising)
-        if isinstance(law, Offer) and isinstance(both, Offer):
-            rivalry = against_both(alone.data, law, both)
-        if isinstance(law, Offer) and rivalry is Rivalry.BETTER:
-            return _alone(alone, law, found, other, held_out)
-        tied = rivalry is Rivalry.TIED
-        if isinstance(law, Offer) and tied:
-            return _tied(alone, law, found, held_out)
-    else:
-        both = beside.offer(promising)
-    return _answered(beside, both, found, held_out)
-
-
-def _rivalry(alone: Hypothesis, law: Offer | Refused, beside: Hypothesis, effects: int) -> Rivalry:
+    if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best >= promising):
+        return _answered(beside, beside.offer(promising), found, held_out)
+    alone = without_names(problem, found, other)
+    law = alone.offer(promising)
     if isinstance(law, Refused) or beside.before is None:
-        return Rivalry.WORSE
-    return against_names(alone.data, law, beside.before, effects)
+        return _answered(beside, beside.offer(promising), found, held_out)
+    rivalry = against_names(alone.data, law, beside.before, len(effects))
+    if rivalry is Rivalry.BETTER and leaves_nothing(law):
+        return _alone(alone, law, found, other, held_out)
+    both = beside.offer(promising)
+    if isinstance(both, Offer):
+        rivalry = against_both(alone.data, law, both)
+    if rivalry is Rivalry.BETTER:
+        return _alone(alone, law, found, other, held_out)
+    if rivalry is Rivalry.TIED:
+        return _tied(alone, law, found, held_out)
+    return _answered(beside, both, found, held_out)
 
 
 def _alone(
