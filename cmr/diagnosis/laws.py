@@ -11,7 +11,8 @@ from cmr.model.laws.sentence import equation, headline
 MILLIMETRES = 1000.0
 MOST_RIVALS = 3  # that a sentence names
 UNNAMED = "No entry of the catalogue describes this."
-APPROXIMATED = "Structure is left beside it, so it is an approximation of something unknown."
+APPROXIMATED = "It is an approximation of something unknown: structure is left, or the formula is not quite right."
+TIED = "What remains, or all of it, is explained as well by a law that this drive does not set apart"
 SAME_LENGTH = 0.02  # of a path error: what changes by less is called unchanged
 
 
@@ -36,9 +37,9 @@ def rival_text(rival: LawFound) -> str:
 
 
 def laws_sentence(laws: Laws, path_rmse: float) -> str:
-    """Return the sentences on the laws that stand in the model, empty where none does."""
+    """Return the sentences on the laws that stand in the model, or that tie; empty without any."""
     if not laws.found:
-        return ""
+        return f"{TIED}: {_named_rivals(laws)}." if laws.rivals else ""
     *others, last = laws.found
     sentences = [law_sentence(one) for one in others]  # the gain is that of all of them
     sentences.append(law_sentence(last, path_rmse))
@@ -48,11 +49,16 @@ def laws_sentence(laws: Laws, path_rmse: float) -> str:
         sentences.append(UNNAMED)
     if laws.names_withdrawn:
         sentences.append(f"It makes up for {', '.join(laws.names_withdrawn)}, which the catalogue's search had named.")
-    rivals = [rival_text(one) for one in laws.rivals]
-    if rivals:
-        more = f"; and {len(rivals) - MOST_RIVALS} more" if len(rivals) > MOST_RIVALS else ""
-        sentences.append(f"Cannot be distinguished from: {'; '.join(rivals[:MOST_RIVALS])}{more}.")
+    if laws.rivals:
+        sentences.append(f"Cannot be distinguished from: {_named_rivals(laws)}.")
     return " ".join(sentences)
+
+
+def _named_rivals(laws: Laws) -> str:
+    """Return the first of the laws that are not distinguished, as equations, and how many more there are."""
+    rivals = [rival_text(one) for one in laws.rivals]
+    more = f"; and {len(rivals) - MOST_RIVALS} more" if len(rivals) > MOST_RIVALS else ""
+    return f"{'; '.join(rivals[:MOST_RIVALS])}{more}"
 
 
 def experiment_to_decide(laws: Laws, driver: Driver) -> str:

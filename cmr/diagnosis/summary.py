@@ -70,6 +70,8 @@ def _table(effects: Sequence[NamedEffect]) -> str:
 def _laws(diagnosis: Diagnosis) -> list[str]:
     """Return what there is to say on laws; nothing where none was looked for, or nothing was there to be found."""
     laws = diagnosis.laws
+    if laws.rivals and not laws.found:
+        return [f"Laws ({laws.answer}): none is used. {' '.join(laws.reasons)}"]
     if not laws.found:
         return [f"No law: {' '.join(laws.reasons)}"] if laws.manoeuvre else []
     names = " and ".join(one.law.name for one in laws.found)

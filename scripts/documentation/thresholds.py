@@ -23,6 +23,7 @@ STAGES = {
         "laws/local",
         "laws/scan",
         "laws/known",
+        "laws/misfit",
         "laws/polish",
         "laws/searching",
         "laws/proposing",

@@ -91,7 +91,7 @@ def test_the_sentence_has_formula_unit_interval_and_gain() -> None:
     ("answer", "says"),
     [
         (LAW, "No entry of the catalogue describes this."),
-        (APPROXIMATION, "it is an approximation of something unknown"),
+        (APPROXIMATION, "It is an approximation of something unknown"),
         (TIE, "Cannot be distinguished from: w = w_wheels (1 - 0.05 s^2/m^2 v^2)."),
     ],
 )
@@ -109,6 +109,20 @@ def test_without_a_law_nothing_is_said_but_what_would_show_one() -> None:
     assert laws_sentence(laws, 0.012) == ""
     assert experiment_to_decide(laws, Pilot()).startswith("Whether a law holds would show in multisine, circles")
     assert experiment_to_decide(Laws(), Pilot()) == ""
+
+
+def test_a_law_that_ties_with_names_is_said_everywhere_and_used_nowhere() -> None:
+    laws = Laws(answer=TIE, rivals=(RIVAL,), reasons=("gyro_bias and gyro_drift explain as much.",))
+    diagnosis = replace(DIAGNOSIS, laws=laws)
+    formula = "w = w_wheels (1 - 0.05 s^2/m^2 v^2)"
+
+    assert formula in laws_sentence(laws, 0.012)
+    assert "Laws (tie): none is used. gyro_bias and gyro_drift explain as much." in summary(diagnosis).replace(
+        "\n", " "
+    )
+    section = report_of(diagnosis).split('id="laws"')[1].split("<h2")[0]
+    assert "No law is used." in section
+    assert "gyro_bias and gyro_drift explain as much." in section
 
 
 def test_names_come_before_laws_and_laws_before_what_is_unexplained() -> None:

@@ -11,14 +11,16 @@ from cmr.estimation.laws.candidates import Candidate, candidates
 from cmr.estimation.laws.curves import curve_of
 from cmr.estimation.laws.known import known_beside
 from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed
+from cmr.estimation.laws.misfit import misfit_of
 from cmr.estimation.laws.naming import law_of
-from cmr.estimation.laws.polish import polished, with_best_constants
+from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
-from cmr.estimation.laws.searching import LEAST, Data, Refused, inflation_of, narrow, offered
+from cmr.estimation.laws.searching import LEAST, Data, Offer, Refused, inflation_of, narrow, offered
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import segments_of
+from cmr.estimation.unexplained.by_formula import structure_of
 from cmr.model.observer.observer import Gains
 from cmr.recordings.signal import Floats
 from tests.reference_plant import NEUTRAL, packets, recording
@@ -169,3 +171,69 @@ def test_nothing_is_claimed_from_one_speed_or_one_radius() -> None:
         refused = offered(Data.of(about.problem, about, None), about, (), 0.0)
         assert isinstance(refused, Refused)
         assert refused.several
+
+
+def test_a_constant_is_found_from_far_away() -> None:
+    law = Candidate("wheel_slip", ("psi", "step(t, moment)"), 4, "left", constants={"moment": 40.0})
+    about = simulated(law, -0.03, 7)
+    rest = rest_of(about, about.problem.found(about.errors))
+    found = with_best_constants(about, replace(law, constants={"moment": 20.0}, reach={"moment": 8.0}), rest)
+    assert found.constants["moment"] == pytest.approx(40.0, abs=0.5)
+
+
+def test_three_constants_are_found_together() -> None:
+    (drive,) = model().variables
+    east, north = (float(np.median(drive.body[name])) for name in ("x", "y"))
+    constants = {"east": east, "north": north, "radius": 0.4}
+    law = Candidate("forward_speed", ("v", "disc(east, north, radius)"), 4, constants=constants)
+    about = simulated(law, -0.3, 8)
+    rest = rest_of(about, about.problem.found(about.errors))
+    apart = {"east": east + 0.3, "north": north - 0.2, "radius": 0.6}
+    reach = {"east": 0.4, "north": 0.4, "radius": 0.15}
+    found = with_best_constants(about, replace(law, constants=apart, reach=reach), rest)
+    assert scan(about, rest, [found])[0].gain > 0.95 * scan(about, rest, [law])[0].gain  # its edge is that sharp
+    assert found.constants["radius"] == pytest.approx(0.4, abs=0.1)
+
+
+def test_a_constant_goes_no_further_than_it_may() -> None:
+    friction = Candidate("wheel_voltage", ("sign(s)",), 1, "both")
+    about = simulated(friction, -0.02, 9)
+    rest = rest_of(about, about.problem.found(about.errors))
+    limited = Candidate("wheel_voltage", ("tanh(s / limit)",), 2, "both", constants={"limit": 0.2})
+    found = with_best_constants(about, limited, rest).constants["limit"]
+    assert 0.2 / FURTHEST < found < 0.2
+
+
+def test_a_formula_that_is_not_quite_right_is_told_by_its_own_variable() -> None:
+    truth = Candidate("wheel_voltage", ("s", "abs(s)"), 2, "both")
+    about = simulated(truth, -0.15, 10)
+    right, wrong = polished(about, [truth]), polished(about, [Candidate("wheel_voltage", ("sign(s)",), 1, "both")])
+    assert right is not None
+    assert wrong is not None
+    assert misfit_of(right) < 0.0
+    assert misfit_of(wrong) > 0.0
+
+
+def test_two_terms_of_the_same_variables_at_one_place_are_a_series() -> None:
+    square, cube = (Candidate("wheel_voltage", factors, 2, "both") for factors in (("s", "abs(s)"), ("s ** 3",)))
+    ahead = Candidate("forward_speed", ("v", "abs(v)"), 2)
+    about = simulated(square, -0.15, 11)
+    bare = polished(about, ())
+    assert bare is not None
+    for laws, is_series in (((square, cube), True), ((square, ahead), False), ((square,), False)):
+        fit = polished(about, laws)
+        assert fit is not None
+        offer = Offer(bare, fit, 100.0, 50.0, 50.0, -5.0, ())
+        assert offer.series is is_series
+        assert offer.approximate is is_series
+
+
+def test_what_a_refused_formula_explains_is_said_as_structure() -> None:
+    law, size = HIDDEN["speed costs turning"]
+    fit = polished(simulated(law, size, 12), [law])
+    assert fit is not None
+    structure = structure_of(fit)
+    assert structure.present
+    assert set(structure.regressors) == {"speed", "yaw_rate"}
+    assert structure.signal in {"yaw_rate", "heading", "sideways"}
+    assert 0.0 < structure.share < 1.0

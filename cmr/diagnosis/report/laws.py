@@ -8,7 +8,7 @@ import numpy as np
 from cmr.diagnosis.laws import law_sentence, rival_text
 from cmr.diagnosis.report.estimate_text import estimate_text, interval_text
 from cmr.diagnosis.result import Diagnosis
-from cmr.estimation.laws.result import NO_LAW, Course, Curve, LawFound
+from cmr.estimation.laws.result import NO_LAW, TIE, Course, Curve, LawFound, Laws
 from cmr.report.keys import DASHES, after_key, before_key, found_key, keys
 from cmr.report.markup import Html, tag
 from cmr.report.numbers import likelihood, number, typeset, unit_text
@@ -21,8 +21,8 @@ from cmr.report.table import table
 SIZE = {"width": 390.0, "height": 275.0}
 ANSWERS = {
     "law": "A law: no further formula would explain anything beside it.",
-    "approximation": "An approximation of something unknown: it leaves structure in the residuals.",
-    "tie": "A tie: the formulas below explain these data equally well.",
+    "approximation": "An approximation of something unknown: it improves the model and leaves structure in the residuals.",
+    "tie": "A tie: the formulas below, or the effects named, explain these data equally well.",
 }
 KEEP = (
     "The law is part of the parameter file of this diagnosis, and every simulation of the robot uses it. cmr-laws "
@@ -38,6 +38,9 @@ def laws(diagnosis: Diagnosis) -> Section:
         open_question = bool(answer.manoeuvre) or diagnosis.unexplained.present
         reasons = " ".join(answer.reasons)
         return section("Laws", paragraph(f"{NOT_USED} {reasons}") if reasons and open_question else Html(""))
+    if not answer.found:
+        rivals, reasons = (bullets([typeset(text) for text in texts]) for texts in (_rivals(answer), answer.reasons))
+        return section("Laws", paragraph(f"{ANSWERS[TIE]} {NOT_USED}"), rivals, reasons)
     rmse = diagnosis.extended.held_out_path_rmse if diagnosis.extended else math.nan
     sentences = [tag("h3", code(one.law.name), f": {typeset(law_sentence(one, rmse))}") for one in answer.found]
     rows = [row for one in answer.found for row in _rows(one)]
@@ -52,9 +55,13 @@ def laws(diagnosis: Diagnosis) -> Section:
     if answer.rivals:
         parts += [
             paragraph("These data cannot distinguish it from:"),
-            bullets([typeset(rival_text(one)) for one in answer.rivals]),
+            bullets([typeset(text) for text in _rivals(answer)]),
         ]
     return section("Laws", *parts, quiet(KEEP))
+
+
+def _rivals(answer: Laws) -> list[str]:
+    return [rival_text(one) for one in answer.rivals]
 
 
 def _rows(found: LawFound) -> list[list[str]]:

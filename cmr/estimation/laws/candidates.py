@@ -116,7 +116,7 @@ def _of_body(place: str) -> Iterator[Candidate]:
 
 def _of_sensor(place: str) -> Iterator[Candidate]:
     if place == "pose_lateness":
-        yield from (Candidate(place, (text,), size) for text, size in (("t", 1), ("t ** 2", 2)))
+        yield Candidate(place, ("t ** 2",), 2)  # what grows with t is a clock that runs fast, which the catalogue has
         return
     degree = 2 if place in ("pose_x", "pose_y") else DEGREES
     for factors, size in _products("v", "w", degree):
@@ -129,6 +129,10 @@ def _of_sensor(place: str) -> Iterator[Candidate]:
 
 
 def _of_wheel(place: str) -> Iterator[Candidate]:
+    """Yield laws of wheels. None goes with the wheel's own acceleration.
+
+    At the motor that is its gain, and at the encoder its lateness, which the model and the catalogue have.
+    """
     own, other = ("s", "u") if place == "wheel_voltage" else ("psi", "u")
     for factors, size in _products(own, other):
         base = Candidate(place, factors, size)
@@ -141,7 +145,6 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
         ("other_u",),
         ("abs(other_psi)",),
         ("abs(other_u)",),
-        ("domega",),
         ("abs(domega)",),
     ]
     further += [("other_domega",), ("load",), ("load", "u"), ("load", own), ("load ** 2",), ("load", f"sign({own})")]
@@ -150,9 +153,23 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
     further += [(f"sign({own})", "abs(v)"), ("w", "abs(w)"), ("v", "abs(w)"), ("v", "w"), ("w ** 2",), (own, "abs(w)")]
     further += [("w",), ("abs(w)",), ("v ** 2",), ("u", "abs(w)"), ("u", "abs(v)"), ("effort", "abs(w)")]
     further += [("other_psi", "abs(other_psi)"), ("other_psi", f"abs({own})"), ("other_u", f"abs({own})")]
+    further += [("sign(effort)",)]
     for factors in further:
         yield Candidate(place, factors, len(factors) + sum("**" in factor for factor in factors))
     yield from _limited(place, (own, "u", "effort", "w"))
+    current = Candidate(place, ("effort",), 1)
+    yield from _modulated(current)
+    yield from _remembering(current, ("effort ** 2", "abs(w)", "load"))
+    yield from _fading(place, own)
+    yield Candidate(place, ("x", "cos(theta)"), 2, others=(("y", "sin(theta)"),))
+    yield Candidate(place, ("y", "cos(theta)"), 2, others=(("x", "sin(theta)"),))
+
+
+def _fading(place: str, name: str) -> Iterator[Candidate]:
+    """Yield what acts at low speed alone: its sign, times what fades as it grows."""
+    for share in SHARES:
+        factors = f"sign({name})", f"exp(-abs({name}) / fade)"
+        yield Candidate(place, factors, 2, constants={"fade": share}, scaled=name)
 
 
 def _modulated(base: Candidate) -> Iterator[Candidate]:

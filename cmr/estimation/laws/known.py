@@ -7,6 +7,7 @@ the scale of poses, which is the wheels' radius.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,6 +42,28 @@ class Known:
             if own.shape[1] and float(np.sum((columns.T @ own) ** 2)) > ALIKE * own.shape[1]:
                 return name
         return ""
+
+
+class Catalogued:
+    """What the catalogue has beside a model that leaves `rest` and has some effects `selected`, once it is asked."""
+
+    def __init__(self, model: Linearised, rest: Rest, selected: Sequence[str]) -> None:
+        self.model = model
+        self._rest, self._selected = rest, selected
+
+    @cached_property
+    def effects(self) -> Known:
+        """What they do."""
+        return known_beside(self.model, self._rest, self._selected)
+
+    def has(self, law: Candidate) -> bool:
+        """Tell whether an effect does what a law does."""
+        return bool(self.effects.same_as(self.model, law))
+
+    @cached_property
+    def best(self) -> float:
+        """What the best effect explains, to first order."""
+        return max(self.effects.gains.values(), default=0.0)
 
 
 def known_beside(model: Linearised, rest: Rest, selected: Sequence[str]) -> Known:

@@ -4,7 +4,8 @@ Errors stay in the units of their signals here, and are made white by a noise af
 again with a law in the model, which the noise would otherwise swallow.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -113,6 +114,14 @@ class Linearised:
     @cached_property
     def _known(self) -> dict[tuple[str, int, int, tuple[tuple[str, float], ...]], Floats]:
         return {}
+
+    @contextmanager
+    def only_tried(self) -> Iterator[None]:
+        """Forget afterwards the values of factors meanwhile: those of constants that are only tried are many."""
+        before = set(self._known)
+        yield
+        for key in set(self._known) - before:
+            del self._known[key]
 
     def sized(self, candidate: Candidate) -> Candidate:
         """Return a candidate whose constants are in units: what is a share of a usual size becomes one."""

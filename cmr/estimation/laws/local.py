@@ -15,7 +15,7 @@ from cmr.model.laws.places import PLACES
 from cmr.recordings.signal import Floats
 
 MOMENTS = 11  # at which something may begin
-DISCS, RADII = 5, (0.15, 0.3)  # centres of places each way, and their radii as shares of the way across
+DISCS, RADII = 7, (0.08, 0.15, 0.3)  # centres of places each way, and their radii as shares of the way across
 FREQUENCIES = 8  # highest lines of a spectrum
 SLOWEST, FASTEST = 0.3, 45.0  # Hz; slower or faster vibrations are not looked for
 HIGH = 12.0  # times the mean of a spectrum: chance makes such a line once in 1e5
@@ -60,7 +60,7 @@ def _of_moments(rest: Rest) -> list[Candidate]:
 def _of_places(model: Linearised) -> list[Candidate]:
     x, y = (np.concatenate([of.body[name] for of in model.variables]) for name in ("x", "y"))
     across = max(float(np.ptp(x)), float(np.ptp(y)), 1e-3)
-    reach = dict.fromkeys(("east", "north"), across / DISCS) | {"radius": 0.5 * RADII[0] * across}
+    reach = dict.fromkeys(("east", "north"), across / DISCS) | {"radius": RADII[0] * across}
     centres = [
         (float(east), float(north))
         for east in np.linspace(x.min(), x.max(), DISCS + 2)[1:-1]

@@ -12,6 +12,7 @@ where rho is Huber's loss. The noise is then estimated again from e + E d - G c:
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -28,10 +29,11 @@ from cmr.recordings.signal import Floats, Mask
 RENEWED = 2  # times that the noise is estimated again
 STEPS = 3  # towards the least sum of Huber's loss
 RIDGE = 1e-10  # of a column's square: keeps columns that say the same solvable
-GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2: the golden section
-TURNS = 2  # of several constants
-SECTIONS = 7  # of a search for an inner constant
-STRETCH = 2.0  # factor by which it looks to either side
+ROUNDS = 16  # of a search for inner constants, at most
+WIDEST, NARROWEST = 4.0, 0.015  # of its steps, at first and at last, as shares of the reach of each constant,
+NARROWER = 0.25  # to which share they shrink where none is better
+SHARES_OF_STEP = (1.0, 0.5, 0.25)  # at which it looks to either side,
+STRETCH, FURTHEST = 2.0, 64.0  # or a factor, of a constant that has no reach; and how far it may go in all
 
 
 @dataclass(frozen=True)
@@ -125,41 +127,52 @@ def polished_twice(
 
 
 def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candidate:
-    """Return a law with the inner constants with which it explains most of what is left, by golden section.
+    """Return a law with the inner constants with which it explains most of what is left, by a search in all directions.
 
-    Several are found in turn, twice.
+    Steps go to either side of each constant, and of two at once, from its whole reach down to a small part of it. So a
+    constant that was tried far from the best one still comes there.
     """
-    for name in [*law.constants] * (1 if len(law.constants) == 1 else TURNS):
-        law = _with_best(model, law, name, rest)
+    best = _gained(model, rest, [law], law)[1] if law.constants else 0.0
+    width, first = WIDEST, law
+    with model.only_tried():
+        for _ in range(ROUNDS if law.constants else 0):
+            better, gain = _gained(model, rest, [one for one in _around(law, width) if _within(one, first)], law)
+            if gain > best:
+                law, best = better, gain
+            else:
+                width *= NARROWER
+            if width < NARROWEST:
+                break
     return law
 
 
-def _with_best(model: Linearised, law: Candidate, name: str, rest: Rest) -> Candidate:
-    """Return a law with the best value of one constant: within its reach, or within a factor either way."""
-    value, reach = law.constants[name], law.reach.get(name)
+def _within(law: Candidate, first: Candidate) -> bool:
+    """Return whether no constant is further from where it was at first than a law may go."""
+    pairs = [(value, first.constants[name]) for name, value in law.constants.items() if name not in law.reach]
+    return all(1.0 / FURTHEST < value / before < FURTHEST for value, before in pairs)
 
-    def tried(off: float) -> Candidate:
-        moved_by = value + reach * off if reach is not None else value * STRETCH**off
-        return law.with_constants({**law.constants, name: moved_by})
 
-    def gain(off: float) -> float:
-        found = scan(model, rest, [tried(off)])
-        return found[0].gain if found else -math.inf
+def _gained(model: Linearised, rest: Rest, laws: Sequence[Candidate], first: Candidate) -> tuple[Candidate, float]:
+    """Return the law of several of one size that explains most, and how much; the `first` where none says anything."""
+    found = scan(model, rest, laws) if laws else []
+    return (found[0].candidate, found[0].gain) if found else (first, -math.inf)
 
-    low, high = -1.0, 1.0
-    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    of_left, of_right = gain(left), gain(right)
-    for _ in range(SECTIONS):
-        if of_left > of_right:
-            high, right, of_right = right, left, of_left
-            left = high - GOLDEN * (high - low)
-            of_left = gain(left)
-        else:
-            low, left, of_left = left, right, of_right
-            right = low + GOLDEN * (high - low)
-            of_right = gain(right)
-    off, best = max((left, of_left), (right, of_right), key=lambda one: one[1])
-    return tried(off) if best > gain(0.0) else law
+
+def _around(law: Candidate, width: float) -> list[Candidate]:
+    """Return the law with constants that lie around its own."""
+    names = [*law.constants]
+    single = [{name: sign * share * width} for name in names for sign in (-1.0, 1.0) for share in SHARES_OF_STEP]
+    pairs = [{a: i * width, b: j * width} for a, b in combinations(names, 2) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]
+    return [_moved_by(law, steps) for steps in (*single, *pairs)]
+
+
+def _moved_by(law: Candidate, steps: Mapping[str, float]) -> Candidate:
+    """Return a law with other constants: so many reaches away, or times as many factors."""
+    moved_to = dict(law.constants)
+    for name, step in steps.items():
+        reach = law.reach.get(name)
+        moved_to[name] = moved_to[name] + reach * step if reach is not None else moved_to[name] * STRETCH**step
+    return law.with_constants(moved_to)
 
 
 def _fitted(columns: Floats, errors: Floats, mask: Mask, start: Floats) -> Floats:

@@ -2,28 +2,38 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain, measure
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.curves import curve_of
-from cmr.estimation.laws.linearised import Linearised, is_of_wheels
+from cmr.estimation.laws.linearised import is_of_wheels
 from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.result import APPROXIMATION, LAW, NO_LAW, TIE, LawFound, Laws
-from cmr.estimation.laws.scan import penalty
-from cmr.estimation.laws.searching import ALONE, LEAST, LEFT, SET, Data, Offer, Refused, offered
+from cmr.estimation.laws.rivals import (
+    Hypothesis,
+    Rivalry,
+    against_both,
+    against_names,
+    beside_names,
+    effects_of,
+    leaves_nothing,
+    still_needed,
+    with_needed_names,
+    without_names,
+)
+from cmr.estimation.laws.searching import LEFT, PROMISING, Offer, Refused
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.selection import Search, small_effects, with_small_effects
+from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.generic import Extension
 from cmr.model.catalogue import LAWS, learn, unlearn
 from cmr.model.laws.law import Law
+from cmr.model.laws.places import PLACES
 
 BY_FREE_RUNS = "Models were fitted to free runs, whose errors say nothing of single moments: no law was looked for."
 WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
@@ -35,22 +45,32 @@ LAST_THIRD = (
     "The law was tried on the last third of the drive, which is weak evidence: a held-out drive of another kind would "
     "say more."
 )
+MISFIT = "Its coefficients change along its own variables: the formula is not quite the right one."
+SERIES = "Two terms of the same variables stand for one formula that is not known."
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
-# Likelihood ratio to first order that a law must have where the diagnosis sees no structure in what is left: the model
-# itself is inexact by some 50, physics that matters has 300 or more, and fitting a law takes seconds.
-UNSEEN = 100.0
-RIVALS_NAMES = 0.3  # share of what the strongest name explains that a law alone must explain to first order
+# Score to first order that a law must have where the diagnosis sees no structure in what is left: fitting it takes
+# seconds.
+UNSEEN = 3.0
+DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
 INEXACT = 0.008  # share of a coefficient by which the model is inexact; as of effects
+UNKNOWN = Gain(ratio=math.nan, interval=(math.nan, math.nan), signals={})
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """The answer of a search for laws; where laws stand in the model, the fit with them, `alone` without any names."""
+    """The answer of a search for laws.
+
+    Where laws stand in the model, `extension` is the fit with them, and `before` that without, which lacks the names
+    that are `withdrawn`. `seen` is the best fit with a formula, where it says that something is there, whether it holds
+    or not.
+    """
 
     laws: Laws
     extension: Extension | None = None
-    alone: bool = False
+    before: Fit | None = None
+    withdrawn: tuple[str, ...] = ()
+    seen: Polished | None = None
 
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
@@ -60,20 +80,71 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
-    at_least = 0.0 if more else UNSEEN
-    data, beside = _beside(found, other, at_least)
-    fitted = [one for one in found.named if not one.estimates]
-    if fitted and found.problem is problem and (isinstance(beside, Offer) or len(fitted) > 1 or more):
-        model = Linearised.about(problem, found.base.values, found.base.names)
-        without = Data.of(problem, model, other)
-        least = RIVALS_NAMES * max(one.candidate.drop for one in fitted)
-        alone = offered(without, model, (), 0.0, max(at_least, least))
-        if isinstance(alone, Offer) and _better_alone(without, alone, beside):
-            return _in_the_model(without, found.base, alone, found, held_out)
-    if isinstance(beside, Offer):
-        return _in_the_model(data, found.final, beside, found, held_out)
-    manoeuvre = MANOEUVRE if beside.several else ""
-    return Proposal(Laws(answer=NO_LAW, reasons=(beside.reason,), manoeuvre=manoeuvre))
+    promising = PROMISING if more else UNSEEN
+    beside = beside_names(found, other)
+    effects = effects_of(found)
+    if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best >= promising):
+        return _answered(beside, beside.offer(promising), found, held_out)
+    alone = without_names(problem, found, other)
+    law = alone.offer(promising)
+    if isinstance(law, Refused) or beside.before is None:
+        return _answered(beside, beside.offer(promising), found, held_out)
+    rivalry = against_names(alone.data, law, beside.before, len(effects))
+    if rivalry is Rivalry.BETTER and leaves_nothing(law):
+        return _alone(alone, law, found, other, held_out)
+    both = beside.offer(promising)
+    if isinstance(both, Offer):
+        rivalry = against_both(alone.data, law, both)
+    if rivalry is Rivalry.BETTER:
+        return _alone(alone, law, found, other, held_out)
+    if rivalry is Rivalry.TIED:
+        return _tied(alone, law, found, held_out)
+    return _answered(beside, both, found, held_out)
+
+
+def _alone(
+    alone: Hypothesis, law: Offer, found: Search, other: Problem | None, held_out: Sequence[Segment]
+) -> Proposal:
+    """Return the proposal of a law that stands without names, but for those that explain something beside it."""
+    needed, named = still_needed(law, found), [one.candidate.effect.name for one in found.named]
+    if not needed:
+        return _in_the_model(alone, law, found, held_out, tuple(named))
+    some = with_needed_names(found, needed, other)
+    both = some.offer()
+    return _answered(some, both, found, held_out, tuple(name for name in named if name not in needed))
+
+
+def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
+    """Return the proposal where effects together explain as much as one law: those named stay, and the law is a rival.
+
+    Effects that were too small to be named are no answer: then the law stands in the model.
+    """
+    reason = f"{' and '.join(one.effect.name for one in effects_of(found))} together explain the errors as well."
+    if any(not one.estimates for one in found.named):
+        rivals = (_rival(law.after),)
+        return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(reason,), manoeuvre=MANOEUVRE))
+    proposal = _in_the_model(alone, law, found, held_out, ())
+    if not proposal.laws.found:
+        return proposal
+    answer = proposal.laws.answer if proposal.laws.answer == APPROXIMATION else TIE
+    laws = replace(proposal.laws, answer=answer, reasons=(*proposal.laws.reasons, reason), manoeuvre=MANOEUVRE)
+    return replace(proposal, laws=laws)
+
+
+def _answered(
+    beside: Hypothesis,
+    offer: Offer | Refused,
+    found: Search,
+    held_out: Sequence[Segment],
+    withdrawn: tuple[str, ...] = (),
+) -> Proposal:
+    """Return the proposal of a law beside a model, or of none."""
+    if isinstance(offer, Offer):
+        return _in_the_model(beside, offer, found, held_out, withdrawn)
+    rivals = tuple(map(_rival, offer.rivals))
+    answer, manoeuvre = TIE if rivals else NO_LAW, MANOEUVRE if offer.several else ""
+    laws = Laws(answer=answer, rivals=rivals, reasons=(offer.reason,), manoeuvre=manoeuvre)
+    return Proposal(laws, seen=offer.rivals[0] if rivals else offer.seen)
 
 
 def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
@@ -84,66 +155,49 @@ def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
     return Problem([Predictor(one) for one in segments], found.problem.gains, found.problem.excitation)
 
 
-def _beside(found: Search, other: Problem | None, at_least: float) -> tuple[Data, Offer | Refused]:
-    """Return the law that stands beside all that was found, effects that are too small to be named included."""
-    fit = with_small_effects(found)
-    model = Linearised.about(found.problem, fit.values, fit.names)
-    selected = [one.candidate.effect.name for one in found.named]
-    selected += [one.effect.name for one in small_effects(found)]
-    explained = max(0.0, found.base.squares - found.final.squares)
-    data = Data.of(found.problem, model, other)
-    return data, offered(data, model, selected, explained, at_least)
-
-
-def _better_alone(data: Data, alone: Offer, beside: Offer | Refused) -> bool:
-    """Return whether a law without names explains more than names do, or as much as they do with a law.
-
-    It must do so on data held out, too.
-    """
-    if isinstance(beside, Offer):
-        both = alone.before.quality() - beside.after.quality()
-        as_well = data.held_out(beside.after, alone.after) > -ALONE * alone.held_out
-        return both < (1.0 + ALONE) * alone.gain and as_well
-    names = beside.before
-    if names is None:
-        return False
-    samples = int(np.count_nonzero(data.fitted))
-    spared = (len(names.model.names) - len(alone.after.model.names)) * math.log(samples)
-    more = names.quality() - alone.after.quality() + spared - sum(penalty(law, samples) for law in alone.laws)
-    return more > LEAST and data.held_out(names, alone.after) > LEAST
-
-
-def _in_the_model(data: Data, before: Fit, offer: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
-    """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on.
-
-    The model `before` is that with all that was named, or the paper's.
-    """
-    problem = data.problem
-    alone = before is found.base and any(not one.estimates for one in found.named)
-    laws, sizes, known = [], dict[str, float](), set(LAWS)
-    for candidate, coefficients in zip(offer.laws, offer.after.coefficients, strict=True):
-        law = law_of(candidate)
-        sizes |= dict(zip(law.coefficients, coefficients, strict=True))
-        learn(law, sizes)
-        laws.append(law)
+def _in_the_model(
+    beside: Hypothesis, offer: Offer, found: Search, held_out: Sequence[Segment], withdrawn: tuple[str, ...]
+) -> Proposal:
+    """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on."""
+    data, before, known = beside.data, beside.fit, set(LAWS)
+    laws = [law_of(candidate) for candidate in offer.laws]
+    sizes = {
+        name: value
+        for law, own in zip(laws, offer.after.coefficients, strict=True)
+        for name, value in zip(law.coefficients, own, strict=True)
+    }
+    for law in laws:
+        learn(law, {name: sizes[name] for name in law.coefficients})
     constants = {law.parameter_of(name): value for law in laws for name, value in law.constants.items()}
     start = {**before.values, **_moved(before, offer), **sizes, **constants}
-    fit = problem.fit(start, (*before.names, *sizes), offer.after.noise, renew=1)
-    gain = measure(problem, before, fit, {}, [predictor.segment for predictor in problem.predictors], held_out).gain
+    fit = data.problem.fit(start, (*before.names, *sizes), offer.after.noise, renew=1)
+    segments = [predictor.segment for predictor in data.problem.predictors]
+    gain = measure(data.problem, before, fit, {}, segments, held_out).gain
     harm = min(gain.signals.values(), default=1.0) < LARGEST_LOSS
-    if harm or max(gain.signals.values(), default=1.0) < LEAST_GAIN:
+    if harm or not _matters(offer, gain):
         _forget([law for law in laws if law.name not in known])
-        return Proposal(Laws(answer=NO_LAW, reasons=(HARM if harm else TOO_LITTLE,)))
-    found_laws = tuple(_found(law, fit, offer, gain, found.inflation) for law in laws)
+        return Proposal(Laws(answer=NO_LAW, reasons=(HARM if harm else TOO_LITTLE,)), seen=offer.after)
+    tried = data.tried_on(offer.after)
     result = Laws(
         answer=_answer(offer),
-        found=found_laws,
-        rivals=tuple(_rival(one, found_laws[0]) for one in offer.alike),
-        names_withdrawn=tuple(one.candidate.effect.name for one in found.named) if alone else (),
+        found=tuple(_found(law, fit, offer, gain, found.inflation) for law in laws),
+        rivals=tuple(map(_rival, offer.alike)),
+        names_withdrawn=withdrawn,
         reasons=_reasons(offer, held_out),
-        curve=tuple(curve_of(offer.after, number, law, *data.tried_on(offer.after)) for number, law in enumerate(laws)),
+        curve=tuple(curve_of(offer.after, number, law, *tried) for number, law in enumerate(laws)),
+        manoeuvre=MANOEUVRE if _answer(offer) == TIE else "",
     )
-    return Proposal(result, Extension(tuple(sizes), fit, 0.5 * offer.held_out, gain), alone)
+    extension = Extension(tuple(sizes), fit, 0.5 * offer.held_out, gain)
+    return Proposal(result, extension, before, withdrawn, offer.after)
+
+
+def _matters(offer: Offer, gain: Gain) -> bool:
+    """Return whether laws are seen: in free runs, or beyond doubt in what sensors read from moment to moment.
+
+    No path shows a law of a sensor: what that sensor reads on data held out has decided already.
+    """
+    of_sensors = any(PLACES[law.place].of_sensors for law in offer.laws)
+    return of_sensors or offer.held_out >= DECISIVE or max(gain.signals.values(), default=1.0) >= LEAST_GAIN
 
 
 def _forget(laws: Sequence[Law]) -> None:
@@ -169,10 +223,9 @@ def _moved(before: Fit, offer: Offer) -> Mapping[str, float]:
 
 
 def _answer(offer: Offer) -> str:
-    if offer.left > LEFT:
+    if offer.approximate:
         return APPROXIMATION
-    close = [one for one in offer.alike if one.quality() < offer.after.quality() + SET]
-    return TIE if close else LAW
+    return TIE if offer.tied else LAW
 
 
 def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
@@ -184,16 +237,20 @@ def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
         reasons.append(LAST_THIRD)
     if offer.left > LEFT:
         reasons.append(STRUCTURE_LEFT)
+    if offer.misfit > 0.0:
+        reasons.append(MISFIT)
+    if offer.series:
+        reasons.append(SERIES)
     return tuple(reasons)
 
 
-def _rival(fit: Polished, best: LawFound) -> LawFound:
-    """Return a law that is not distinguished from the one in the model, as it was fitted to first order."""
+def _rival(fit: Polished) -> LawFound:
+    """Return a law that does not stand in the model, as it was fitted to first order."""
     law = law_of(fit.laws[-1])
     estimates = {
         name: Estimate(value, math.nan) for name, value in zip(law.coefficients, fit.coefficients[-1], strict=True)
     }
-    return LawFound(law=law, estimates=estimates, gain=best.gain, held_out=math.nan, score=math.nan, left=math.nan)
+    return LawFound(law=law, estimates=estimates, gain=UNKNOWN, held_out=math.nan, score=math.nan, left=math.nan)
 
 
 def described(candidate: Candidate) -> str:

@@ -20,10 +20,10 @@ import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate, candidates
 from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels, seen_in
-from cmr.estimation.laws.rest import Rest
+from cmr.estimation.laws.rest import Indices, Rest
 from cmr.recordings.signal import Floats
 
-ABREAST = 64  # traces observed side by side
+ABREAST = 32  # traces observed side by side
 LEAST_OWN = 3e-4  # share of a trace's square below which the model's parameters imitate it
 NOTHING = 1e-9  # white errors squared: a law that changes less says nothing
 
@@ -99,42 +99,73 @@ class _Seen:
 
 
 def _scored(chunk: Sequence[Candidate], traces: Floats, rest: Rest, seen: _Seen) -> Iterator[Score]:
-    """Yield the scores of laws whose white traces stand side by side."""
+    """Yield the scores of laws of one place whose white traces stand side by side."""
     if rest.samples < len(rest.mask):
         traces *= seen.mask[:, None]
     along, pulls = seen.basis @ traces, seen.white @ traces
     before = np.einsum("nc,nc->c", traces, traces)
-    first = 0
-    for one in chunk:
-        wheels = is_of_wheels(one.place)
-        last = first + len(one.formulas) * (2 if wheels else 1)
-        own = traces[:, first:last]
-        size = own.T @ own if last - first > 1 else before[first:last, None]
-        imitated, pull = along[:, first:last].T @ along[:, first:last], pulls[first:last]
-        first = last
-        for side in SIDES if wheels and not one.side else (one.side,):
-            found = _judged(*_on_side(size, imitated, pull, side))
-            if found is not None:
-                gain, coefficients = found
-                law = one.on(side) if wheels else one
-                yield Score(law, gain, gain / rest.inflation - penalty(law, rest.samples), coefficients)
+    of_side = 2 if is_of_wheels(chunk[0].place) else 1
+    ends = np.cumsum([len(one.formulas) * of_side for one in chunk])
+    single = [number for number, one in enumerate(chunk) if len(one.formulas) == 1]
+    first = ends[single] - of_side
+    products = [np.einsum("nc,nc->c", traces[:, first], traces[:, first + 1])] if of_side > 1 else []
+    for side in SIDES if of_side > 1 else ("",):
+        sums = _of_single(side, first, before, along, pulls, *products)
+        for number, gain, coefficient in zip(single, *sums, strict=True):
+            if np.isfinite(gain) and chunk[number].side in ("", side):
+                law = chunk[number].on(side)
+                yield Score(law, gain, gain / rest.inflation - penalty(law, rest.samples), (coefficient,))
+    for one, end in zip(chunk, ends, strict=True):
+        if len(one.formulas) > 1:
+            own = slice(end - len(one.formulas) * of_side, end)
+            parts = traces[:, own].T @ traces[:, own], along[:, own].T @ along[:, own], pulls[own]
+            yield from _of_several(one, *parts, rest)
+
+
+def _of_single(
+    side: str, first: Indices, before: Floats, along: Floats, pulls: Floats, between: Floats | None = None
+) -> tuple[list[float], list[float]]:
+    """Return likelihood ratios and coefficients of laws of one formula on a side, at these columns and those behind.
+
+    A ratio is NaN where the model imitates the law, or it does nothing. `between` are products of left and right.
+    """
+    if between is None:
+        whole, seen_along, pull = before[first], along[:, first], pulls[first]
+    else:
+        left, right = SIDES[side]
+        whole = left**2 * before[first] + right**2 * before[first + 1] + 2.0 * left * right * between
+        seen_along = left * along[:, first] + right * along[:, first + 1]
+        pull = left * pulls[first] + right * pulls[first + 1]
+    own = whole - np.einsum("pc,pc->c", seen_along, seen_along)
+    told = (whole >= NOTHING) & (own >= LEAST_OWN * whole)
+    coefficients = np.divide(pull, own, out=np.full(len(own), np.nan), where=told)
+    return (pull * coefficients).tolist(), coefficients.tolist()
+
+
+def _of_several(one: Candidate, size: Floats, imitated: Floats, pull: Floats, rest: Rest) -> Iterator[Score]:
+    """Yield the scores of a law of several formulas, of wheels on all sides."""
+    wheels = is_of_wheels(one.place)
+    for side in SIDES if wheels and not one.side else (one.side,):
+        found = _judged(*_on_side(size, imitated, pull, side))
+        if found is not None:
+            gain, coefficients = found
+            law = one.on(side) if wheels else one
+            yield Score(law, gain, gain / rest.inflation - penalty(law, rest.samples), coefficients)
 
 
 def _on_side(size: Floats, imitated: Floats, pull: Floats, side: str) -> tuple[Floats, Floats, Floats]:
     """Return products (k, k) and pulls (k,) of a law on some wheels from those of left and right, side by side."""
     if not side:
         return size, imitated, pull
-    mixing = np.kron(np.eye(len(pull) // 2), SIDES[side][:, None]) if len(pull) > 2 else SIDES[side][:, None]
+    mixing = np.kron(np.eye(len(pull) // 2), SIDES[side][:, None])
     return mixing.T @ size @ mixing, mixing.T @ imitated @ mixing, mixing.T @ pull
 
 
 def _judged(size: Floats, imitated: Floats, pull: Floats) -> tuple[float, tuple[float, ...]] | None:
-    """Return a law's likelihood ratio and coefficients; None where the model imitates it, or it does nothing."""
-    if len(pull) == 1:
-        whole, own = float(size[0, 0]), float(size[0, 0] - imitated[0, 0])
-        if whole < NOTHING or own < LEAST_OWN * whole:
-            return None
-        return float(pull[0]) ** 2 / own, (float(pull[0]) / own,)
+    """Return the likelihood ratio and coefficients of a law of several formulas.
+
+    None where the model imitates it, or it does nothing.
+    """
     before = np.diag(size)
     if np.any(before < NOTHING):
         return None

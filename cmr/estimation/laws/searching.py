@@ -7,15 +7,17 @@ must hold on data held out: with their coefficients from the data that were fitt
 it is a law, or an approximation of something unknown.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate
-from cmr.estimation.laws.known import known_beside
+from cmr.estimation.laws.known import Catalogued
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.local import local_laws
+from cmr.estimation.laws.misfit import misfit_of, variables_of_law
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of, times_of
 from cmr.estimation.laws.scan import Score, penalty, scan
@@ -28,10 +30,15 @@ PROMISING = -5.0  # score to first order from which a law is fitted: noise that 
 HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
-LEFT = 15.0  # score of a further law from which a law is only an approximation
+LEFT = 15.0  # score of a further law from which a law is only an approximation,
+ANOTHER = 0.0  # and from which such a law is fitted: noise that was found without it hides a part of it
 LARGEST_MOVE = 0.3  # share by which a law may move K2/K3: beyond, law and parameter run away against each other
 BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise brings
+SETTLED = 3  # best of these whose constants are found again,
+SHARE_TO_SETTLE = 0.5  # unless they lie further behind the best one than by this share of the way to the worst
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
+SEEN = 100.0  # gain from which something is there, even where no formula holds: what is inexact gains some 50
+INEXACT = 0.01  # share of a law's gain that the shape of its formula may leave: signs, for one, are smoothed
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
 MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speeds, from which a robot moves
@@ -50,7 +57,9 @@ class Offer:
     """Laws beside a model: the fit `before` them and `after`, and what they are worth.
 
     `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
-    laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished.
+    laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
+    those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
+    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one.
     """
 
     before: Polished
@@ -60,24 +69,41 @@ class Offer:
     held_out: float
     left: float
     alike: tuple[Polished, ...]
+    tied: tuple[Polished, ...] = ()
+    misfit: float = 0.0
 
     @property
     def laws(self) -> tuple[Candidate, ...]:
         """The laws."""
         return self.after.laws
 
+    @property
+    def series(self) -> bool:
+        """Whether two laws at one place have the same variables: terms of a series, in place of a formula unknown."""
+        if len(self.laws) < 2:
+            return False
+        places, variables = ({of(law) for law in self.laws} for of in (_where, variables_of_law))
+        return len(places) == len(variables) == 1
+
+    @property
+    def approximate(self) -> bool:
+        """Whether structure is left, or the formula is not quite right."""
+        return self.left > LEFT or self.misfit > 0.0 or self.series
+
 
 @dataclass(frozen=True)
 class Refused:
     """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
 
-    `several` says that another drive could tell.
+    `several` says that another drive could tell. `seen` is the best fit with a formula where something is there that
+    no formula holds for.
     """
 
     reason: str
     before: Polished | None = None
     several: bool = False
     rivals: tuple[Polished, ...] = ()
+    seen: Polished | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +131,12 @@ class Data:
             return before.quality(self.tried) - after.quality(self.tried)
         return self._elsewhere(before) - self._elsewhere(after)
 
+    @property
+    def share_tried(self) -> float:
+        """How many errors a law is tried on for each that it is fitted to, at most 1."""
+        tried = self.other.batch.rows if self.other is not None else int(np.count_nonzero(~self.fitted))
+        return min(1.0, tried / max(int(np.count_nonzero(self.fitted)), 1))
+
     def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
         """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
         if self.other is None:
@@ -118,42 +150,97 @@ class Data:
 
 
 def offered(
-    data: Data, model: Linearised, selected: Sequence[str], named: float, at_least: float = 0.0
+    data: Data, model: Linearised, selected: Sequence[str], named: float, promising: float = PROMISING
 ) -> Offer | Refused:
     """Return the law that stands beside a model which has some effects `selected`, or why there is none.
 
-    `named` is how much these explain: a law beside them must explain a share of it. A law that explains less than
-    `at_least` to first order is not fitted.
+    `named` is how much these explain: a law beside them must explain a share of it. A law that scores less than
+    `promising` to first order is not fitted.
     """
+    first = scanned(data, model)
+    return first if isinstance(first, Refused) else offered_of(first, selected, named, promising)
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """A model fitted without a law, what it leaves, and how laws score there to first order, the best first."""
+
+    data: Data
+    before: Polished
+    rest: Rest
+    scores: tuple[Score, ...]
+
+    @property
+    def best(self) -> float:
+        """The best score."""
+        return self.scores[0].score if self.scores else -math.inf
+
+
+def scanned(data: Data, model: Linearised) -> Scanned | Refused:
+    """Score all laws beside a model, or say why none can be told."""
     if narrow(model):
         return Refused(NARROW, several=True)
     before = polished(model, (), data.fitted)
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
-    scores = _scanned(model, rest)
-    if not scores or scores[0].score < PROMISING:
+    return Scanned(data, before, rest, tuple(_scores_of(model, rest)))
+
+
+def offered_of(first: Scanned, selected: Sequence[str], named: float, promising: float = PROMISING) -> Offer | Refused:
+    """Return the law that stands beside a model where laws were scored; see `offered`."""
+    before = first.before
+    if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
-    if scores[0].gain < at_least:
-        return Refused("What formulas explain is too little to matter beside what is known.", before)
-    promising = _promising(model, rest, scores, selected)
+    fits = _fits(first, selected)
+    if isinstance(fits, Refused):
+        return replace(fits, before=before)
+    found = _judged(first.data, before, fits, named)
+    if isinstance(found, Offer) and found.left > ANOTHER:
+        found = _with_second(first.data, found, selected)
+    if isinstance(found, Offer) and found.left > found.score:
+        return Refused("What is left beside the best formula is more than what it explains.", before, seen=found.after)
+    return found
+
+
+def _fits(first: Scanned, selected: Sequence[str]) -> list[Polished] | Refused:
+    """Return the fits of the best laws of a scan, and of further ones that the noise without the best one brings.
+
+    The best get better constants at last.
+    """
+    data, model, rest = first.data, first.before.model, first.rest
+    known = Catalogued(model, rest, selected)
+    promising = _promising(first.scores, known)
     if not promising:
-        return Refused("What formulas explain here, effects of the catalogue do as well.", before)
-    fits = _polished_all(model, rest, [one.candidate for one in promising[:BEST]], data)
+        return Refused("What formulas explain here, effects of the catalogue do as well.")
+    fits = _polished_all(rest, [one.candidate for one in promising[:BEST]], data, known)
     if not fits:
-        return Refused("No formula could be fitted together with the model's parameters.", before)
+        return Refused("No formula could be fitted together with the model's parameters.")
     best = min(fits, key=lambda fit: _cost(fit, data))
     again = rest_of(model, best.noise, data.fitted)
     met = {law.key for fit in fits for law in fit.laws}
-    rescored = scan(model, again, [one.candidate for one in scores[:RESCORED]])
-    newcomers = [one for one in _promising(model, again, rescored, selected) if one.candidate.key not in met]
-    fits += _polished_all(model, again, [one.candidate for one in newcomers[:NEWCOMERS]], data)
-    found = _judged(data, before, fits, named)
-    if isinstance(found, Offer) and found.left > LEFT:
-        found = _with_second(data, found, selected)
-    if isinstance(found, Offer) and found.left > found.score:
-        return Refused("What is left beside the best formula is more than what it explains.", before)
-    return found
+    rescored = scan(model, again, [one.candidate for one in first.scores[:RESCORED]])
+    newcomers = [one.candidate for one in _promising(rescored, known) if one.candidate.key not in met]
+    fits += _polished_all(again, newcomers[:NEWCOMERS], data, known)
+    return _settled(data, fits, known)
+
+
+def _settled(data: Data, fits: Sequence[Polished], known: Catalogued) -> list[Polished]:
+    """Return fits, the best of them with the inner constants that are best at the noise that each leaves."""
+    ordered = sorted(fits, key=lambda fit: _cost(fit, data))
+    far = _cost(ordered[0], data) + SHARE_TO_SETTLE * abs(ordered[0].quality() - ordered[-1].quality())
+    for number, fit in enumerate(ordered[:SETTLED]):
+        if not fit.laws[-1].constants or _cost(fit, data) > far:
+            continue
+        rest = rest_of(known.model, fit.noise, data.fitted)
+        again = _polished_all(rest, fit.laws[-1:], data, known)
+        if again and _cost(again[0], data) < _cost(fit, data):
+            ordered[number] = again[0]
+    return ordered
+
+
+def _where(law: Candidate) -> tuple[str, ...]:
+    return law.place, law.side
 
 
 def narrow(model: Linearised) -> bool:
@@ -165,7 +252,7 @@ def narrow(model: Linearised) -> bool:
     return bool(np.std(speed) < ONE_SPEED * np.mean(speed) or np.std(turn) < ONE_RADIUS)
 
 
-def _scanned(model: Linearised, rest: Rest) -> list[Score]:
+def _scores_of(model: Linearised, rest: Rest) -> list[Score]:
     """Return the scores of all laws, the best first; those of moments and places only where others find something."""
     scores = scan(model, rest)
     more = bool(scores) and scores[0].score > 0.0
@@ -176,22 +263,22 @@ def _scanned(model: Linearised, rest: Rest) -> list[Score]:
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     """Return the offer with a second law beside the first, where one holds and leaves less."""
     model, rest = first.after.model, first.after.rest
-    promising = _promising(model, rest, _scanned(model, rest), selected)
-    fits = [
-        fit
-        for one in promising[:NEWCOMERS]
-        if (fit := polished(model, [*first.laws, with_best_constants(model, one.candidate, rest)], data.fitted))
-        and _makes_sense(fit)
-    ]
+    known = Catalogued(model, rest, selected)
+    promising = [one.candidate for one in _promising(_scores_of(model, rest), known)]
+    fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.laws)
     if not fits:
         return first
     second = _judged(data, first.after, fits, OF_NAMES * first.gain)
     if isinstance(second, Refused) or second.left > first.left:
         return first
-    gain = first.before.quality() - second.after.quality()
-    held_out = data.held_out(first.before, second.after)
-    score = score_of(first.before, second.after)
-    return Offer(first.before, second.after, gain, score, held_out, second.left, second.alike)
+    return replace(
+        second,
+        before=first.before,
+        gain=first.before.quality() - second.after.quality(),
+        score=score_of(first.before, second.after),
+        held_out=data.held_out(first.before, second.after),
+        misfit=max(first.misfit, second.misfit),
+    )
 
 
 def _left(further: Sequence[Score], inflation: float) -> float:
@@ -199,27 +286,34 @@ def _left(further: Sequence[Score], inflation: float) -> float:
     return max((one.gain / inflation - (one.gain - one.score) for one in further), default=0.0)
 
 
-def _promising(model: Linearised, rest: Rest, scores: Sequence[Score], selected: Sequence[str]) -> list[Score]:
+def _promising(scores: Sequence[Score], known: Catalogued) -> list[Score]:
     """Return the best scores, without laws that the catalogue has."""
-    good = [one for one in scores[:SHOWN] if one.score > PROMISING]
-    if not good:
-        return []
-    known = known_beside(model, rest, selected)
-    best = max(known.gains.values(), default=0.0)
     result: list[Score] = []
-    for one in good:
-        if len(result) >= BEST + NEWCOMERS:
+    for one in scores[:SHOWN]:
+        if len(result) >= BEST + NEWCOMERS or one.score <= PROMISING:
             break
         again = any(one.candidate.key == other.candidate.key for other in result)
-        if not again and one.gain > NEARLY * best and not known.same_as(model, one.candidate):
+        if not again and one.gain > NEARLY * known.best and not known.has(one.candidate):
             result.append(one)
     return result
 
 
-def _polished_all(model: Linearised, rest: Rest, laws: Sequence[Candidate], data: Data) -> list[Polished]:
-    """Return the fits of laws, each with its best inner constants, that make sense."""
-    fits = [polished(model, [with_best_constants(model, law, rest)], data.fitted) for law in laws]
-    return [fit for fit in fits if fit is not None and _makes_sense(fit)]
+def _polished_all(
+    rest: Rest, laws: Sequence[Candidate], data: Data, known: Catalogued, beside: Sequence[Candidate] = ()
+) -> list[Polished]:
+    """Return the fits of laws, `beside` others, each with its best inner constants, that make sense.
+
+    With these, too, the catalogue must not have them.
+    """
+    fits = []
+    for law in laws:
+        best = with_best_constants(known.model, law, rest)
+        if best is not law and best.constants and known.has(best):
+            continue
+        fit = polished(known.model, [*beside, best], data.fitted)
+        if fit is not None and _makes_sense(fit):
+            fits.append(fit)
+    return fits
 
 
 def _makes_sense(fit: Polished) -> bool:
@@ -242,23 +336,24 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
         after = best
     further = scan(after.model, after.rest)
     inflation = inflation_of(further)
-    gain, score = before.quality() - after.quality(), score_of(before, after, inflation)
+    at_places = max(inflation_of([one for one in further if one.candidate.place == law.place]) for law in after.laws)
+    gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     held_out = data.held_out(before, after)
+    seen = after if score >= LEAST and gain >= max(SEEN, OF_NAMES * named) else None
     if score < LEAST or gain < OF_NAMES * named:
         return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
-    if held_out < max(LEAST, HOLDS * gain):
-        return Refused("The best formula does not hold on data that it was not fitted on.", before)
-    margin = max(SET, SHARE_OF_SET * gain)
+    if held_out < max(LEAST, HOLDS * gain * data.share_tried):
+        return Refused("The best formula does not hold on data that it was not fitted on.", before, seen=seen)
     at_best = _cost(best, data) + _tried(data, best)
-    alike = tuple(
-        fit
-        for fit in fits
-        if fit is not best and _cost(fit, data) + _tried(data, fit) < at_best + margin and not _is_same(fit, best)
-    )
-    if len(alike) >= MOST_ALIKE:
-        reason = f"This drive does not distinguish {len(alike) + 1} formulas that explain the errors as well."
-        return Refused(reason, before, several=True, rivals=(best, *alike))
-    return Offer(before, after, gain, score, held_out, _left(further, inflation), alike)
+    others = [fit for fit in fits if fit is not best and not _is_same(fit, best)]
+    behind = [(_cost(fit, data) + _tried(data, fit) - at_best, fit) for fit in others]
+    alike = tuple(fit for off, fit in behind if off < max(SET, SHARE_OF_SET * gain))
+    tied = tuple(fit for off, fit in behind if off < SET)
+    if len(tied) >= MOST_ALIKE:
+        reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
+        return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
+    left, misfit = _left(further, inflation), misfit_of(after) - INEXACT * gain
+    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit)
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:
@@ -279,6 +374,9 @@ def _tried(data: Data, fit: Polished) -> float:
 
 
 def inflation_of(scores: Sequence[Score]) -> float:
-    """Return how much larger the usual law's gain is than chance would have it, at least 1."""
+    """Return how much larger the usual law's gain is than chance would have it, at least 1.
+
+    Of laws at one place it says how inexact the model is there: with noisy encoders, of the motors alone.
+    """
     gains = [one.gain for one in scores if len(one.coefficients) == 1]
     return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if gains else 1.0

@@ -3,7 +3,7 @@
 That is a law, where one holds; else a generic term.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from cmr.estimation.gain import measure
@@ -14,6 +14,7 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search, with_small_effects
 from cmr.estimation.search.trace import with_removed
 from cmr.estimation.segments import Segment
+from cmr.estimation.unexplained.by_formula import structure_of
 from cmr.estimation.unexplained.generic import LEAST_GAIN, Extension, extension
 from cmr.estimation.unexplained.remaining import remaining
 from cmr.estimation.unexplained.result import Unexplained
@@ -28,22 +29,33 @@ OF_NO_USE = "With it, free runs on data left out of the fit are less accurate th
 
 @dataclass(frozen=True)
 class Extended:
-    """What was found, what remains unexplained beside it, and the term accepted, if any: that of `laws`, or generic."""
+    """What was found, what remains unexplained beside it, and the term accepted, if any: that of `laws`, or generic.
+
+    `without_laws` is what remains without the laws.
+    """
 
     found: Search
     unexplained: Unexplained
     term: Extension | None = None
     laws: Laws = field(default_factory=Laws)
+    without_laws: Unexplained = field(default_factory=Unexplained)
 
     @property
     def generic(self) -> Extension | None:
         """The generic term, if it is one that extends the model."""
         return None if self.laws.found else self.term
 
+    @property
+    def only_reads_otherwise(self) -> bool:
+        """Whether laws of sensors are all that extends the model."""
+        return bool(self.laws.found) and not self.found.named and all(one.law.at.of_sensors for one in self.laws.found)
+
     def without_term(self) -> "Extended":
         """Return the same without its term, which did harm."""
-        laws = Laws(reasons=(*self.laws.reasons, OF_NO_USE)) if self.laws.found else self.laws
-        return replace(self, term=None, laws=laws)
+        if not self.laws.found:
+            return replace(self, term=None)
+        laws = Laws(reasons=(*self.laws.reasons, OF_NO_USE))
+        return replace(self, term=None, laws=laws, unexplained=self.without_laws)
 
     @property
     def final(self) -> Fit:
@@ -61,20 +73,25 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
     unexplained = _unexplained(found)
     proposal = proposed(problem, found, held_out, unexplained.present)
     if proposal.extension:
-        return _with_laws(problem, found, proposal)
+        return _with_laws(problem, found, proposal, unexplained)
+    if proposal.seen and not unexplained.present and not unexplained.not_judged:
+        return Extended(found, structure_of(proposal.seen), laws=proposal.laws)
     if not unexplained.present:
         return Extended(found, unexplained, laws=proposal.laws)
     result = replace(_with_term(problem, found, unexplained), laws=proposal.laws)
     return result if problem.by_moments or _matters(result) else Extended(found, Unexplained(), laws=proposal.laws)
 
 
-def _with_laws(problem: Problem, found: Search, proposal: Proposal) -> Extended:
-    """Return what was found with the laws that stand in the model, and what remains beside them."""
+def _with_laws(problem: Problem, found: Search, proposal: Proposal, without: Unexplained) -> Extended:
+    """Return what was found with the laws that stand in the model, and what remains beside them and `without` them."""
     assert proposal.extension is not None
-    if proposal.alone:
-        found = _without_names(problem, found, BY_A_LAW)
+    assert proposal.before is not None
+    if proposal.withdrawn:
+        found = _without_names(problem, found, BY_A_LAW, proposal.withdrawn, proposal.before)
     left = remaining(found.problem, proposal.extension.fit, found.base).unexplained
-    return Extended(found, left, proposal.extension, proposal.laws)
+    if proposal.seen and not without.present and not without.not_judged:
+        without = structure_of(proposal.seen)
+    return Extended(found, left, proposal.extension, proposal.laws, without)
 
 
 def _matters(result: Extended) -> bool:
@@ -90,7 +107,9 @@ def _with_term(problem: Problem, found: Search, unexplained: Unexplained) -> Ext
         alone = extension(problem, found.base)
         if alone and _makes_up_for(alone, beside, problem, found):
             left = remaining(problem, found.base, found.base).unexplained
-            return Extended(_without_names(problem, found, WITHDRAWN), left if left.present else unexplained, alone)
+            names = [one.candidate.effect.name for one in found.named]
+            paper = _without_names(problem, found, WITHDRAWN, names, found.base)
+            return Extended(paper, left if left.present else unexplained, alone)
     return Extended(found, unexplained, beside)
 
 
@@ -109,12 +128,17 @@ def _unexplained(found: Search) -> Unexplained:
     return left
 
 
-def _without_names(problem: Problem, found: Search, why: str) -> Search:
-    """Return what was found of a problem as if nothing had been named, for a reason."""
-    others = [*((one.candidate, why) for one in found.named), *found.others]
-    removed = [(one.candidate.effect.name, one.candidate.drop) for one in found.named]
+def _without_names(problem: Problem, found: Search, why: str, names: Collection[str], final: Fit) -> Search:
+    """Return what was found of a problem as if some effects had not been named, for a reason; `final` is without."""
+    leaving = [one for one in found.named if one.candidate.effect.name in names]
+    others = [*((one.candidate, why) for one in leaving), *found.others]
+    removed = [(one.candidate.effect.name, one.candidate.drop) for one in leaving]
     decisions = with_removed(found.decisions, removed, why)
-    return replace(found, problem=problem, final=found.base, named=[], others=others, doubts={}, decisions=decisions)
+    staying = [one for one in found.named if one not in leaving]
+    doubts = found.doubts if staying else {}
+    return replace(
+        found, problem=problem, final=final, named=staying, others=others, doubts=doubts, decisions=decisions
+    )
 
 
 def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, found: Search) -> bool:

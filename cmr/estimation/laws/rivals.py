@@ -1,0 +1,147 @@
+"""Names of effects, names and a law, and a law alone are rivals: what each explains, and which is to be believed.
+
+A law alone is preferred to names unless these, with a law, explain clearly more: it says with one formula what several
+effects only imitate together. Names that explain something beside it all the same are needed, and stay.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.laws.known import known_beside
+from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.polish import Polished
+from cmr.estimation.laws.scan import penalty
+from cmr.estimation.laws.searching import (
+    ALONE,
+    ANOTHER,
+    LEAST,
+    OF_NAMES,
+    PROMISING,
+    SET,
+    SHARE_OF_SET,
+    Data,
+    Offer,
+    Refused,
+    Scanned,
+    offered_of,
+    scanned,
+)
+from cmr.estimation.problem import Problem
+from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect
+from cmr.estimation.search.selection import Search, small_effects, with_small_effects
+
+
+class Rivalry(Enum):
+    """How a law alone compares with names of effects."""
+
+    BETTER = "better"
+    TIED = "as good"
+    WORSE = "worse"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A model that laws may extend: its data, how laws score beside it, the fit that is extended, its effects by name.
+
+    `explained` is how much the effects explain.
+    """
+
+    data: Data
+    first: Scanned | Refused
+    fit: Fit
+    selected: tuple[str, ...]
+    explained: float
+
+    @property
+    def best(self) -> float:
+        """The best score of a law to first order."""
+        return self.first.best if isinstance(self.first, Scanned) else -math.inf
+
+    @property
+    def before(self) -> Polished | None:
+        """The model without a law; None where laws cannot be told."""
+        return self.first.before
+
+    def offer(self, promising: float = PROMISING) -> Offer | Refused:
+        """Return the law that stands beside the model, or why there is none; it must score as much to first order."""
+        if isinstance(self.first, Refused):
+            return self.first
+        return offered_of(self.first, self.selected, self.explained, promising)
+
+
+def effects_of(found: Search) -> list[CandidateEffect]:
+    """Return the effects that a search fitted: those named, and those too small to be named."""
+    return [*(one.candidate for one in found.named if not one.estimates), *small_effects(found)]
+
+
+def beside_names(found: Search, other: Problem | None) -> Hypothesis:
+    """Return the model with all that was found, effects that are too small to be named included."""
+    fit = with_small_effects(found)
+    names = [one.candidate.effect.name for one in found.named] + [one.effect.name for one in small_effects(found)]
+    by_chance = sum(max(one.candidate.drop, 0.0) for one in found.named if one.estimates)
+    explained = max(0.0, found.base.squares - found.final.squares) + by_chance
+    return _hypothesis(found.problem, fit, found.final, names, explained, other)
+
+
+def without_names(problem: Problem, found: Search, other: Problem | None) -> Hypothesis:
+    """Return the paper's model."""
+    return _hypothesis(problem, found.base, found.base, (), 0.0, other)
+
+
+def with_needed_names(found: Search, needed: Sequence[str], other: Problem | None) -> Hypothesis:
+    """Return the model with some of the effects that were named."""
+    leaving = [one.candidate.effect for one in found.named if one.candidate.effect.name not in needed]
+    (fit,) = found.problem.without(found.final, [leaving])
+    explained = max(0.0, found.base.squares - fit.squares)
+    return _hypothesis(found.problem, fit, fit, needed, explained, other)
+
+
+def _hypothesis(
+    problem: Problem, about: Fit, fit: Fit, names: Sequence[str], explained: float, other: Problem | None
+) -> Hypothesis:
+    model = Linearised.about(problem, about.values, about.names)
+    data = Data.of(problem, model, other)
+    return Hypothesis(data, scanned(data, model), fit, tuple(names), explained)
+
+
+def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Rivalry:
+    """Return how a law alone compares with so many effects, on the data fitted and on data held out.
+
+    Both pay for their parameters and for having been chosen among many. One effect is never tied: it is a name for what
+    the law says, and the simpler answer.
+    """
+    samples = int(np.count_nonzero(data.fitted))
+    spared = (len(names.model.names) - len(alone.after.model.names)) * math.log(samples)
+    spared += 2.0 * effects * math.log(len(data.problem.effects))
+    more = names.quality() - alone.after.quality() + spared - sum(penalty(law, samples) for law in alone.laws)
+    held_out = data.held_out(names, alone.after)
+    if more > LEAST and held_out > LEAST:
+        return Rivalry.BETTER
+    near, near_there = (max(SET, SHARE_OF_SET * gain) for gain in (alone.gain, alone.held_out))
+    return Rivalry.TIED if effects > 1 and more > -near and held_out > -near_there else Rivalry.WORSE
+
+
+def against_both(data: Data, alone: Offer, both: Offer) -> Rivalry:
+    """Return how a law alone compares with names and a law."""
+    explained = alone.before.quality() - both.after.quality()
+    as_well = data.held_out(both.after, alone.after) > -ALONE * alone.held_out
+    margin = 0.0 if alone.approximate and not both.approximate else ALONE
+    return Rivalry.BETTER if explained < (1.0 + margin) * alone.gain and as_well else Rivalry.WORSE
+
+
+def leaves_nothing(alone: Offer) -> bool:
+    """Return whether no name can add anything to a law that stands alone."""
+    return alone.left < ANOTHER and not alone.approximate
+
+
+def still_needed(alone: Offer, found: Search) -> list[str]:
+    """Return the named effects that explain something beside laws that do without them."""
+    gains = known_beside(alone.after.model, alone.after.rest, ()).gains
+    least = max(THRESHOLD, OF_NAMES * alone.gain)
+    names = [one.candidate.effect.name for one in found.named if not one.estimates]
+    return [name for name in names if gains.get(name, 0.0) > least]

@@ -1,0 +1,122 @@
+"""Names, names and a law, and a law alone are rivals: which of them is believed, and which names stay."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cmr.estimation.laws import proposing, rivals
+from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.result import NO_LAW, TIE
+from cmr.estimation.laws.rivals import Rivalry, against_both, against_names, still_needed
+from cmr.estimation.laws.searching import Refused
+from cmr.estimation.search.criteria import THRESHOLD
+from cmr.estimation.search.selection import Search
+from cmr.estimation.unexplained import extending
+
+LAW = Candidate("yaw_rate", ("abs(v)", "w"), 2)
+GAIN = 1000.0
+
+
+def fit(names: int, quality: float) -> Any:
+    """A model with so many parameters that leaves so much of -2 log likelihood."""
+    return SimpleNamespace(model=SimpleNamespace(names=("",) * names), quality=lambda: quality)
+
+
+def alone(quality: float, *, approximate: bool = False) -> Any:
+    """A law beside the three parameters of the paper, which without it leaves GAIN more."""
+    after, before = fit(3, quality), fit(3, quality + GAIN)
+    return SimpleNamespace(
+        before=before, after=after, laws=(LAW,), gain=GAIN, held_out=0.5 * GAIN, approximate=approximate
+    )
+
+
+def data(held_out: float) -> Any:
+    """Data on which nothing was fitted, where -2 log likelihood drops by so much."""
+    return SimpleNamespace(
+        fitted=np.ones(20_000, np.bool_),
+        problem=SimpleNamespace(effects=range(45)),
+        held_out=lambda _before, _after: held_out,
+    )
+
+
+@pytest.mark.parametrize(
+    ("effects", "better_by", "held_out", "expected"),
+    [
+        (2, 100.0, 50.0, Rivalry.BETTER),
+        (2, 100.0, 5.0, Rivalry.TIED),  # not better where nothing was fitted
+        (2, -20.0, -10.0, Rivalry.TIED),
+        (2, -200.0, -10.0, Rivalry.WORSE),
+        (2, -20.0, -100.0, Rivalry.WORSE),
+        (1, 100.0, 50.0, Rivalry.BETTER),
+        (1, -20.0, -10.0, Rivalry.WORSE),  # one name is the simpler answer
+    ],
+)
+def test_a_law_alone_is_weighed_against_names(
+    effects: int, better_by: float, held_out: float, expected: Rivalry
+) -> None:
+    names = fit(3 + effects, better_by)
+    assert against_names(data(held_out), alone(0.0), names, effects) is expected
+
+
+@pytest.mark.parametrize(
+    ("both_explain", "approximate", "expected"),
+    [
+        (1.05 * GAIN, False, Rivalry.BETTER),  # names and a law are hardly better
+        (1.2 * GAIN, False, Rivalry.WORSE),
+        (1.05 * GAIN, True, Rivalry.WORSE),  # and beside the names the law is the right one
+    ],
+)
+def test_names_and_a_law_must_be_clearly_better_than_a_law(
+    both_explain: float, approximate: bool, expected: Rivalry
+) -> None:
+    law = alone(0.0, approximate=approximate)
+    both: Any = SimpleNamespace(after=fit(4, GAIN - both_explain), approximate=False)
+    assert against_both(data(0.0), law, both) is expected
+
+
+def test_names_that_explain_something_beside_the_law_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = {"gyro_bias": 2.0 * THRESHOLD, "slope": 0.1 * THRESHOLD}
+    monkeypatch.setattr(rivals, "known_beside", lambda *_all: SimpleNamespace(gains=gains))
+    found: Any = SimpleNamespace(named=[named("gyro_bias"), named("slope")])
+    law: Any = SimpleNamespace(after=SimpleNamespace(model=None, rest=None), gain=100.0)
+    assert still_needed(law, found) == ["gyro_bias"]
+
+
+def test_only_the_names_that_are_not_needed_are_withdrawn() -> None:
+    nothing: Any = None
+    both: Any = [named("gyro_bias"), named("slope")]
+    found = Search(nothing, nothing, nothing, both, [], 1.0, {"k1": 0.1}, (), ())
+    final: Any = object()
+    left = extending._without_names(nothing, found, extending.BY_A_LAW, ["slope"], final)
+    assert [one.candidate.effect.name for one in left.named] == ["gyro_bias"]
+    assert [(one.effect.name, why) for one, why in left.others] == [("slope", extending.BY_A_LAW)]
+    assert left.final is final
+    assert left.doubts == {"k1": 0.1}
+
+
+def test_where_no_formula_holds_what_was_seen_is_handed_on() -> None:
+    seen: Any = object()
+    nothing: Any = None
+    proposal = proposing._answered(nothing, Refused("It does not hold.", seen=seen), nothing, ())
+    assert proposal.laws.answer == NO_LAW
+    assert proposal.laws.reasons == ("It does not hold.",)
+    assert proposal.seen is seen
+
+
+def test_formulas_that_cannot_be_told_apart_are_a_tie_of_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(proposing, "_rival", lambda one: one)
+    several: Any = ("v", "w", "v * w")
+    nothing: Any = None
+    refused = Refused("It does not distinguish them.", several=True, rivals=several)
+    proposal = proposing._answered(nothing, refused, nothing, ())
+    assert proposal.laws.answer == TIE
+    assert proposal.laws.rivals == several
+    assert proposal.laws.found == ()
+    assert proposal.laws.manoeuvre == proposing.MANOEUVRE
+
+
+def named(effect: str) -> Any:
+    """An effect that a search named."""
+    return SimpleNamespace(candidate=SimpleNamespace(effect=SimpleNamespace(name=effect), drop=70.0), estimates={})
