@@ -13,6 +13,7 @@ from cmr.estimation.search.chance import tick_of
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
 from cmr.investigation.choosing import SAME, SEEN, Choice, Told, choose, keeps_to, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
+from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.floor import Floor
 from cmr.investigation.judging import NOTHING, Explanation, Judgement, judge, own_parameters
 from cmr.investigation.movements import Movement, opening
@@ -114,6 +115,8 @@ class Investigation:
         self._longest, self._at_random, self._calibrate = longest, at_random, calibrate
         self._judgement: Judgement | None = None
         self._suspect: _Suspect | None = None
+        self._doubted: frozenset[str] = frozenset()
+        self._wanted: frozenset[str] | None = None  # the set of effects that was better at the last decision
         self._decisions = 0
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
@@ -146,8 +149,8 @@ class Investigation:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The effects found that are large enough to matter."""
-        return tuple(name for name in self.found if self._matters(name))
+        """The effects found that stand at the odds of a name, and are large enough to matter."""
+        return tuple(name for name in self.found if name not in self._doubted and self._matters(name))
 
     def _matters(self, name: str) -> bool:
         if name == COARSE_TICKS or self._judgement is None:
@@ -167,8 +170,32 @@ class Investigation:
             self.found = (*self.found, name)
             self._suspect = None
             judgement = judge(problem, _fitted(self.found), judgement.best.values)
-        self._judgement = judgement
-        return judgement
+        self._judgement = self._revised(judgement)
+        return self._judgement
+
+    def _revised(self, judgement: Judgement) -> Judgement:
+        """Return the judgement beside another set of effects, if that was clearly better twice in a row.
+
+        What another set lacks that explains the data better, and what the data may do without, is doubted.
+        """
+        self._doubted = frozenset()
+        if not judgement.named:
+            self._wanted = None
+            return judgement
+        beside = evidence_beside(judgement)
+        self._doubted = frozenset(name for name, evidence in beside.items() if evidence < NAMED)
+        found = revision(judgement, beside)
+        before, self._wanted = self._wanted, frozenset(found.names) if found else None
+        if found is None:
+            return judgement
+        gone = {name for name in judgement.named if name not in found.names}
+        self._doubted |= gone
+        coming = [name for name in found.names if name not in judgement.named]
+        if self._wanted != before or (coming and found.lead < NAMED):
+            return judgement
+        self.found = (*(name for name in self.found if name not in gone), *coming)
+        self._wanted, self._suspect = None, None
+        return judge(judgement.problem, _fitted(self.found), found.values)
 
     def _confirmed(self, judgement: Judgement) -> str:
         """Return the effect that is sure now; NOTHING where none is."""
@@ -189,7 +216,7 @@ class Investigation:
             return True
         if self._calibrate:
             return time > LEAST and is_calibrated(averaged(judgement, known))
-        return not self._suspected(judgement) and not self.not_shown(known)
+        return not self._doubted and not self._suspected(judgement) and not self.not_shown(known)
 
     def _suspected(self, judgement: Judgement) -> bool:
         """Tell whether an explanation is near its name, and large enough to matter."""

@@ -53,13 +53,17 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the data say: the fit with nothing more than the effects `named`, and all explanations, best first."""
+    """What the data say: the fit with nothing more than the effects `named`, and all explanations, best first.
+
+    `screening` is what every effect would explain beside the fit, to first order.
+    """
 
     problem: Beliefs
     noise: Noise
     base: Fit
     named: tuple[str, ...]
     explanations: tuple[Explanation, ...]
+    screening: Screening
     _by_name: Mapping[str, Explanation] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -98,13 +102,12 @@ def judge(
     """Weigh all explanations beside effects `named`, whose fit begins at `start`; `before` is the last judgement."""
     free = (*PARAMETERS, *own_parameters(named))
     known = _known(before, named)
-    count = math.log(max(problem.rows_of_data, 2))
-    noise = _noise(problem, named, start, before, count)
+    noise = _noise(problem, named, start, before)
     base = problem.fits([(start, free)], noise)[0]
     screening = screen(problem, base.values, free, named, noise, keep_noise=True)
     scored = {score.trial.effect: score for score in screening.scores}
     promised = {name: max(_promise(name, scored), known.get(name, (0.0, {}))[0]) for name in {*scored, *known}}
-    penalties = {name: _penalty(name, count) for name in promised}
+    penalties = {name: penalty(name, problem) for name in promised}
     order = sorted(promised, key=lambda name: penalties[name] - promised[name])
     best = max((promised[name] - penalties[name] for name in order), default=0.0)
     hopeful = [name for name in order if promised[name] - penalties[name] > HOPEFUL * best - FITTED_BEHIND]
@@ -116,7 +119,7 @@ def judge(
         values = {**base.values, **start_of(scored[name])}
         explanations.append(Explanation(name, values, scored[name].drop, penalties[name], fitted=False))
     explanations.sort(key=lambda one: -one.evidence)
-    return Judgement(problem, noise, base, tuple(named), tuple(explanations))
+    return Judgement(problem, noise, base, tuple(named), tuple(explanations), screening)
 
 
 def own_parameters(effects: Sequence[str]) -> tuple[str, ...]:
@@ -128,9 +131,7 @@ def _promise(name: str, scored: Mapping[str, Score]) -> float:
     return scored[name].drop if name in scored else 0.0
 
 
-def _noise(
-    problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None, log_count: float
-) -> Noise:
+def _noise(problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None) -> Noise:
     """Return the noise that is left beside one of a few models: nothing more, the last best, the most telling effects.
 
     Noise found beside a model that lacks something takes that for noise; found beside one that has too much it makes
@@ -148,7 +149,7 @@ def _noise(
     costs = [
         float(np.sum(problem.white(fit.values, noise) ** 2))
         + noise.log_size
-        + (_penalty(name, log_count) if name else 0.0)
+        + (penalty(name, problem) if name else 0.0)
         for (name, _), fit, noise in zip(models, fits, noises, strict=True)
     ]
     return noises[int(np.argmin(costs))]
@@ -175,8 +176,9 @@ def _most_telling(screening: Screening, free: Sequence[str]) -> list[Score]:
     return [by_effect[name] for name in chosen]
 
 
-def _penalty(name: str, log_count: float) -> float:
-    return len(CATALOGUE[name].parameters) * log_count + rarity(name)
+def penalty(name: str, problem: Beliefs) -> float:
+    """Return what an effect must explain to be as likely as nothing more."""
+    return len(CATALOGUE[name].parameters) * math.log(max(problem.rows_of_data, 2)) + rarity(name)
 
 
 def _known(before: Judgement | None, named: Sequence[str]) -> dict[str, tuple[float, Mapping[str, float]]]:
