@@ -16,7 +16,7 @@ from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.floor import Floor
 from cmr.investigation.judging import NOTHING, Explanation, Judgement, judge, own_parameters
-from cmr.investigation.movements import Movement, opening
+from cmr.investigation.movements import Movement, opening, waiting
 from cmr.investigation.prediction import Situation, paths
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
@@ -33,6 +33,7 @@ CONFIRMED, CONFIRMED_SHARE = 4.0, 0.1  # by which a movement chosen after the fi
 LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters
 NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
 LONGEST = 60.0  # s of driving
+OPENING = "opening"  # the name of the first movement
 UNDER_WAY = 0.6  # s: older commands have arrived
 COARSE_TICKS = "encoder_quantisation"
 STATE = ("x", "y", "theta", "psi_left", "psi_right")
@@ -121,14 +122,14 @@ class Investigation:
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
         """Return the first movement of a robot at rest at this pose, and a sentence that says why it must not drive."""
-        parts = opening()
-        whole = Movement("opening", np.concatenate([one.duty for one in parts]))
+        whole = Movement(OPENING, np.concatenate([one.duty for one in opening()]))
+        with_waiting = Movement(OPENING, np.concatenate([whole.duty, waiting().duty]))
         known = {name: value.value for name, value in self.nominal.values.items()}
         nominal = {name: known[name] for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
         robots = [nominal, *({**nominal, **{n: f * nominal[n] for n, f in doubt.items()}} for doubt in OPENING_DOUBTS)]
         none = Commands(np.array([-1.0]), np.zeros((1, 2)))
         still = Situation((x, y, theta, 0.0, 0.0), 0.0, (0.0, 0.0), none, 0.0, 0.0, 0.0, self._limits, (None,) * 3)
-        return whole, "" if keeps_to(self.floor, paths(still, [whole], robots)[0]) else DATA_SHEET
+        return whole, "" if keeps_to(self.floor, paths(still, [with_waiting], robots)[0]) else DATA_SHEET
 
     def decide(self, recording: Recording, planned: Planned) -> Decision | None:
         """Look at the recording so far and choose what to drive after what is `planned`; None while it is too short."""

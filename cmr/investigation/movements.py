@@ -12,7 +12,8 @@ from cmr.recordings.signal import Floats
 PERIOD = 0.02  # s between two commands
 FINE, LONGEST_RAMP = 0.01, 0.2  # s: between two duties on a ramp, and of the last one
 SMALLEST, LARGEST = 0.067, 0.6  # duty: 0.8 and 7.2 V of 12 V
-OPENING = 0.25  # duty
+OPENING, FASTER = 0.25, 0.5  # duty
+REVERSAL = 0.24  # s
 LENGTHS = (1.0, 1.5, 2.0, 3.0)  # s
 HOLDS = (0.04, 0.08, 0.16)  # s for which a random telegraph holds
 FREQUENCIES = (0.3, 7.5)  # Hz of multisines
@@ -66,6 +67,12 @@ def opening() -> list[Movement]:
     rest = Movement("rest", np.zeros((50, 2)))
     spins = Movement("spin both ways", _held((-OPENING, OPENING), (OPENING, -OPENING)))
     return [rest, spins, Movement("forth and back", _held((OPENING, OPENING), (-OPENING, -OPENING)))]
+
+
+def waiting() -> Movement:
+    """Return what is driven on the spot while the first choice is made: reversals, faster than the opening."""
+    left = np.tile(np.repeat((FASTER, -FASTER), _count(REVERSAL)), 2)
+    return Movement("reversals, on the spot", np.stack([left, -left], axis=1))
 
 
 def candidates(random: Random, count: int = CANDIDATES) -> list[Movement]:
