@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cmr.estimation.candidates import locality, worth_naming
+from cmr.estimation.candidates import SMALLEST, is_limit, locality, size, worth_naming
 from cmr.estimation.gains import COARSE
 from cmr.estimation.search.chance import tick_of
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
@@ -15,7 +15,7 @@ from cmr.investigation.choosing import SAME, SEEN, Choice, Told, choose, keeps_t
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.floor import Floor
-from cmr.investigation.judging import NOTHING, Explanation, Judgement, judge, own_parameters
+from cmr.investigation.judging import NOTHING, Explanation, Judgement, ahead_since, judge, own_parameters
 from cmr.investigation.movements import Movement, opening, waiting
 from cmr.investigation.prediction import Situation, paths
 from cmr.model.catalogue import CATALOGUE
@@ -29,7 +29,8 @@ from cmr.recordings.signal import SECONDS, Floats, Times
 
 ODDS = 1000.0  # at which an effect is named
 NAMED = 2.0 * math.log(ODDS)
-CONFIRMED, CONFIRMED_SHARE = 4.0, 0.1  # by which a movement chosen after the first naming must raise the margin
+# Evidence that the data after the first suspicion must have of their own, as a share of the margin then, within bounds.
+CONFIRMED_SHARE, CONFIRMED = 0.1, (4.0, NAMED)
 LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters
 NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
 LONGEST = 60.0  # s of driving
@@ -67,11 +68,11 @@ class Decision:
 
 @dataclass
 class _Suspect:
-    """An effect that reached the odds first with this margin, at the decision of this number."""
+    """An effect that reached the odds first with this margin, by the data until `time` [s]."""
 
     name: str
     margin: float
-    decision: int
+    time: float
 
 
 @dataclass
@@ -118,7 +119,6 @@ class Investigation:
         self._suspect: _Suspect | None = None
         self._doubted: frozenset[str] = frozenset()
         self._wanted: frozenset[str] | None = None  # the set of effects that was better at the last decision
-        self._decisions = 0
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
         """Return the first movement of a robot at rest at this pose, and a sentence that says why it must not drive."""
@@ -137,7 +137,6 @@ class Investigation:
             problem = beliefs_of(recording, self.nominal, self.floor.extent)
             if problem is None:
                 return None
-            self._decisions += 1
             judgement = self._judged(problem)
             known = told(judgement, _seconds(problem))
             over = self._is_over(judgement, known, _seconds(problem))
@@ -205,11 +204,17 @@ class Investigation:
             self._suspect = None
             return NOTHING
         if self._suspect is None or self._suspect.name != best.name:
-            self._suspect = _Suspect(best.name, sure, self._decisions)
+            self._suspect = _Suspect(best.name, sure, _seconds(judgement.problem))
             return NOTHING
-        # What was chosen at the first decision has been driven when two more have passed: one is planned ahead.
-        grown = self._suspect.margin + max(CONFIRMED, CONFIRMED_SHARE * self._suspect.margin)
-        return best.name if sure >= grown and self._decisions >= self._suspect.decision + 2 else NOTHING
+        # One lost packet looks like backlash until the robot has driven on; that no rival is better then, is as much.
+        nothing, rival = judgement.of(NOTHING), _rivals(judgement)[0]
+        assert nothing is not None
+        needed = float(np.clip(CONFIRMED_SHARE * self._suspect.margin, *CONFIRMED))
+        is_confirmed = (
+            ahead_since(judgement, nothing, self._suspect.time) >= needed
+            and ahead_since(judgement, rival, self._suspect.time) >= -CONFIRMED[0]
+        )
+        return best.name if is_confirmed else NOTHING
 
     def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
         """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
@@ -240,17 +245,25 @@ def margin(judgement: Judgement) -> float:
 
     It is 0 at most while one of a place or a time, which has many parameters, explains the data nearly as well.
     """
-    best = judgement.best
-    rivals = [one for one in judgement.explanations[1:] if frozenset((best.name, one.name)) not in SAME]
+    best, rivals = judgement.best, _rivals(judgement)
     ahead = min((best.evidence - one.evidence for one in rivals), default=0.0)
     close = any(_is_local(one) and one.fitted and best.drop - one.drop < LOCAL for one in rivals)
     return min(ahead, 0.0) if close else ahead
 
 
+def _rivals(judgement: Judgement) -> list[Explanation]:
+    """Return the explanations beside the likeliest that are not the same mathematics, the nearest first."""
+    return [one for one in judgement.explanations[1:] if frozenset((judgement.best.name, one.name)) not in SAME]
+
+
 def _is_large(name: str, values: Mapping[str, float], judgement: Judgement) -> bool:
-    """Tell whether an effect with these values is large enough to matter."""
-    own = {parameter.name: values[parameter.name] for parameter in CATALOGUE[name].parameters}
-    return worth_naming(own, {}, judgement.problem.excitation)
+    """Tell whether an effect with these values is large enough to matter; a limit may not be too far away for that."""
+    effect, excitation = CATALOGUE[name], judgement.problem.excitation
+    own = {parameter.name: values[parameter.name] for parameter in effect.parameters}
+    limits = [parameter for parameter in effect.parameters if is_limit(parameter)]
+    if limits and all(own[one.name] > size(one, excitation) / SMALLEST for one in limits):
+        return False
+    return worth_naming(own, {}, excitation)
 
 
 def _is_local(one: Explanation) -> bool:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmr.estimation.candidates import locality, rarity
+from cmr.estimation.candidates import lanes_of, locality, rarity
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.search.screening import Score, Screening, screen, start_of
@@ -120,6 +120,15 @@ def judge(
         explanations.append(Explanation(name, values, scored[name].drop, penalties[name], fitted=False))
     explanations.sort(key=lambda one: -one.evidence)
     return Judgement(problem, noise, base, tuple(named), tuple(explanations), screening)
+
+
+def ahead_since(judgement: Judgement, other: Explanation, time: float) -> float:
+    """Return by how much the likeliest explanation is ahead of another one by the data after `time` [s] alone."""
+    problem = judgement.problem
+    white = problem.white(lanes_of([judgement.best.values, other.values]), judgement.noise)[: problem.rows_of_data]
+    later = problem.rows(problem.errors(judgement.base.values))[:, 0] > time
+    own, others = np.sum(white[later] ** 2, axis=0)
+    return float(others - own)
 
 
 def own_parameters(effects: Sequence[str]) -> tuple[str, ...]:

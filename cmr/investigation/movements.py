@@ -47,19 +47,18 @@ def ramped(time: Floats, duty: Floats, limits: Limits, begin: tuple[float, float
     """Return what a driver with these limits makes of commands at `time` [s], (n,), with `duty` (n, 2).
 
     It begins at the duties `begin`. Times are further apart than FINE; each is followed by what the driver sends until
-    the duty is reached.
+    the duty is reached. A command that repeats the duty that is reached is left out.
     """
-    times, duties, now = [], [], np.array(begin)
-    for number, (moment, wanted) in enumerate(zip(time, duty, strict=True)):
-        until = time[number + 1] if number + 1 < len(time) else moment + LONGEST_RAMP
-        while moment < until - 1e-6:
-            now = np.array([approach(a, b, FINE, limits) for a, b in zip(now, wanted, strict=True)])
+    times: list[float] = []
+    duties: list[tuple[float, float]] = []
+    now, last = begin, float(time[-1]) + LONGEST_RAMP
+    for moment, until, (left, right) in zip(time.tolist(), [*time[1:].tolist(), last], duty.tolist(), strict=True):
+        while moment < until - 1e-6 and not (times and now == (left, right)):
+            now = approach(now[0], left, FINE, limits), approach(now[1], right, FINE, limits)
             times.append(moment)
             duties.append(now)
-            if np.array_equal(now, wanted):
-                break
             moment += FINE
-    return np.array(times), np.array(duties).reshape(-1, 2)
+    return np.array(times), np.array(duties)
 
 
 def opening() -> list[Movement]:
