@@ -136,7 +136,8 @@ def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[
     """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights."""
     evidence = np.array([_evidence(judgement, name) for name in names])
     left = {one.name for one in judgement.left}
-    is_left = np.array([name in left for name in names])
+    settled = np.array([_is_negligible(judgement, name) for name in names])
+    is_left = np.array([name in left for name in names]) & ~settled
     need = np.full(before.shape, np.inf)
     both = is_left[:, None] & is_left[None, :]
     apart = np.where(
@@ -152,10 +153,16 @@ def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[
         for j, other in enumerate(names):
             if frozenset((one, other)) in SAME:
                 need[i, j] = np.inf
-    need[need <= 0.0] = np.inf
+    need[(need <= 0.0) | settled[:, None]] = np.inf
     behind = np.minimum(evidence, 0.0) if judgement.best.name == NOTHING else evidence - judgement.best.evidence
     weights = np.maximum(np.exp(np.maximum(behind, -OPEN * 4.0) / 8.0), LEAST_WEIGHT)
     return need, weights
+
+
+def _is_negligible(judgement: Judgement, name: str) -> bool:
+    """Tell whether an effect is seen, at a size that does not matter: nothing is to be found out about it."""
+    one = judgement.of(name)
+    return one is not None and one.evidence > EVIDENT and not judgement.is_large(name, one.values)
 
 
 def _evidence(judgement: Judgement, name: str) -> float:

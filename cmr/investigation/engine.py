@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cmr.estimation.candidates import SMALLEST, is_limit, locality, size, worth_naming
+from cmr.estimation.candidates import locality
 from cmr.estimation.gains import COARSE
 from cmr.estimation.search.chance import tick_of
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
@@ -155,7 +155,7 @@ class Investigation:
     def _matters(self, name: str) -> bool:
         if name == COARSE_TICKS or self._judgement is None:
             return True
-        return _is_large(name, self._judgement.base.values, self._judgement)
+        return self._judgement.is_large(name, self._judgement.base.values)
 
     def _judged(self, problem: Beliefs) -> Judgement:
         """Return the judgement of all data, after adding to what is found what is sure enough."""
@@ -227,7 +227,7 @@ class Investigation:
     def _suspected(self, judgement: Judgement) -> bool:
         """Tell whether an explanation is near its name, and large enough to matter."""
         near = [one for one in judgement.left if one.name and one.evidence > NEAR * NAMED]
-        return any(_is_large(one.name, one.values, judgement) for one in near)
+        return any(judgement.is_large(one.name, one.values) for one in near)
 
     def not_shown(self, known: Told) -> list[str]:
         """Return the effects that would not have shown yet; one that begins at a time may always come."""
@@ -254,16 +254,6 @@ def margin(judgement: Judgement) -> float:
 def _rivals(judgement: Judgement) -> list[Explanation]:
     """Return the explanations beside the likeliest that are not the same mathematics, the nearest first."""
     return [one for one in judgement.explanations[1:] if frozenset((judgement.best.name, one.name)) not in SAME]
-
-
-def _is_large(name: str, values: Mapping[str, float], judgement: Judgement) -> bool:
-    """Tell whether an effect with these values is large enough to matter; a limit may not be too far away for that."""
-    effect, excitation = CATALOGUE[name], judgement.problem.excitation
-    own = {parameter.name: values[parameter.name] for parameter in effect.parameters}
-    limits = [parameter for parameter in effect.parameters if is_limit(parameter)]
-    if limits and all(own[one.name] > size(one, excitation) / SMALLEST for one in limits):
-        return False
-    return worth_naming(own, {}, excitation)
 
 
 def _is_local(one: Explanation) -> bool:

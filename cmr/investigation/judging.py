@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmr.estimation.candidates import lanes_of, locality, rarity
+from cmr.estimation.candidates import SMALLEST, is_limit, lanes_of, locality, rarity, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.search.screening import Score, Screening, screen, start_of
@@ -82,6 +82,15 @@ class Judgement:
     def of(self, name: str) -> Explanation | None:
         """Return the explanation of this name; None where it was not looked at."""
         return self._by_name.get(name)
+
+    def is_large(self, name: str, values: Mapping[str, float]) -> bool:
+        """Tell whether an effect with these values is large enough to matter; a limit may be too far away for that."""
+        effect, excitation = CATALOGUE[name], self.problem.excitation
+        own = {parameter.name: values[parameter.name] for parameter in effect.parameters}
+        limits = [parameter for parameter in effect.parameters if is_limit(parameter)]
+        if limits and all(own[one.name] > size(one, excitation) / SMALLEST for one in limits):
+            return False
+        return worth_naming(own, {}, excitation)
 
     @property
     def probabilities(self) -> dict[str, float]:
