@@ -93,7 +93,8 @@ class Planned:
 class Investigation:
     """Finds out what a robot's model gets wrong, on a `floor`; `nominal` is what is believed of the robot.
 
-    `found` are the effects found so far, of which those `named` are large enough to matter; `story` are the decisions.
+    `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `story` are
+    the decisions.
     With `at_random` movements are drawn, not chosen; to `calibrate` is to end as soon as the robot's own parameters are
     known.
     """
@@ -151,6 +152,11 @@ class Investigation:
     def named(self) -> tuple[str, ...]:
         """The effects found that stand at the odds of a name, and are large enough to matter."""
         return tuple(name for name in self.found if name not in self._doubted and self._matters(name))
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """The effects found that do not stand at the odds of a name any more."""
+        return tuple(name for name in self.found if name in self._doubted)
 
     def _matters(self, name: str) -> bool:
         if name == COARSE_TICKS or self._judgement is None:

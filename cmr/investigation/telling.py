@@ -43,7 +43,10 @@ def document(driving: Driving) -> dict[str, Any]:
     return {
         "schema": 1,
         "named": list(investigation.named),
-        "too_small_to_matter": [name for name in investigation.found if name not in investigation.named],
+        "too_small_to_matter": [
+            name for name in investigation.found if name not in (*investigation.named, *investigation.doubted)
+        ],
+        "doubted": list(investigation.doubted),
         "excluded": _excluded(driving),
         "out_of_reach": _out_of_reach(driving),
         "parameters": _parameters(driving),
