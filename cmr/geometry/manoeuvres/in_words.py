@@ -169,12 +169,6 @@ def _rich_drive(pace: Pace) -> Instruction:
     return Instruction(text, sum(part.seconds for part in parts), max(part.reach for part in parts))
 
 
-def _short_drive(pace: Pace) -> Instruction:
-    parts = [part(pace) for part in (_multisine, _steps, _one_sided_steps)]
-    text = " ".join(part.text for part in parts)
-    return Instruction(text, sum(part.seconds for part in parts), max(part.reach for part in parts))
-
-
 WORDS: Mapping[str, Callable[[Pace], Instruction]] = {
     "straight_runs": _straight_runs,
     "spins": _spins,
@@ -187,7 +181,6 @@ WORDS: Mapping[str, Callable[[Pace], Instruction]] = {
     "repeat_loop": _repeat_loop,
     "star": _star,
     "rich_drive": _rich_drive,
-    "short_drive": _short_drive,
 }
 
 
