@@ -212,13 +212,15 @@ class Investigation:
         if self._suspect is None or self._suspect.name != best.name:
             self._suspect = _Suspect(best.name, sure, _seconds(judgement.problem))
             return NOTHING
-        # One lost packet looks like backlash until the robot has driven on; that no rival is better then, is as much.
+        # One lost packet looks like backlash until the robot has driven on.
         nothing, rival = judgement.of(NOTHING), _rivals(judgement)[0]
         assert nothing is not None
-        needed = float(np.clip(CONFIRMED_SHARE * self._suspect.margin, *CONFIRMED))
+        least, most = CONFIRMED
+        needed = min(max(CONFIRMED_SHARE * self._suspect.margin, least), most)
+        allowed = max(CONFIRMED_SHARE * sure, least)  # a rival far behind may fit the newest data a little better
+        since = self._suspect.time
         is_confirmed = (
-            ahead_since(judgement, nothing, self._suspect.time) >= needed
-            and ahead_since(judgement, rival, self._suspect.time) >= -CONFIRMED[0]
+            ahead_since(judgement, nothing, since) >= needed and ahead_since(judgement, rival, since) >= -allowed
         )
         return best.name if is_confirmed else NOTHING
 

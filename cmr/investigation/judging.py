@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmr.estimation.candidates import SMALLEST, is_limit, lanes_of, locality, rarity, size, worth_naming
+from cmr.estimation.candidates import SMALLEST, is_limit, is_rough, lanes_of, locality, rarity, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.search.screening import Score, Screening, screen, start_of
@@ -24,9 +24,10 @@ from cmr.model.catalogue import CATALOGUE
 
 OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that is left is at most behind the best
 FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
-MOST_FITTED = 10  # explanations that a decision fits, the most promising ones
+MOST_FITTED = 10  # explanations that are fitted at once, the most promising ones first
 HOPEFUL = 0.5  # of the best score: slopes promise more, or less, than a fit keeps
 MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which noise is looked for; drop that each must promise
+OTHER_SIZES, MOST_UNSTUCK = (0.6, 0.8, 1.25, 1.6), 3  # times the fitted one; of so many rough effects
 BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin again
 NOTHING = ""  # the name of the explanation that there is nothing more
 
@@ -117,10 +118,8 @@ def judge(
     scored = {score.trial.effect: score for score in screening.scores}
     promised = {name: max(_promise(name, scored), known.get(name, (0.0, {}))[0]) for name in {*scored, *known}}
     penalties = {name: penalty(name, problem) for name in promised}
-    order = sorted(promised, key=lambda name: penalties[name] - promised[name])
-    best = max((promised[name] - penalties[name] for name in order), default=0.0)
-    hopeful = [name for name in order if promised[name] - penalties[name] > HOPEFUL * best - FITTED_BEHIND]
-    fits = _fitted(problem, base, hopeful[:MOST_FITTED], scored, known, noise)
+    hopes = {name: promised[name] - penalties[name] for name in promised}
+    fits = _hopeful_fitted(problem, base, hopes, penalties, scored, known)
     explanations = [Explanation(NOTHING, base.values, 0.0, 0.0)]
     for name, fit in fits.items():
         explanations.append(Explanation(name, fit.values, base.squares - fit.squares, penalties[name]))
@@ -206,23 +205,76 @@ def _known(before: Judgement | None, named: Sequence[str]) -> dict[str, tuple[fl
     return {one.name: (one.drop, one.values) for one in before.explanations if one.name and one.fitted}
 
 
+def _hopeful_fitted(
+    problem: Beliefs,
+    base: Fit,
+    hopes: Mapping[str, float],
+    penalties: Mapping[str, float],
+    scored: Mapping[str, Score],
+    known: Mapping[str, tuple[float, Mapping[str, float]]],
+) -> dict[str, Fit]:
+    """Return the best fit of each explanation, by name, whose evidence may by its score be near the best one's.
+
+    A score promises more than a fit keeps: what was only scored must not be near the best, let alone lead.
+    """
+    order = sorted(hopes, key=lambda name: -hopes[name])
+    enough = HOPEFUL * max(hopes.values(), default=0.0) - FITTED_BEHIND
+    fits: dict[str, Fit] = {}
+    while names := [name for name in order if name not in fits and hopes[name] > enough][:MOST_FITTED]:
+        new = _fitted(problem, base, names, scored, known)
+        fits |= new | _unstuck(problem, base, new)
+        enough = max(0.0, *(base.squares - fit.squares - penalties[name] for name, fit in fits.items())) - OPEN
+    return fits
+
+
 def _fitted(
     problem: Beliefs,
     base: Fit,
     names: Sequence[str],
     scored: Mapping[str, Score],
     known: Mapping[str, tuple[float, Mapping[str, float]]],
-    noise: Noise,
 ) -> dict[str, Fit]:
     """Return the best fit of each explanation, by name."""
     models = [(name, start) for name in names for start in _starts(name, base, scored, known)]
     own = {name: tuple(p.name for p in CATALOGUE[name].parameters) for name in names}
-    fits = problem.fits([(start, (*base.names, *own[name])) for name, start in models], noise)
+    fits = problem.fits([(start, (*base.names, *own[name])) for name, start in models], base.noise)
     result: dict[str, Fit] = {}
     for (name, _), fit in zip(models, fits, strict=True):
         if name not in result or fit.squares < result[name].squares:
             result[name] = fit
     return result
+
+
+def _unstuck(problem: Beliefs, base: Fit, fits: Mapping[str, Fit]) -> dict[str, Fit]:
+    """Return better fits of rough effects that explain most, by name, as other sizes lead to.
+
+    The sum of squares of what has a threshold is rough: a fit stays where it began, and a worse explanation may win.
+    """
+    leading = sorted((name for name in fits if _may_be_stuck(name)), key=lambda name: fits[name].squares)
+    leading = [name for name in leading if base.squares - fits[name].squares > WORTH_EXPLAINING][:MOST_UNSTUCK]
+    own = {name: tuple(p.name for p in CATALOGUE[name].parameters) for name in leading}
+    starts = [(name, _resized(name, fits[name].values, factor)) for name in leading for factor in OTHER_SIZES]
+    if not starts:
+        return {}
+    found = problem.fit_beside(base, [start for _, start in starts], [own[name] for name, _ in starts])
+    best: dict[str, tuple[float, dict[str, float]]] = {}
+    for (name, _), (values, squares) in zip(starts, found, strict=True):
+        if squares < min(fits[name].squares - BETTER_START, best.get(name, (math.inf, {}))[0]):
+            best[name] = squares, values
+    refits = problem.fits([(values, (*base.names, *own[name])) for name, (_, values) in best.items()], base.noise)
+    return {name: fit for name, fit in zip(best, refits, strict=True) if fit.squares < fits[name].squares}
+
+
+def _may_be_stuck(name: str) -> bool:
+    return is_rough(CATALOGUE[name]) and not locality(CATALOGUE[name])
+
+
+def _resized(name: str, values: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Return an effect's values with sizes times a factor, within their bounds."""
+    return {
+        p.name: float(np.clip(values[p.name] * (factor if p.switches else 1.0), p.lower, p.upper))
+        for p in CATALOGUE[name].parameters
+    }
 
 
 def _starts(

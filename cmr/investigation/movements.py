@@ -11,7 +11,7 @@ from cmr.recordings.signal import Floats
 
 PERIOD = 0.02  # s between two commands
 FINE, LONGEST_RAMP = 0.01, 0.2  # s: between two duties on a ramp, and of the last one
-SMALLEST, LARGEST = 0.067, 0.6  # duty: 0.8 and 7.2 V of 12 V
+SMALLEST, LARGEST = 0.067, 0.9  # duty: below that friction holds, and above real motors no longer obey
 OPENING, FASTER = 0.25, 0.5  # duty
 REVERSAL = 0.24  # s
 LENGTHS = (1.0, 1.5, 2.0, 3.0)  # s

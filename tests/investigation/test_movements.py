@@ -10,7 +10,7 @@ from cmr.model.duty_ramp import Limits, approach
 
 @given(seed=st.integers(0, 2**32))
 def test_movements_are_short_and_within_their_duty(seed: int) -> None:
-    """No movement is longer than 3 s, nor drives harder than 7.2 of 12 V; the same seed draws the same ones."""
+    """No movement is longer than 3 s, nor drives harder than with 0.9; the same seed draws the same ones."""
     first, again = (candidates(np.random.default_rng(seed), 8) for _ in range(2))
     for movement, same in zip(first, again, strict=True):
         assert any(abs(movement.seconds - length) < 1e-9 for length in LENGTHS)
