@@ -15,7 +15,7 @@ from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
 from cmr.investigation.movements import Movement, Random, candidates, towards
 from cmr.investigation.prediction import Situation, changes, paths
 from cmr.investigation.separation import ENOUGH, ENOUGH_UNSEEN, LEAST_WEIGHT, Columns
-from cmr.model.catalogue import definition
+from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
@@ -136,7 +136,8 @@ def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[
     """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights."""
     evidence = np.array([_evidence(judgement, name) for name in names])
     left = {one.name for one in judgement.left}
-    is_left = np.array([name in left for name in names])
+    settled = np.array([_is_settled(judgement, name) for name in names])
+    is_left = np.array([name in left for name in names]) & ~settled
     need = np.full(before.shape, np.inf)
     both = is_left[:, None] & is_left[None, :]
     apart = np.where(
@@ -152,10 +153,21 @@ def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[
         for j, other in enumerate(names):
             if frozenset((one, other)) in SAME:
                 need[i, j] = np.inf
-    need[need <= 0.0] = np.inf
+    need[(need <= 0.0) | settled[:, None]] = np.inf
     behind = np.minimum(evidence, 0.0) if judgement.best.name == NOTHING else evidence - judgement.best.evidence
     weights = np.maximum(np.exp(np.maximum(behind, -OPEN * 4.0) / 8.0), LEAST_WEIGHT)
     return need, weights
+
+
+def _is_settled(judgement: Judgement, name: str) -> bool:
+    """Tell whether nothing is to be driven for an effect.
+
+    It is seen, at a size that does not matter; or it begins at a time and is not seen, so that it may always come.
+    """
+    one = judgement.of(name)
+    if one is None or one.evidence <= EVIDENT:
+        return locality(CATALOGUE[name]) == "time"
+    return not judgement.is_large(name, one.values)
 
 
 def _evidence(judgement: Judgement, name: str) -> float:

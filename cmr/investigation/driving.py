@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cmr.investigation.engine import NO_ROOM, Decision, Investigation, Planned
-from cmr.investigation.movements import PERIOD, Movement
+from cmr.investigation.engine import NO_ROOM, OPENING, Decision, Investigation, Planned
+from cmr.investigation.movements import PERIOD, Movement, waiting
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
@@ -119,7 +119,7 @@ class Driving:
     def _drive(self, movement: Movement, utime: int) -> None:
         self._planned, self.movement = Planned.of(movement, utime), movement
         self.drove += movement.seconds
-        if movement.name != "opening":
+        if movement.name != OPENING:
             self._plan()
 
     def _rest(self, utime: int, note: str = "") -> None:
@@ -141,7 +141,10 @@ class Driving:
         late = utime - self._planned.ends > 2.0 * PERIOD / SECONDS
         if not there and self.movement is None:
             return  # it stands; the planner still works
-        if not there or late or decision is None or (self.movement is not None and self.movement.name == "opening"):
+        if self.movement is not None and self.movement.name == OPENING:
+            self._drive(waiting(), utime)
+            return
+        if not there or late or decision is None:
             self._rest(utime)
             return
         self.decision = decision

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cmr.estimation.candidates import locality, worth_naming
+from cmr.estimation.candidates import locality
 from cmr.estimation.gains import COARSE
 from cmr.estimation.search.chance import tick_of
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
 from cmr.investigation.choosing import SAME, SEEN, Choice, Told, choose, keeps_to, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
+from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.floor import Floor
-from cmr.investigation.judging import NOTHING, Explanation, Judgement, judge, own_parameters
-from cmr.investigation.movements import Movement, opening
+from cmr.investigation.judging import NOTHING, Explanation, Judgement, ahead_since, judge, own_parameters
+from cmr.investigation.movements import Movement, opening, waiting
 from cmr.investigation.prediction import Situation, paths
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
@@ -28,10 +29,12 @@ from cmr.recordings.signal import SECONDS, Floats, Times
 
 ODDS = 1000.0  # at which an effect is named
 NAMED = 2.0 * math.log(ODDS)
-CONFIRMED, CONFIRMED_SHARE = 4.0, 0.1  # by which a movement chosen after the first naming must raise the margin
+# Evidence that the data after the first suspicion must have of their own, as a share of the margin then, within bounds.
+CONFIRMED_SHARE, CONFIRMED = 0.1, (4.0, NAMED)
 LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters
 NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
 LONGEST = 60.0  # s of driving
+OPENING = "opening"  # the name of the first movement
 UNDER_WAY = 0.6  # s: older commands have arrived
 COARSE_TICKS = "encoder_quantisation"
 STATE = ("x", "y", "theta", "psi_left", "psi_right")
@@ -65,11 +68,11 @@ class Decision:
 
 @dataclass
 class _Suspect:
-    """An effect that reached the odds first with this margin, at the decision of this number."""
+    """An effect that reached the odds first with this margin, by the data until `time` [s]."""
 
     name: str
     margin: float
-    decision: int
+    time: float
 
 
 @dataclass
@@ -90,7 +93,8 @@ class Planned:
 class Investigation:
     """Finds out what a robot's model gets wrong, on a `floor`; `nominal` is what is believed of the robot.
 
-    `found` are the effects found so far, of which those `named` are large enough to matter; `story` are the decisions.
+    `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `story` are
+    the decisions.
     With `at_random` movements are drawn, not chosen; to `calibrate` is to end as soon as the robot's own parameters are
     known.
     """
@@ -114,18 +118,19 @@ class Investigation:
         self._longest, self._at_random, self._calibrate = longest, at_random, calibrate
         self._judgement: Judgement | None = None
         self._suspect: _Suspect | None = None
-        self._decisions = 0
+        self._doubted: frozenset[str] = frozenset()
+        self._wanted: frozenset[str] | None = None  # the set of effects that was better at the last decision
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
         """Return the first movement of a robot at rest at this pose, and a sentence that says why it must not drive."""
-        parts = opening()
-        whole = Movement("opening", np.concatenate([one.duty for one in parts]))
+        whole = Movement(OPENING, np.concatenate([one.duty for one in opening()]))
+        with_waiting = Movement(OPENING, np.concatenate([whole.duty, waiting().duty]))
         known = {name: value.value for name, value in self.nominal.values.items()}
         nominal = {name: known[name] for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
         robots = [nominal, *({**nominal, **{n: f * nominal[n] for n, f in doubt.items()}} for doubt in OPENING_DOUBTS)]
         none = Commands(np.array([-1.0]), np.zeros((1, 2)))
         still = Situation((x, y, theta, 0.0, 0.0), 0.0, (0.0, 0.0), none, 0.0, 0.0, 0.0, self._limits, (None,) * 3)
-        return whole, "" if keeps_to(self.floor, paths(still, [whole], robots)[0]) else DATA_SHEET
+        return whole, "" if keeps_to(self.floor, paths(still, [with_waiting], robots)[0]) else DATA_SHEET
 
     def decide(self, recording: Recording, planned: Planned) -> Decision | None:
         """Look at the recording so far and choose what to drive after what is `planned`; None while it is too short."""
@@ -133,7 +138,6 @@ class Investigation:
             problem = beliefs_of(recording, self.nominal, self.floor.extent)
             if problem is None:
                 return None
-            self._decisions += 1
             judgement = self._judged(problem)
             known = told(judgement, _seconds(problem))
             over = self._is_over(judgement, known, _seconds(problem))
@@ -146,13 +150,18 @@ class Investigation:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The effects found that are large enough to matter."""
-        return tuple(name for name in self.found if self._matters(name))
+        """The effects found that stand at the odds of a name, and are large enough to matter."""
+        return tuple(name for name in self.found if name not in self._doubted and self._matters(name))
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """The effects found that do not stand at the odds of a name any more."""
+        return tuple(name for name in self.found if name in self._doubted)
 
     def _matters(self, name: str) -> bool:
         if name == COARSE_TICKS or self._judgement is None:
             return True
-        return _is_large(name, self._judgement.base.values, self._judgement)
+        return self._judgement.is_large(name, self._judgement.base.values)
 
     def _judged(self, problem: Beliefs) -> Judgement:
         """Return the judgement of all data, after adding to what is found what is sure enough."""
@@ -167,8 +176,32 @@ class Investigation:
             self.found = (*self.found, name)
             self._suspect = None
             judgement = judge(problem, _fitted(self.found), judgement.best.values)
-        self._judgement = judgement
-        return judgement
+        self._judgement = self._revised(judgement)
+        return self._judgement
+
+    def _revised(self, judgement: Judgement) -> Judgement:
+        """Return the judgement beside another set of effects, if that was clearly better twice in a row.
+
+        What another set lacks that explains the data better, and what the data may do without, is doubted.
+        """
+        self._doubted = frozenset()
+        if not judgement.named:
+            self._wanted = None
+            return judgement
+        beside = evidence_beside(judgement)
+        self._doubted = frozenset(name for name, evidence in beside.items() if evidence < NAMED)
+        found = revision(judgement, beside)
+        before, self._wanted = self._wanted, frozenset(found.names) if found else None
+        if found is None:
+            return judgement
+        gone = {name for name in judgement.named if name not in found.names}
+        self._doubted |= gone
+        coming = [name for name in found.names if name not in judgement.named]
+        if self._wanted != before or (coming and found.lead < NAMED):
+            return judgement
+        self.found = (*(name for name in self.found if name not in gone), *coming)
+        self._wanted, self._suspect = None, None
+        return judge(judgement.problem, _fitted(self.found), found.values)
 
     def _confirmed(self, judgement: Judgement) -> str:
         """Return the effect that is sure now; NOTHING where none is."""
@@ -177,11 +210,19 @@ class Investigation:
             self._suspect = None
             return NOTHING
         if self._suspect is None or self._suspect.name != best.name:
-            self._suspect = _Suspect(best.name, sure, self._decisions)
+            self._suspect = _Suspect(best.name, sure, _seconds(judgement.problem))
             return NOTHING
-        # What was chosen at the first decision has been driven when two more have passed: one is planned ahead.
-        grown = self._suspect.margin + max(CONFIRMED, CONFIRMED_SHARE * self._suspect.margin)
-        return best.name if sure >= grown and self._decisions >= self._suspect.decision + 2 else NOTHING
+        # One lost packet looks like backlash until the robot has driven on.
+        nothing, rival = judgement.of(NOTHING), _rivals(judgement)[0]
+        assert nothing is not None
+        least, most = CONFIRMED
+        needed = min(max(CONFIRMED_SHARE * self._suspect.margin, least), most)
+        allowed = max(CONFIRMED_SHARE * sure, least)  # a rival far behind may fit the newest data a little better
+        since = self._suspect.time
+        is_confirmed = (
+            ahead_since(judgement, nothing, since) >= needed and ahead_since(judgement, rival, since) >= -allowed
+        )
+        return best.name if is_confirmed else NOTHING
 
     def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
         """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
@@ -189,12 +230,12 @@ class Investigation:
             return True
         if self._calibrate:
             return time > LEAST and is_calibrated(averaged(judgement, known))
-        return not self._suspected(judgement) and not self.not_shown(known)
+        return not self._doubted and not self._suspected(judgement) and not self.not_shown(known)
 
     def _suspected(self, judgement: Judgement) -> bool:
         """Tell whether an explanation is near its name, and large enough to matter."""
         near = [one for one in judgement.left if one.name and one.evidence > NEAR * NAMED]
-        return any(_is_large(one.name, one.values, judgement) for one in near)
+        return any(judgement.is_large(one.name, one.values) for one in near)
 
     def not_shown(self, known: Told) -> list[str]:
         """Return the effects that would not have shown yet; one that begins at a time may always come."""
@@ -212,17 +253,15 @@ def margin(judgement: Judgement) -> float:
 
     It is 0 at most while one of a place or a time, which has many parameters, explains the data nearly as well.
     """
-    best = judgement.best
-    rivals = [one for one in judgement.explanations[1:] if frozenset((best.name, one.name)) not in SAME]
+    best, rivals = judgement.best, _rivals(judgement)
     ahead = min((best.evidence - one.evidence for one in rivals), default=0.0)
     close = any(_is_local(one) and one.fitted and best.drop - one.drop < LOCAL for one in rivals)
     return min(ahead, 0.0) if close else ahead
 
 
-def _is_large(name: str, values: Mapping[str, float], judgement: Judgement) -> bool:
-    """Tell whether an effect with these values is large enough to matter."""
-    own = {parameter.name: values[parameter.name] for parameter in CATALOGUE[name].parameters}
-    return worth_naming(own, {}, judgement.problem.excitation)
+def _rivals(judgement: Judgement) -> list[Explanation]:
+    """Return the explanations beside the likeliest that are not the same mathematics, the nearest first."""
+    return [one for one in judgement.explanations[1:] if frozenset((judgement.best.name, one.name)) not in SAME]
 
 
 def _is_local(one: Explanation) -> bool:

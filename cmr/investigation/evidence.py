@@ -26,6 +26,7 @@ DOUBT = {"k2_over_k3": 0.30, "k1": 0.15, "base_width": 0.15}  # share by which d
 SIZES = 2.5  # typical sizes: standard deviation of what sizes of effects may be
 PATCH_RADIUS, PATCH_DOUBT = 0.4, 0.125  # m
 LARGEST_PAST = 1.0 / 20.0  # of the drive, from which errors are predicted: of a few seconds a longer one fits chance
+OF_PRIORS = -1  # the fold of errors of priors
 TURNING = 2.0  # rad/s, of usual turns
 Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation, by parameter
 
@@ -36,6 +37,9 @@ class Beliefs(Problem):
     def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation, prior: Prior) -> None:
         super().__init__(predictors, gains, excitation)
         self.prior = prior
+
+        # What is known beforehand is left out together, as a fold of its own.
+        self.folds = np.concatenate([self.folds, np.full(len(prior), OF_PRIORS)])
 
     @property
     def rows_of_data(self) -> int:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmr.estimation.candidates import locality, rarity
+from cmr.estimation.candidates import SMALLEST, is_limit, is_rough, lanes_of, locality, rarity, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.search.screening import Score, Screening, screen, start_of
@@ -24,9 +24,10 @@ from cmr.model.catalogue import CATALOGUE
 
 OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that is left is at most behind the best
 FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
-MOST_FITTED = 10  # explanations that a decision fits, the most promising ones
+MOST_FITTED = 10  # explanations that are fitted at once, the most promising ones first
 HOPEFUL = 0.5  # of the best score: slopes promise more, or less, than a fit keeps
 MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which noise is looked for; drop that each must promise
+OTHER_SIZES, MOST_UNSTUCK = (0.6, 0.8, 1.25, 1.6), 3  # times the fitted one; of so many rough effects
 BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin again
 NOTHING = ""  # the name of the explanation that there is nothing more
 
@@ -53,13 +54,17 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the data say: the fit with nothing more than the effects `named`, and all explanations, best first."""
+    """What the data say: the fit with nothing more than the effects `named`, and all explanations, best first.
+
+    `screening` is what every effect would explain beside the fit, to first order.
+    """
 
     problem: Beliefs
     noise: Noise
     base: Fit
     named: tuple[str, ...]
     explanations: tuple[Explanation, ...]
+    screening: Screening
     _by_name: Mapping[str, Explanation] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -78,6 +83,15 @@ class Judgement:
     def of(self, name: str) -> Explanation | None:
         """Return the explanation of this name; None where it was not looked at."""
         return self._by_name.get(name)
+
+    def is_large(self, name: str, values: Mapping[str, float]) -> bool:
+        """Tell whether an effect with these values is large enough to matter; a limit may be too far away for that."""
+        effect, excitation = CATALOGUE[name], self.problem.excitation
+        own = {parameter.name: values[parameter.name] for parameter in effect.parameters}
+        limits = [parameter for parameter in effect.parameters if is_limit(parameter)]
+        if limits and all(own[one.name] > size(one, excitation) / SMALLEST for one in limits):
+            return False
+        return worth_naming(own, {}, excitation)
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -98,17 +112,14 @@ def judge(
     """Weigh all explanations beside effects `named`, whose fit begins at `start`; `before` is the last judgement."""
     free = (*PARAMETERS, *own_parameters(named))
     known = _known(before, named)
-    count = math.log(max(problem.rows_of_data, 2))
-    noise = _noise(problem, named, start, before, count)
+    noise = _noise(problem, named, start, before)
     base = problem.fits([(start, free)], noise)[0]
     screening = screen(problem, base.values, free, named, noise, keep_noise=True)
     scored = {score.trial.effect: score for score in screening.scores}
     promised = {name: max(_promise(name, scored), known.get(name, (0.0, {}))[0]) for name in {*scored, *known}}
-    penalties = {name: _penalty(name, count) for name in promised}
-    order = sorted(promised, key=lambda name: penalties[name] - promised[name])
-    best = max((promised[name] - penalties[name] for name in order), default=0.0)
-    hopeful = [name for name in order if promised[name] - penalties[name] > HOPEFUL * best - FITTED_BEHIND]
-    fits = _fitted(problem, base, hopeful[:MOST_FITTED], scored, known, noise)
+    penalties = {name: penalty(name, problem) for name in promised}
+    hopes = {name: promised[name] - penalties[name] for name in promised}
+    fits = _hopeful_fitted(problem, base, hopes, penalties, scored, known)
     explanations = [Explanation(NOTHING, base.values, 0.0, 0.0)]
     for name, fit in fits.items():
         explanations.append(Explanation(name, fit.values, base.squares - fit.squares, penalties[name]))
@@ -116,7 +127,16 @@ def judge(
         values = {**base.values, **start_of(scored[name])}
         explanations.append(Explanation(name, values, scored[name].drop, penalties[name], fitted=False))
     explanations.sort(key=lambda one: -one.evidence)
-    return Judgement(problem, noise, base, tuple(named), tuple(explanations))
+    return Judgement(problem, noise, base, tuple(named), tuple(explanations), screening)
+
+
+def ahead_since(judgement: Judgement, other: Explanation, time: float) -> float:
+    """Return by how much the likeliest explanation is ahead of another one by the data after `time` [s] alone."""
+    problem = judgement.problem
+    white = problem.white(lanes_of([judgement.best.values, other.values]), judgement.noise)[: problem.rows_of_data]
+    later = problem.rows(problem.errors(judgement.base.values))[:, 0] > time
+    own, others = np.sum(white[later] ** 2, axis=0)
+    return float(others - own)
 
 
 def own_parameters(effects: Sequence[str]) -> tuple[str, ...]:
@@ -128,9 +148,7 @@ def _promise(name: str, scored: Mapping[str, Score]) -> float:
     return scored[name].drop if name in scored else 0.0
 
 
-def _noise(
-    problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None, log_count: float
-) -> Noise:
+def _noise(problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None) -> Noise:
     """Return the noise that is left beside one of a few models: nothing more, the last best, the most telling effects.
 
     Noise found beside a model that lacks something takes that for noise; found beside one that has too much it makes
@@ -148,7 +166,7 @@ def _noise(
     costs = [
         float(np.sum(problem.white(fit.values, noise) ** 2))
         + noise.log_size
-        + (_penalty(name, log_count) if name else 0.0)
+        + (penalty(name, problem) if name else 0.0)
         for (name, _), fit, noise in zip(models, fits, noises, strict=True)
     ]
     return noises[int(np.argmin(costs))]
@@ -175,8 +193,9 @@ def _most_telling(screening: Screening, free: Sequence[str]) -> list[Score]:
     return [by_effect[name] for name in chosen]
 
 
-def _penalty(name: str, log_count: float) -> float:
-    return len(CATALOGUE[name].parameters) * log_count + rarity(name)
+def penalty(name: str, problem: Beliefs) -> float:
+    """Return what an effect must explain to be as likely as nothing more."""
+    return len(CATALOGUE[name].parameters) * math.log(max(problem.rows_of_data, 2)) + rarity(name)
 
 
 def _known(before: Judgement | None, named: Sequence[str]) -> dict[str, tuple[float, Mapping[str, float]]]:
@@ -186,23 +205,76 @@ def _known(before: Judgement | None, named: Sequence[str]) -> dict[str, tuple[fl
     return {one.name: (one.drop, one.values) for one in before.explanations if one.name and one.fitted}
 
 
+def _hopeful_fitted(
+    problem: Beliefs,
+    base: Fit,
+    hopes: Mapping[str, float],
+    penalties: Mapping[str, float],
+    scored: Mapping[str, Score],
+    known: Mapping[str, tuple[float, Mapping[str, float]]],
+) -> dict[str, Fit]:
+    """Return the best fit of each explanation, by name, whose evidence may by its score be near the best one's.
+
+    A score promises more than a fit keeps: what was only scored must not be near the best, let alone lead.
+    """
+    order = sorted(hopes, key=lambda name: -hopes[name])
+    enough = HOPEFUL * max(hopes.values(), default=0.0) - FITTED_BEHIND
+    fits: dict[str, Fit] = {}
+    while names := [name for name in order if name not in fits and hopes[name] > enough][:MOST_FITTED]:
+        new = _fitted(problem, base, names, scored, known)
+        fits |= new | _unstuck(problem, base, new)
+        enough = max(0.0, *(base.squares - fit.squares - penalties[name] for name, fit in fits.items())) - OPEN
+    return fits
+
+
 def _fitted(
     problem: Beliefs,
     base: Fit,
     names: Sequence[str],
     scored: Mapping[str, Score],
     known: Mapping[str, tuple[float, Mapping[str, float]]],
-    noise: Noise,
 ) -> dict[str, Fit]:
     """Return the best fit of each explanation, by name."""
     models = [(name, start) for name in names for start in _starts(name, base, scored, known)]
     own = {name: tuple(p.name for p in CATALOGUE[name].parameters) for name in names}
-    fits = problem.fits([(start, (*base.names, *own[name])) for name, start in models], noise)
+    fits = problem.fits([(start, (*base.names, *own[name])) for name, start in models], base.noise)
     result: dict[str, Fit] = {}
     for (name, _), fit in zip(models, fits, strict=True):
         if name not in result or fit.squares < result[name].squares:
             result[name] = fit
     return result
+
+
+def _unstuck(problem: Beliefs, base: Fit, fits: Mapping[str, Fit]) -> dict[str, Fit]:
+    """Return better fits of rough effects that explain most, by name, as other sizes lead to.
+
+    The sum of squares of what has a threshold is rough: a fit stays where it began, and a worse explanation may win.
+    """
+    leading = sorted((name for name in fits if _may_be_stuck(name)), key=lambda name: fits[name].squares)
+    leading = [name for name in leading if base.squares - fits[name].squares > WORTH_EXPLAINING][:MOST_UNSTUCK]
+    own = {name: tuple(p.name for p in CATALOGUE[name].parameters) for name in leading}
+    starts = [(name, _resized(name, fits[name].values, factor)) for name in leading for factor in OTHER_SIZES]
+    if not starts:
+        return {}
+    found = problem.fit_beside(base, [start for _, start in starts], [own[name] for name, _ in starts])
+    best: dict[str, tuple[float, dict[str, float]]] = {}
+    for (name, _), (values, squares) in zip(starts, found, strict=True):
+        if squares < min(fits[name].squares - BETTER_START, best.get(name, (math.inf, {}))[0]):
+            best[name] = squares, values
+    refits = problem.fits([(values, (*base.names, *own[name])) for name, (_, values) in best.items()], base.noise)
+    return {name: fit for name, fit in zip(best, refits, strict=True) if fit.squares < fits[name].squares}
+
+
+def _may_be_stuck(name: str) -> bool:
+    return is_rough(CATALOGUE[name]) and not locality(CATALOGUE[name])
+
+
+def _resized(name: str, values: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Return an effect's values with sizes times a factor, within their bounds."""
+    return {
+        p.name: float(np.clip(values[p.name] * (factor if p.switches else 1.0), p.lower, p.upper))
+        for p in CATALOGUE[name].parameters
+    }
 
 
 def _starts(

@@ -11,8 +11,9 @@ from cmr.recordings.signal import Floats
 
 PERIOD = 0.02  # s between two commands
 FINE, LONGEST_RAMP = 0.01, 0.2  # s: between two duties on a ramp, and of the last one
-SMALLEST, LARGEST = 0.067, 0.6  # duty: 0.8 and 7.2 V of 12 V
-OPENING = 0.25  # duty
+SMALLEST, LARGEST = 0.067, 0.9  # duty: below that friction holds, and above real motors no longer obey
+OPENING, FASTER = 0.25, 0.5  # duty
+REVERSAL = 0.24  # s
 LENGTHS = (1.0, 1.5, 2.0, 3.0)  # s
 HOLDS = (0.04, 0.08, 0.16)  # s for which a random telegraph holds
 FREQUENCIES = (0.3, 7.5)  # Hz of multisines
@@ -46,19 +47,18 @@ def ramped(time: Floats, duty: Floats, limits: Limits, begin: tuple[float, float
     """Return what a driver with these limits makes of commands at `time` [s], (n,), with `duty` (n, 2).
 
     It begins at the duties `begin`. Times are further apart than FINE; each is followed by what the driver sends until
-    the duty is reached.
+    the duty is reached. A command that repeats the duty that is reached is left out.
     """
-    times, duties, now = [], [], np.array(begin)
-    for number, (moment, wanted) in enumerate(zip(time, duty, strict=True)):
-        until = time[number + 1] if number + 1 < len(time) else moment + LONGEST_RAMP
-        while moment < until - 1e-6:
-            now = np.array([approach(a, b, FINE, limits) for a, b in zip(now, wanted, strict=True)])
+    times: list[float] = []
+    duties: list[tuple[float, float]] = []
+    now, last = begin, float(time[-1]) + LONGEST_RAMP
+    for moment, until, (left, right) in zip(time.tolist(), [*time[1:].tolist(), last], duty.tolist(), strict=True):
+        while moment < until - 1e-6 and not (times and now == (left, right)):
+            now = approach(now[0], left, FINE, limits), approach(now[1], right, FINE, limits)
             times.append(moment)
             duties.append(now)
-            if np.array_equal(now, wanted):
-                break
             moment += FINE
-    return np.array(times), np.array(duties).reshape(-1, 2)
+    return np.array(times), np.array(duties)
 
 
 def opening() -> list[Movement]:
@@ -66,6 +66,12 @@ def opening() -> list[Movement]:
     rest = Movement("rest", np.zeros((50, 2)))
     spins = Movement("spin both ways", _held((-OPENING, OPENING), (OPENING, -OPENING)))
     return [rest, spins, Movement("forth and back", _held((OPENING, OPENING), (-OPENING, -OPENING)))]
+
+
+def waiting() -> Movement:
+    """Return what is driven on the spot while the first choice is made: reversals, faster than the opening."""
+    left = np.tile(np.repeat((FASTER, -FASTER), _count(REVERSAL)), 2)
+    return Movement("reversals, on the spot", np.stack([left, -left], axis=1))
 
 
 def candidates(random: Random, count: int = CANDIDATES) -> list[Movement]:

@@ -43,7 +43,10 @@ def document(driving: Driving) -> dict[str, Any]:
     return {
         "schema": 1,
         "named": list(investigation.named),
-        "too_small_to_matter": [name for name in investigation.found if name not in investigation.named],
+        "too_small_to_matter": [
+            name for name in investigation.found if name not in (*investigation.named, *investigation.doubted)
+        ],
+        "doubted": list(investigation.doubted),
         "excluded": _excluded(driving),
         "out_of_reach": _out_of_reach(driving),
         "parameters": _parameters(driving),
@@ -124,8 +127,11 @@ def _out_of_reach(driving: Driving) -> dict[str, str]:
     return {name: OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=driving.drove) for name in hidden}
 
 
-def story_page(driving: Driving, robot_id: int) -> str:
-    """Return a page that tells what was suspected, what was tried for it, and how the odds moved."""
+def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:
+    """Return a page that tells what was suspected, what was tried for it, and how the odds moved.
+
+    `beyond` is what a diagnosis of the whole drive says, laws for what no name explains included.
+    """
     rows = [
         [
             f"{step.time:.1f}",
@@ -136,7 +142,8 @@ def story_page(driving: Driving, robot_id: int) -> str:
         for step in driving.investigation.story
     ]
     title = f"Investigation of robot {robot_id}"
-    found = section("What was found", *(paragraph(sentence) for sentence in sentences(driving)))
+    told = [*sentences(driving), *([f"The diagnosis of the whole drive: {beyond}"] if beyond else [])]
+    found = section("What was found", *(paragraph(sentence) for sentence in told))
     steps = table(("time [s]", "named", "left, with probability", "driven next"), rows, numbers=(0,))
     sizes = [[name, f"{one['value']:.4g}", f"{one['std']:.2g}"] for name, one in _parameters(driving).items()]
     fitted = section("Parameters", table(("parameter", "value", "deviation"), sizes, numbers=(1, 2)))

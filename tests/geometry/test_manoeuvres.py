@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cmr.geometry.manoeuvres import MANOEUVRES, TYPICAL, help_text, in_sequence
-from cmr.geometry.manoeuvres.pieces import FREQUENCIES, PERIOD
+from cmr.geometry.manoeuvres.pieces import FREQUENCIES, PERIOD, SIGNS
 from cmr.model.body import forward, turn
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
@@ -87,6 +87,7 @@ def test_only_steps_jump_and_they_take_a_twentieth_of_a_second(name: str) -> Non
     duties = MANOEUVRES[name].duties()
     steepest = max(np.abs(np.diff(side) / np.diff(duties.time)).max() for side in (duties.left, duties.right))
     fastest = {"steps": 36.0, "one_sided_steps": 32.0, "rich_drive": 36.0, "multisine": 20.0, "chirp": 16.0}  # duty/s
+    fastest["short_drive"] = 36.0
     assert steepest <= fastest.get(name, 6.0) * (1.0 + 1e-9)
 
 
@@ -237,6 +238,19 @@ def test_the_rich_drive_has_something_of_everything() -> None:
     assert np.any((left == 0.0) & (right > 0.7))
     assert np.any((right == 0.0) & (left < -0.7))
     assert np.ptp(motion.theta) > 2.0 * math.pi
+
+
+def test_the_short_drive_takes_a_minute_at_most_within_two_metres() -> None:
+    duties = MANOEUVRES["short_drive"].duties()
+    assert duties.duration <= 60.0
+    assert furthest(motion_of("short_drive")) < 0.86  # m: half of 2 m, less the margin of an investigation
+
+
+def test_a_telegraph_has_runs_of_each_length_as_often_as_a_sequence_of_maximum_length() -> None:
+    """Of 15 signs there are 8 runs: half of them of one sign, a quarter of two, one each of three and of four."""
+    changes = [index for index in range(len(SIGNS)) if SIGNS[index] != SIGNS[index - 1]]
+    runs = sorted((after - before) % len(SIGNS) for before, after in pairwise([*changes, changes[0]]))
+    assert runs == [1, 1, 1, 1, 2, 2, 3, 4]
 
 
 def test_a_sequence_drives_one_manoeuvre_after_the_other_from_rest_to_rest() -> None:

@@ -64,17 +64,7 @@ def messy(seed: int, plan: str, at_once: int = AT_ONCE, drive: int = 0) -> Messy
     """
     random = np.random.default_rng([seed, 19])
     robot = draw_robot(random)
-    names = random.choice(list(ORDINARY), at_once, replace=False)
-    grown = scales(robot)
-    hidden = {
-        str(name): float(
-            (random.choice((-1.0, 1.0)) if name in EITHER_SIGN else 1.0)
-            * ORDINARY[name]
-            * random.uniform(1.0 - SPREAD, 1.0 + SPREAD)
-            * grown[GROWS_WITH.get(name, "-")]
-        )
-        for name in names
-    }
+    hidden = imperfections(robot, random, at_once)
     nominal = ParameterFile(0, {name: Value(value) for name, value in draw_nominal(robot, random).items()})
     plant = {**robot, **hidden}
     luck = seed + 1_000_000 * drive
@@ -87,6 +77,20 @@ def messy(seed: int, plan: str, at_once: int = AT_ONCE, drive: int = 0) -> Messy
             commands = steered(pursuit(robot, PLANS[plan]), plant, seconds, REALISTIC, luck)
         recording = drives.drive(commands, plant, seconds, REALISTIC, luck, nominal=nominal).recording
     return Messy(robot, hidden, recording)
+
+
+def imperfections(robot: Mapping[str, float], random: np.random.Generator, at_once: int = AT_ONCE) -> dict[str, float]:
+    """Draw `at_once` imperfections of a robot, each within a quarter of an ordinary size."""
+    grown = scales(robot)
+    return {
+        str(name): float(
+            (random.choice((-1.0, 1.0)) if name in EITHER_SIGN else 1.0)
+            * ORDINARY[name]
+            * random.uniform(1.0 - SPREAD, 1.0 + SPREAD)
+            * grown[GROWS_WITH.get(name, "-")]
+        )
+        for name in random.choice(list(ORDINARY), at_once, replace=False)
+    }
 
 
 @contextmanager

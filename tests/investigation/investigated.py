@@ -24,6 +24,7 @@ from cmr.plant.running import PLACES, STEP, RunningRobot
 from cmr.plant.sensors import REALISTIC, Noise
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Signal
+from tests.hidden_effects.messy import imperfections
 from tests.hidden_effects.robots import draw_nominal, draw_robot
 from tests.hidden_effects.sizes import draw_sizes
 from tests.reference_plant.drives import NOMINAL_TICKS, utime
@@ -135,13 +136,17 @@ class DrivenRobot:
 
 @dataclass(frozen=True)
 class InvestigatedCase:
-    """What is hidden: `effects` of ordinary sizes times `size`, in the robot of this `seed`; how movements come."""
+    """What is hidden: `effects` of ordinary sizes times `size`, in the robot of this `seed`; how movements come.
+
+    A `messy` robot has six small effects, drawn by its seed, too.
+    """
 
     effects: tuple[str, ...] = ()
     seed: int = 0
     size: float = 1.0
     at_random: bool = False
     longest: float = 60.0
+    messy: bool = False
 
 
 @dataclass(frozen=True)
@@ -207,6 +212,8 @@ def _hidden(case: InvestigatedCase, fence: Geofence) -> tuple[DrivenRobot, Inves
     if "surface_patch" in case.effects:
         away, where = random.uniform(0.2, 0.6), random.uniform(-math.pi, math.pi)
         sizes |= {"surface_patch_x": away * math.cos(where), "surface_patch_y": away * math.sin(where)}
+    if case.messy:
+        sizes |= imperfections(robot, random)
     driven = DrivenRobot({**robot, **sizes}, seed=int(random.integers(2**31)))
     believed = ParameterFile(0, {name: Value(value) for name, value in nominal.items()})
     investigation = Investigation(

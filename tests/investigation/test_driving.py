@@ -9,7 +9,7 @@ from cmr.geometry.obstacles import Geofence
 from cmr.investigation.driving import INTERRUPTED, MOST_PAUSES, NEAR_THE_BORDER, AtOnce, Driving, Place, Planner
 from cmr.investigation.engine import NO_ROOM, Planned
 from cmr.investigation.floor import Floor
-from cmr.investigation.movements import PERIOD, Movement
+from cmr.investigation.movements import PERIOD, Movement, waiting
 from cmr.recordings.signal import Floats
 
 FLOOR = Floor(Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
@@ -60,7 +60,7 @@ def driven(driving: Driving, seconds: float, place: Place = MIDDLE, begin: int =
 
 
 def test_movements_follow_one_another_without_a_rest() -> None:
-    """After the opening and one rest, in which the first movement is planned, there is no gap between movements."""
+    """After the opening and reversals, in which the first movement is planned, there is no gap between movements."""
     driving = driving_of(Scripted(FORWARD))
     duties = driven(driving, 6.0)
     begin = int(np.flatnonzero(duties[:, 0] == 0.4)[0])
@@ -78,9 +78,9 @@ def test_the_next_movement_is_planned_while_one_is_driven() -> None:
 
 
 def test_a_robot_whose_planner_is_late_stands_still() -> None:
-    """Without a decision nothing is driven after the opening."""
+    """Without a decision nothing is driven after the opening and the reversals behind it."""
     driving = driving_of(Scripted(FORWARD), Never())
-    assert np.all(driven(driving, 10.0)[11:] == 0.0)
+    assert np.all(driven(driving, 10.0)[10 + len(waiting().duty) :] == 0.0)
     assert not driving.finished
 
 

@@ -4,13 +4,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmr.investigation.movements import LARGEST, LENGTHS, candidates, opening, ramped, towards
+from cmr.investigation.movements import LARGEST, LENGTHS, candidates, opening, ramped, towards, waiting
 from cmr.model.duty_ramp import Limits, approach
 
 
 @given(seed=st.integers(0, 2**32))
 def test_movements_are_short_and_within_their_duty(seed: int) -> None:
-    """No movement is longer than 3 s, nor drives harder than 7.2 of 12 V; the same seed draws the same ones."""
+    """No movement is longer than 3 s, nor drives harder than with 0.9; the same seed draws the same ones."""
     first, again = (candidates(np.random.default_rng(seed), 8) for _ in range(2))
     for movement, same in zip(first, again, strict=True):
         assert any(abs(movement.seconds - length) < 1e-9 for length in LENGTHS)
@@ -22,6 +22,14 @@ def test_the_opening_leads_back_to_where_it_began() -> None:
     """Each side's duties add up to nothing: what is driven forth is driven back."""
     assert np.allclose(sum(part.duty.sum(axis=0) for part in opening()), 0.0)
     assert sum(part.seconds for part in opening()) <= 3.0
+
+
+def test_reversals_while_the_first_choice_is_made_stay_on_the_spot() -> None:
+    """Both sides are driven against each other, for about a second, and each as long forth as back."""
+    duty = waiting().duty
+    assert abs(waiting().seconds - 1.0) < 0.05
+    assert np.array_equal(duty[:, 0], -duty[:, 1])
+    assert np.allclose(duty.sum(axis=0), 0.0)
 
 
 def test_movements_towards_the_middle_go_both_ways() -> None:

@@ -173,6 +173,18 @@ def test_a_reading_at_the_moment_of_a_command_is_the_same_whatever_rounding_make
     assert np.max(np.abs(readings[0] - readings[1])) < 1e-9
 
 
+def test_encoders_that_are_read_at_a_border_read_the_same_whatever_rounding_makes_of_that_moment() -> None:
+    """Some multiples of a step are by rounding later than the border where they lie, and so belong to the next step."""
+    what = observations()
+    wheel_time = np.asarray([np.nextafter(number * STEP, np.inf) for number in range(1, STEPS - 1)], np.float64)
+    given = replace(
+        what, wheel_time=wheel_time, wheel=what.wheel[: len(wheel_time)], wheel_use=what.wheel_use[: len(wheel_time)]
+    )
+    exact = replace(given, wheel_time=what.wheel_time[: len(wheel_time)])
+    late, on_time = (observe(one, ROBOT, FREE).wheel for one in (given, exact))
+    assert np.max(np.abs(late - on_time)) < 1e-9  # rad; at 15 rad/s, rounding is worth 1e-13
+
+
 @pytest.mark.parametrize("given", [np.empty((0, 2)), np.tile([3.0, 5.0], (STEPS, 1))], ids=["driven", "rolling"])
 def test_the_first_reading_of_a_robot_in_motion_is_its_yaw_rate(given: Floats) -> None:
     start = (0.0, 0.0, 0.0, 3.0, 5.0)

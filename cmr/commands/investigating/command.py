@@ -17,6 +17,7 @@ from cmr.commands.first_use import BEHAVIOURS, ESTIMATOR, PARTS, WORLD, compile_
 from cmr.commands.investigating.emulated import add_emulated, drive_emulated
 from cmr.commands.steering.steer import add_limits, geofence, margin, steer
 from cmr.diagnosis.job import Job, JobError, perform
+from cmr.diagnosis.result import Diagnosis
 from cmr.files import write_atomically
 from cmr.investigation.behaviour import CALIBRATION, DIAGNOSIS, Investigate
 from cmr.investigation.driving import AtOnce, Driving, InThread, Planner
@@ -122,9 +123,7 @@ def _write(driving: Driving, options: argparse.Namespace, *, is_whole: bool) -> 
     folder = options.out
     for sentence in sentences(driving):
         _say(sentence)
-    write_atomically(json.dumps(_finite(document(driving)), indent=1) + "\n", folder / STORY)
-    write_atomically(story_page(driving, options.robot), folder / PAGE)
-    _say(f"written: {folder / STORY}, {folder / PAGE}")
+    _write_story(driving, options, None)
     if options.calibrate:
         path = folder / f"robot_{options.robot}.yaml"
         calibrated(driving, options.robot).save(path)
@@ -135,10 +134,28 @@ def _write(driving: Driving, options: argparse.Namespace, *, is_whole: bool) -> 
     nominal = driving.investigation.nominal
     job = Job(logs=(folder / LOG,), robot_id=options.robot, folder=folder, nominal=nominal)
     try:
-        _diagnosis, files = perform(job, lambda _sentence: None)
+        diagnosis, files = perform(job, lambda _sentence: None)
     except JobError as error:
         raise CommandError(f"The drive was not diagnosed: {error}") from error
+    _say(f"The diagnosis of the whole drive: {diagnosis.sentence}")
+    _write_story(driving, options, diagnosis)
     _say(f"written: {', '.join(map(str, files))}")
+
+
+def _write_story(driving: Driving, options: argparse.Namespace, diagnosis: Diagnosis | None) -> None:
+    """Write the story, with what the diagnosis of the whole drive says beyond it once that is made."""
+    beyond = None if diagnosis is None else {
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "effects": [effect.name for effect in diagnosis.effects],
+        "laws": [found.law.name for found in diagnosis.laws.found],
+        "unexplained": diagnosis.unexplained.present,
+    }  # fmt: skip
+    story, page = options.out / STORY, options.out / PAGE
+    write_atomically(json.dumps(_finite({**document(driving), "diagnosis": beyond}), indent=1) + "\n", story)
+    write_atomically(story_page(driving, options.robot, diagnosis.sentence if diagnosis else ""), page)
+    if diagnosis is None:
+        _say(f"written: {story}, {page}")
 
 
 def _finite(value: object) -> object:

@@ -19,6 +19,7 @@ from cmr.geometry.manoeuvres.pieces import (
     multisine,
     ramp,
     rest,
+    telegraph,
     turn_on_the_spot,
 )
 
@@ -118,6 +119,40 @@ def rich_drive(turn_time: float) -> list[Piece]:
     ]
 
 
+def short_drive(turn_time: float) -> list[Piece]:
+    """Drive short movements, each forth and back, of all kinds and sizes; half of them turned by a quarter."""
+    quarter = turn_on_the_spot(0.25, 0.3, turn_time)
+    return [
+        rest(1.0),
+        *_turned_round(0.25, 0.25, 0.6),
+        *_turned_round(-0.25, 0.25, 0.6),
+        *telegraph(0.6, 0.6),
+        *telegraph(-0.5, 0.5),
+        *_turned_round(0.9, 0.9, 0.7),
+        *_turned_round(0.8, 0.4, 0.9),
+        *_turned_round(0.0, 0.6, 1.0),
+        rest(),
+        *_ramps(COMMON, 1, 1.0),
+        *quarter,
+        *_ramps(AGAINST, 1, 1.0),
+        *telegraph(0.7, 0.0),
+        *telegraph(0.0, 0.7),
+        *_turned_round(0.5, 0.5, 1.0),
+        *_turned_round(-0.7, 0.7, 0.8),
+        *_turned_round(0.4, 0.8, 0.9),
+        *_turned_round(0.6, 0.0, 1.0),
+        *_turned_round(0.3, 0.15, 1.5),
+        *_turned_round(0.9, 0.9, 0.7),
+        rest(2.0),
+    ]
+
+
+def _turned_round(left: float, right: float, seconds: float) -> list[Piece]:
+    """Return a run at these duties and, at once, the same backwards."""
+    there = hold(left, right, seconds, BRISK)
+    return [there, backwards(there)]
+
+
 def _straight_runs(*runs: tuple[float, float]) -> list[Piece]:
     """Return runs forth and back, each given by its duty and the seconds of one way."""
     return _flat(forth_and_back(duty, duty, seconds) for duty, seconds in runs)
@@ -127,10 +162,10 @@ def _spins(seconds: float) -> list[Piece]:
     return _flat(forth_and_back(-duty, duty, seconds) for duty in (0.2, 0.35, 0.5))
 
 
-def _ramps(sides: tuple[float, float], times: int) -> list[Piece]:
-    """Return ramps from zero up, through zero down, and back to zero."""
+def _ramps(sides: tuple[float, float], times: int, seconds: float = RAMP) -> list[Piece]:
+    """Return ramps from zero up, through zero down, and back to zero; each takes `seconds` from zero to its peak."""
     left, right = (RAMP_PEAK * side for side in sides)
-    return times * [ramp(left, right, RAMP), ramp(-left, -right, 2.0 * RAMP), ramp(0.0, 0.0, RAMP)]
+    return times * [ramp(left, right, seconds), ramp(-left, -right, 2.0 * seconds), ramp(0.0, 0.0, seconds)]
 
 
 def _circles(turn_time: float, *circles: tuple[float, float]) -> list[Piece]:

@@ -24,6 +24,24 @@ KNOTS = 200.0  # Hz, of a multisine and a chirp
 FREQUENCIES = np.array([0.2, 0.3, 0.6, 1.0, 1.6, 2.7, 4.5, 7.5])  # Hz
 PERIOD = 10.0  # s
 LOWEST, HIGHEST = 0.25, 4.0  # Hz, of a chirp
+SIGNS = (
+    1,
+    1,
+    1,
+    1,
+    -1,
+    1,
+    -1,
+    1,
+    1,
+    -1,
+    -1,
+    1,
+    -1,
+    -1,
+    -1,
+)  # x^4 + x + 1
+HELD = 0.12  # s for which a sign is held at least
 
 
 @dataclass(frozen=True)
@@ -101,6 +119,15 @@ def multisine(left: float, right: float) -> Piece:
     wave *= _soft_ends(time)
     wave /= np.abs(wave).max()
     return np.column_stack([time, left * wave, right * wave])
+
+
+def telegraph(left: float, right: float) -> list[Piece]:
+    """Return duties that change their sign at once, now sooner, now later, and the same backwards from the end on.
+
+    The signs are a sequence of maximum length: within it all frequencies up to that of HELD are as strong. `left` and
+    `right` are the duties, with sign.
+    """
+    return [hold(sign * left, sign * right, HELD, BRISK) for sign in (*SIGNS, *(-one for one in reversed(SIGNS)))]
 
 
 def chirp(left: float, right: float) -> Piece:

@@ -129,6 +129,14 @@ WHOLE = (
         gives=frozenset().union(*(manoeuvre.gives for manoeuvre in PARTS)) - LONG_REST,
         pieces=drives.rich_drive,
     ),
+    Manoeuvre(
+        name="short_drive",
+        what="short movements of all kinds, each forth and back",
+        good_for="finding most effects in a minute, where there is little room",
+        space=0.8,
+        gives=frozenset({"short_drive"}),
+        pieces=drives.short_drive,
+    ),
 )
 MANOEUVRES = {manoeuvre.name: manoeuvre for manoeuvre in (*PARTS, *WHOLE)}
 

@@ -184,7 +184,7 @@ def observe(
                     next_gyro += 1
                 while next_wheel < last_wheel and wheel_time[next_wheel] <= now:
                     time = began + wheel_time[next_wheel]
-                    share = 1.0 - (now - wheel_time[next_wheel]) / dt
+                    share = max(1.0 - (now - wheel_time[next_wheel]) / dt, 0.0)  # at the border before, by rounding
                     use_left, use_right = wheel_use[next_wheel, 0] > 0, wheel_use[next_wheel, 1] > 0
                     for i in range(filled):
                         half, bows = own[HALF + i], (own[BOW_BEFORE_LEFT + i], own[BOW_LEFT + i])

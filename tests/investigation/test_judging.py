@@ -1,0 +1,63 @@
+"""The judge, without a closed loop: who is near the best is fitted, and names that do not hold are taken back."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from cmr.investigation.evidence import Beliefs, beliefs_of
+from cmr.investigation.exchanging import evidence_beside, revision
+from cmr.investigation.judging import NOTHING, ahead_since, judge
+from cmr.investigation.movements import PERIOD, candidates, opening, waiting
+from cmr.parameters.file import ParameterFile, Value
+from tests.investigation.investigated import DrivenRobot
+
+pytestmark = pytest.mark.slow
+
+ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
+EXTENT = 1.0  # m
+MOVEMENTS = 3  # after the opening
+SURE = 13.8  # evidence: odds of 1000 : 1
+
+
+def beliefs(hidden: Mapping[str, float]) -> Beliefs:
+    """Return what was measured of a robot in which something is hidden, on an opening and a few drawn movements."""
+    robot = DrivenRobot({**ROBOT, **hidden}, seed=5)
+    robot.drive(0.0, 0.0, 0.4)
+    for movement in [*opening(), waiting(), *candidates(np.random.default_rng(2), MOVEMENTS)]:
+        for left, right in movement.duty:
+            robot.drive(float(left), float(right), PERIOD)
+    nominal = ParameterFile(0, {name: Value(value) for name, value in ROBOT.items()})
+    found = beliefs_of(robot.recording(), nominal, EXTENT)
+    assert found is not None
+    return found
+
+
+def test_no_explanation_that_was_only_scored_is_near_the_best() -> None:
+    """A dead band bends the errors so much that scores of others promise thousands which their fits do not keep."""
+    judgement = judge(beliefs({"deadband": 0.1}), (), ROBOT)
+    assert judgement.best.name == "deadband"
+    assert all(one.fitted for one in judgement.left)
+
+
+def test_a_name_that_another_one_explains_better_is_exchanged_for_it() -> None:
+    """A gyro's scale, taken for a skid: the skid leaves, and the scale comes."""
+    problem = beliefs({"gyro_scale": 0.03})
+    judgement = judge(problem, ("lateral_skid",), {**ROBOT, "lateral_skid": 0.0})
+    found = revision(judgement, evidence_beside(judgement))
+    assert found is not None
+    assert "lateral_skid" not in found.names
+    judgement = judge(problem, ("gyro_scale",), {**ROBOT, "gyro_scale": 0.0})
+    assert evidence_beside(judgement)["gyro_scale"] > SURE
+    assert revision(judgement, evidence_beside(judgement)) is None
+
+
+def test_what_was_found_holds_on_later_data_alone() -> None:
+    """After any moment, the errors speak for what is there and against nothing; at the very end no data are left."""
+    judgement = judge(beliefs({"battery_sag": 0.2}), (), ROBOT)
+    nothing = judgement.of(NOTHING)
+    assert nothing is not None
+    assert judgement.best.name == "battery_sag"
+    whole, later, none = (ahead_since(judgement, nothing, time) for time in (0.0, 5.0, 1e3))
+    assert whole > later > SURE
+    assert none == 0.0
