@@ -23,9 +23,9 @@ def sent() -> np.typing.NDArray[np.float64]:
 @pytest.mark.parametrize("delay", [0.0, 0.000009, 0.004, 0.01, 0.0239, 0.05])
 def test_commands_that_are_late_split_the_steps_that_the_diagnosis_splits(delay: float) -> None:
     duty = sent()
-    spans = in_force(robot(command_delay=delay), *duty.T, np.full(STEPS, STEP), 0)
+    spans = in_force(robot(command_delay=delay), duty[:, 0], duty[:, 1], np.full(STEPS, STEP), 0)
     ends = np.concatenate([[0], spans.ends])
-    profile = np.nan_to_num(commands.Commands(STEP * np.arange(STEPS), duty).profile(STEP, STEPS, delay))
+    profile = np.nan_to_num(commands.Commands(np.arange(STEPS) * np.float64(STEP), duty).profile(STEP, STEPS, delay))
     for step, (split, *first, left, right) in enumerate(profile.tolist()):
         rows = slice(ends[step], ends[step + 1])
         shares, sides = spans.dt[rows] / STEP, np.stack([spans.left[rows], spans.right[rows]], axis=1)
@@ -35,7 +35,8 @@ def test_commands_that_are_late_split_the_steps_that_the_diagnosis_splits(delay:
 
 def test_commands_that_are_late_by_chance_keep_their_order_in_time_and_their_sum_of_durations() -> None:
     dt = np.random.default_rng(6).choice([0.005, 0.01, 0.03], STEPS)
-    spans = in_force(robot(command_jitter=0.04, command_loss=0.2), *sent().T, dt, 3)
+    left, right = sent().T
+    spans = in_force(robot(command_jitter=0.04, command_loss=0.2), left, right, dt, 3)
     assert np.all(spans.dt > 0.0)
     np.testing.assert_allclose(np.cumsum(spans.dt)[spans.ends - 1], np.cumsum(dt), rtol=1e-12)
 
@@ -44,7 +45,7 @@ def test_a_robot_that_is_prompt_has_no_late_commands() -> None:
     parameters = robot(command_jitter=0.04, command_delay=0.1, slope_x=0.3)
     assert set(prompt(parameters).effects) == {"slope_x"}
     duty = sent()
-    spans = in_force(prompt(parameters), *duty.T, np.full(STEPS, STEP), 0)
+    spans = in_force(prompt(parameters), duty[:, 0], duty[:, 1], np.full(STEPS, STEP), 0)
     np.testing.assert_array_equal(np.stack([spans.left, spans.right], axis=1), duty)
 
 
