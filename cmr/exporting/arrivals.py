@@ -1,7 +1,8 @@
 """Commands as they take effect: a step in which one comes is split there, as calibration and diagnosis split it."""
 
 from itertools import pairwise
-from typing import NamedTuple
+from math import inf
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,14 @@ class Spans(NamedTuple):
     ends: np.typing.NDArray[np.int64]
 
 
+class Packet(NamedTuple):
+    """A command on its way: duties, and when it arrives [s]."""
+
+    left: float
+    right: float
+    arrival: float
+
+
 def in_force(parameters: RobotParameters, left: Floats, right: Floats, dt: Floats, seed: int) -> Spans:
     """Return the duties by which a robot at rest drives that is sent `left` and `right` for `dt` [s] each, (n,).
 
@@ -34,23 +43,33 @@ def in_force(parameters: RobotParameters, left: Floats, right: Floats, dt: Float
     sent = tuple(np.repeat(column, parts) for column in (left, right, dt / np.maximum(parts, 1)))
     if not effects:
         return Spans(left, right, dt, np.arange(1, len(dt) + 1))
-    packets, time, spans = [(0.0, 0.0, -np.inf)], 0.0, []
-    ends = [0]
+    packet = evaluated(effects, "packet")
+    packets, time, ends = [Packet(0.0, 0.0, -inf)], 0.0, [0]
+    spans: list[tuple[float, float, float]] = []
     for count, (one_left, one_right, step) in enumerate(zip(*(column.tolist() for column in sent), strict=True)):
-        drawn = {"random_number": random_number, "seed": seed, "count": count, "robot": 0, "delay": 0.0, "lost": False}
-        found = evaluated(effects, "packet")({**parameters.values, **drawn})
-        packets.append(packets[-1] if found["lost"] else (one_left, one_right, time + float(found["delay"])))
-        places = np.array([_place(arrival - time, step) for _, _, arrival in packets])
-        begins = np.array([0.0, *np.unique(places[(places > 0.0) & (places < 1.0)])])
-        newest = [int(np.flatnonzero(places <= begin)[-1]) for begin in begins]  # older ones that come change nothing
-        changes = np.diff(newest, prepend=-1) != 0
-        for number, (begin, end) in zip(np.array(newest)[changes], pairwise([*begins[changes], 1.0]), strict=True):
-            spans.append((*packets[number][:2], (end - begin) * step))
-        del packets[: int(np.flatnonzero(places <= 0.0)[-1])]
+        drawn = {"random_number": random_number, "seed": seed, "count": count, "robot": 0}
+        variables: dict[str, Any] = {**parameters.values, **drawn, "delay": 0.0, "lost": False}
+        found = packet(variables)
+        packets.append(packets[-1] if found["lost"] else Packet(one_left, one_right, time + float(found["delay"])))
+        spans += _within(packets, time, step)
         time += step
         ends.append(len(spans))
-    columns = np.array(spans).T
-    return Spans(columns[0], columns[1], columns[2], np.array(ends)[np.cumsum(parts)])
+    left, right, dt = np.array(spans).T
+    return Spans(left, right, dt, np.array(ends)[np.cumsum(parts)])
+
+
+def _within(packets: list[Packet], time: float, dt: float) -> list[tuple[float, float, float]]:
+    """Return the spans of a step from `time` on: duties, and how long. Packets that are superseded are removed."""
+    places = np.array([_place(one.arrival - time, dt) for one in packets])
+    begins = np.array([0.0, *np.unique(places[(places > 0.0) & (places < 1.0)])])
+    newest = np.array([np.flatnonzero(places <= begin)[-1] for begin in begins])  # older ones that come change nothing
+    changes = np.diff(newest, prepend=-1) != 0
+    spans = [
+        (packets[number].left, packets[number].right, (end - begin) * dt)
+        for number, (begin, end) in zip(newest[changes].tolist(), pairwise([*begins[changes], 1.0]), strict=True)
+    ]
+    del packets[: newest[0]]
+    return spans
 
 
 def _place(later: float, dt: float) -> float:

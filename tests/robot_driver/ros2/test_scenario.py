@@ -44,7 +44,8 @@ def test_a_robot_that_speaks_ros2_drives_in_a_scenario(tmp_path: Path) -> None:
     (tmp_path / "lab.yaml").write_text(SCENARIO.format(domain=world.domain))
     try:
         world.start("robot_driver.ros2.emulated", "--namespace", "/turtle", "--ideal")
-        command = [Path(ros2_python()).parent / "cmr-run", tmp_path / "lab.yaml", "--out", tmp_path / "out"]
+        run = Path(ros2_python()).parent / "cmr-run"
+        command = [str(one) for one in (run, tmp_path / "lab.yaml", "--out", tmp_path / "out")]
         said = subprocess.run(
             command,
             env=world.environment,
