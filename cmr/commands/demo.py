@@ -141,7 +141,9 @@ def _add_lead(options: argparse.ArgumentParser) -> None:
         help="lead a virtual robot by hand, with the keys of this terminal or a joystick on the page that opens, while "
         "two emulated real robots follow it",
     )
-    options.add_argument("--seconds", type=float, default=None, metavar="S", help="with --lead: end after this time [s]")
+    options.add_argument(
+        "--seconds", type=float, default=None, metavar="S", help="with --lead: end after this time [s]"
+    )
     options.add_argument(
         "--script", default="", metavar="STEPS", help="with --lead: as of cmr-teleop, without a person"
     )

@@ -123,7 +123,9 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument("steps", nargs="*", metavar="STEP", help=f"one of {', '.join(STEPS)}")
     add_robot(result)
     result.add_argument("--ports", nargs="+", metavar="DEVICE", help="only these serial ports; else all there are")
-    result.add_argument("--page", action="store_true", help="ask on the page of cmr-view, which starts bring-up with this option")
+    result.add_argument(
+        "--page", action="store_true", help="ask on the page of cmr-view, which starts bring-up with this option"
+    )
     result.add_argument(
         "--folder",
         type=Path,

@@ -49,8 +49,8 @@ NO_ROS = (
 )
 
 DESCRIPTION = """Let robots that speak ROS 2 take part as real robots: VELOCITY_COMMAND_N in, MOTOR_FEEDBACK_N,
-GYRO_N and POSE_N out. Also publish robots of the world in ROS 2 (odometry, tf, joints, scans); virtual ones are driven by
-cmd_vel.
+GYRO_N and POSE_N out. Also publish robots of the world in ROS 2 (odometry, tf, joints, scans); virtual ones are driven
+by cmd_vel.
 
 A profile says which topic is what. The robot is sent zero when no command has come for 0.5 s, when ESTOP is engaged,
 and when this process ends. If this process is killed or cut off, the robot's own timeout has to stop it: a robot
@@ -247,7 +247,9 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--virtual", type=_ids, default=[], metavar="N,N,...", help="publish these robots, and drive them by cmd_vel"
     )
-    options.add_argument("--show", type=_ids, default=[], metavar="N,N,...", help="publish these robots, without cmd_vel")
+    options.add_argument(
+        "--show", type=_ids, default=[], metavar="N,N,...", help="publish these robots, without cmd_vel"
+    )
     options.add_argument(
         "--stamped", action="store_true", help="cmd_vel of virtual robots is a TwistStamped, not a Twist"
     )
@@ -255,7 +257,11 @@ def command_parser() -> argparse.ArgumentParser:
         "--parameters", type=Path, default=Path(), metavar="DIR", help="folder of robot_N.yaml of robots that are shown"
     )
     options.add_argument(
-        "--parameters-of", type=int, default=0, metavar="N", help="robot whose parameters are used for those without a file"
+        "--parameters-of",
+        type=int,
+        default=0,
+        metavar="N",
+        help="robot whose parameters are used for those without a file",
     )
     options.add_argument(
         "--clock", action="store_true", help="publish /clock by the time of WORLD_STATE, for a log that is replayed"
@@ -268,10 +274,15 @@ def _add_network(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--probe", type=Path, metavar="FILE", help="list the topics there are, write a profile, and end"
     )
-    options.add_argument("--namespace", metavar="/NAME", help="with --probe: namespace of the robot's topics (default: all)")
+    options.add_argument(
+        "--namespace", metavar="/NAME", help="with --probe: namespace of the robot's topics (default: all)"
+    )
     options.add_argument("--domain-id", type=_domain, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0)")
     options.add_argument(
-        "--range", choices=RANGES, default=RANGES[0], help="how far ROS 2 looks for other nodes (default: this computer)"
+        "--range",
+        choices=RANGES,
+        default=RANGES[0],
+        help="how far ROS 2 looks for other nodes (default: this computer)",
     )
     options.add_argument("--state", type=Path, metavar="DIR", help="folder in which emergency stops are kept")
 

@@ -177,9 +177,15 @@ def command_parser() -> argparse.ArgumentParser:
         help=f"corners [m; world frame] of the polygon that the robot must not leave (default: {FLOOR})",
     )
     options.add_argument(
-        "--margin", type=margin, default=MARGIN, metavar="M", help=f"distance to keep from its border (default: {MARGIN:g} m)"
+        "--margin",
+        type=margin,
+        default=MARGIN,
+        metavar="M",
+        help=f"distance to keep from its border (default: {MARGIN:g} m)",
     )
-    options.add_argument("--longest", type=float, default=LONGEST, metavar="S", help="end after this time of driving [s] (default: 60)")
+    options.add_argument(
+        "--longest", type=float, default=LONGEST, metavar="S", help="end after this time of driving [s] (default: 60)"
+    )
     options.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed draws the same movements")
     options.add_argument("--parameters", type=Path, metavar="FILE", help="parameter file; otherwise robot_N.yaml")
     options.add_argument(

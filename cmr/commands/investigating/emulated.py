@@ -20,9 +20,16 @@ def add_emulated(options: argparse.ArgumentParser) -> None:
     """Add the options of an emulated robot."""
     options.add_argument("--emulated", action="store_true", help="investigate an emulated robot in simulated time")
     options.add_argument("--settings", type=Path, metavar="FILE", help="with --emulated: as for cmr-emulate")
-    options.add_argument("--ideal", action="store_true", help="with --emulated: a robot that is exactly as the model says")
     options.add_argument(
-        "--hide", nargs="+", default=[], choices=sorted(TYPICAL), metavar="EFFECT", help="with --emulated: effects that the robot has, at their usual size"
+        "--ideal", action="store_true", help="with --emulated: a robot that is exactly as the model says"
+    )
+    options.add_argument(
+        "--hide",
+        nargs="+",
+        default=[],
+        choices=sorted(TYPICAL),
+        metavar="EFFECT",
+        help="with --emulated: effects that the robot has, at their usual size",
     )
 
 

@@ -140,7 +140,9 @@ def add_fence(options: argparse.ArgumentParser) -> None:
         metavar="X1,Y1,X2,Y2,...",
         help="corners [m; world frame] of the polygon that the robot must not leave; needs poses (POSE_N)",
     )
-    options.add_argument("--margin", type=margin, default=MARGIN, metavar="M", help="distance to keep from its border, in m")
+    options.add_argument(
+        "--margin", type=margin, default=MARGIN, metavar="M", help="distance to keep from its border, in m"
+    )
 
 
 def add_limits(options: argparse.ArgumentParser) -> None:
