@@ -19,6 +19,7 @@ GO_TO = "go to"  # the label of the box into which a visitor types a time
 TITLE = "CMR: real and virtual robots"
 PANEL = "388px"  # the width that viser gives to a large fixed panel
 NARROW = "35em"  # of the window, below which viser puts the panel at the bottom
+PANEL_SHARE = 0.36  # of the height of a window, which the panel at the bottom covers
 LEGEND = (
     (YELLOW, "real robot"),
     (BLUE, "virtual robot"),
@@ -54,7 +55,7 @@ STYLE = f"""
 .cmr-dropping::after {{ pointer-events: none; background: #1f4fd833; border: 4px dashed #1f4fd8; }}
 .cmr-dropping::after {{ font: 24px sans-serif; padding: 2em; }}
 @media (max-width: {NARROW}) {{
-  .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: 36% !important; }}
+  .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: {PANEL_SHARE:.0%} !important; }}
   .mantine-Paper-root[style*="position: fixed"] [style*="width: 20em"] {{ width: 100% !important; }}
   .cmr-time {{ top: 0; bottom: auto; right: 0; }}
   .cmr-legend {{ top: 30px; bottom: auto; right: 4px; left: auto; font-size: 11px; }}
