@@ -48,7 +48,7 @@ STYLE = f"""
 .cmr-time b {{ left: 0; background: #1f4fd855; border-right: 2px solid #1f4fd8; }}
 .cmr-time u {{ width: 6px; margin-left: -3px; pointer-events: auto; border-left: 2px solid #222; }}
 .cmr-time span {{ position: absolute; right: 8px; top: 4px; pointer-events: none; }}
-[data-dock-tab] {{ padding-left: 7px !important; padding-right: 7px !important; }}
+[data-dock-tab] {{ padding-left: 5px !important; padding-right: 5px !important; }}
 .cmr-note {{ position: fixed; top: 40%; left: 50%; transform: translate(-50%); max-width: 30em; z-index: 1000; }}
 .cmr-note {{ font: 14px/1.4 sans-serif; color: #fff; background: #c92a2a; border-radius: 4px; padding: 8px 12px; }}
 .cmr-dropping::after {{ content: 'Drop the log to open it'; position: fixed; inset: 0; z-index: 9; }}
