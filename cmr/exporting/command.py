@@ -82,7 +82,10 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--out", type=Path, metavar="FILE", help="file to write (default: robot_N and the target's ending)"
     )
-    of_description = "as the robot description has it, for ros2_control, sdf and urdf (default: that of the robot's own controller) [m]"
+    of_description = (
+        "as the robot description has it, for ros2_control, sdf and urdf "
+        "(default: that of the robot's own controller) [m]"
+    )
     result.add_argument("--wheel-separation", type=_length, metavar="M", help=f"wheel separation {of_description}")
     result.add_argument("--wheel-radius", type=_length, metavar="M", help=f"wheel radius {of_description}")
     result.add_argument(

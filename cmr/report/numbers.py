@@ -61,7 +61,7 @@ def unit_text(unit: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a text for a page: exponents, as in rad/s^2, are raised, and minus and plus-minus are signs of their own."""
+    """Return a text for a page: exponents, as in rad/s^2, are raised; minus and plus-minus are their own signs."""
     text = re.sub(r"\^(-?\d+)", lambda match: match[1].translate(SUPERSCRIPTS), text).replace("+-", "\u00b1")
     return re.sub(r"(?<!\S)-(?=[\d ])|(?<=\()-(?=\d)", "\u2212", text)
 

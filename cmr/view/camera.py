@@ -4,6 +4,7 @@ import numpy as np
 import viser
 
 from cmr.view.data.robots import Floats, Robots
+from cmr.view.look import PANEL_SHARE
 
 FREE, TOP, FOLLOW = "free", "from above", "follow the robot"
 LEAST_EXTENT = 3.0  # m that are in the picture at least
@@ -11,6 +12,7 @@ MARGIN = 2.0  # m around the outermost robots, half on each side
 EDGE = 0.8  # m that a robot may get beyond the outermost ones before a camera above is put again
 TILT = 1e-3  # of its height by which a camera above stands south, so that north is up
 USUAL = 0.75  # rad, field of view of a browser that has not reported its own yet
+PHONE = 0.7  # width over height of a window, below which it is taken for that of a phone
 CLOSE = (-1.2, -1.2, 1.2)  # m from a robot that is followed
 TOUCHED = 0.01  # of its height by which a camera above is elsewhere once the visitor has moved it
 
@@ -20,11 +22,16 @@ Point = tuple[float, float, float]
 
 
 def overview(robots: Robots, field_of_view: float = USUAL, aspect: float = 1.0) -> tuple[Point, Point]:
-    """Return where a camera above stands that has all robots in its picture, and where it looks [m]."""
+    """Return where a camera above stands that has all robots in its picture, and where it looks [m].
+
+    On a phone they are above the panel.
+    """
+    covered = PANEL_SHARE if aspect < PHONE else 0.0
     low, high = rectangle(robots)
     x, y = ((low + high) / 2).tolist()
     width, depth = (high - low + MARGIN).tolist()
-    extent = max(width / max(aspect, 0.1), depth, LEAST_EXTENT)
+    extent = max(width / max(aspect, 0.1), max(depth, LEAST_EXTENT) / (1.0 - covered))
+    y -= covered / 2 * extent
     height = extent / 2 / float(np.tan(field_of_view / 2))
     return (x, y - TILT * height, height), (x, y, 0.0)
 

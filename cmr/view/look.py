@@ -19,6 +19,7 @@ GO_TO = "go to"  # the label of the box into which a visitor types a time
 TITLE = "CMR: real and virtual robots"
 PANEL = "388px"  # the width that viser gives to a large fixed panel
 NARROW = "35em"  # of the window, below which viser puts the panel at the bottom
+PANEL_SHARE = 0.36  # of the height of a window, which the panel at the bottom covers
 LEGEND = (
     (YELLOW, "real robot"),
     (BLUE, "virtual robot"),
@@ -47,14 +48,14 @@ STYLE = f"""
 .cmr-time b {{ left: 0; background: #1f4fd855; border-right: 2px solid #1f4fd8; }}
 .cmr-time u {{ width: 6px; margin-left: -3px; pointer-events: auto; border-left: 2px solid #222; }}
 .cmr-time span {{ position: absolute; right: 8px; top: 4px; pointer-events: none; }}
-[data-dock-tab] {{ padding-left: 7px !important; padding-right: 7px !important; }}
+[data-dock-tab] {{ padding-left: 5px !important; padding-right: 5px !important; }}
 .cmr-note {{ position: fixed; top: 40%; left: 50%; transform: translate(-50%); max-width: 30em; z-index: 1000; }}
 .cmr-note {{ font: 14px/1.4 sans-serif; color: #fff; background: #c92a2a; border-radius: 4px; padding: 8px 12px; }}
 .cmr-dropping::after {{ content: 'Drop the log to open it'; position: fixed; inset: 0; z-index: 9; }}
 .cmr-dropping::after {{ pointer-events: none; background: #1f4fd833; border: 4px dashed #1f4fd8; }}
 .cmr-dropping::after {{ font: 24px sans-serif; padding: 2em; }}
 @media (max-width: {NARROW}) {{
-  .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: 36% !important; }}
+  .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: {PANEL_SHARE:.0%} !important; }}
   .mantine-Paper-root[style*="position: fixed"] [style*="width: 20em"] {{ width: 100% !important; }}
   .cmr-time {{ top: 0; bottom: auto; right: 0; }}
   .cmr-legend {{ top: 30px; bottom: auto; right: 4px; left: auto; font-size: 11px; }}

@@ -49,8 +49,8 @@ NO_ROS = (
 )
 
 DESCRIPTION = """Let robots that speak ROS 2 take part as real robots: VELOCITY_COMMAND_N in, MOTOR_FEEDBACK_N,
-GYRO_N and POSE_N out. Also publish robots of the world in ROS 2 (odometry, tf, joints, scans); virtual ones are driven by
-cmd_vel.
+GYRO_N and POSE_N out. Also publish robots of the world in ROS 2 (odometry, tf, joints, scans); virtual ones are driven
+by cmd_vel.
 
 A profile says which topic is what. The robot is sent zero when no command has come for 0.5 s, when ESTOP is engaged,
 and when this process ends. If this process is killed or cut off, the robot's own timeout has to stop it: a robot

@@ -120,7 +120,7 @@ def test_the_page_of_a_thousand_robots_can_be_mailed() -> None:
 
 
 def test_texts_on_a_page_have_raised_exponents_and_signs_of_their_own() -> None:
-    text = "w = w_wheels (1 - 0.24 s^2/m^2 v^2), -0.24 +- 0.01 s^-1 in run-01 of 2026-11-27"
+    text = "w = w_wheels (1 - 0.2 s^2/m^2 v^2), -0.2 +- 0.1 s^-1 in run-1 of 2026-11-27"
     assert typeset(text) == (
-        "w = w_wheels (1 \u2212 0.24 s\u00b2/m\u00b2 v\u00b2), \u22120.24 \u00b1 0.01 s\u207b\u00b9 in run-01 of 2026-11-27"
+        "w = w_wheels (1 \u2212 0.2 s\u00b2/m\u00b2 v\u00b2), \u22120.2 \u00b1 0.1 s\u207b\u00b9 in run-1 of 2026-11-27"
     )

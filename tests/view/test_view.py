@@ -32,7 +32,7 @@ from cmr.view.data.log_index import Mark
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL
 from cmr.view.data.state import ViewState
 from cmr.view.drawing import bar, paths_drawing
-from cmr.view.look import legend, page_look, time_bar
+from cmr.view.look import PANEL_SHARE, legend, page_look, time_bar
 from cmr.view.picture import BLUE, GREY, YELLOW, Bodies, picture_of, rays, trails
 from cmr.view.showing import crowd
 from cmr.view.stage import MANY, Instances
@@ -169,6 +169,15 @@ def test_a_camera_above_has_all_robots_in_its_picture() -> None:
     assert (x, target) == (10.0, (10.0, 3.0, 0.0))
     assert height > 50.0
     assert overview(ViewState().present())[0][2] > 0.0, "also where nobody is"
+
+
+def test_on_a_phone_no_robot_is_behind_the_panel() -> None:
+    robots = showing(world(NOW, [(1, VIRTUAL, 0.0, -2.0, 0.0), (2, VIRTUAL, 1.0, 4.0, 0.0)])).present()
+    (x, _, height), (_, y, _) = overview(robots, field_of_view=np.pi / 2, aspect=390 / 844)
+    # With this field of view the picture's upper and lower ends are as far away as the camera is high.
+    assert y + height > 4.0
+    assert y - height + 2.0 * height * PANEL_SHARE < -2.0
+    assert abs(x - 0.5) + 0.5 < height * 390 / 844
 
 
 class FakeCamera:

@@ -230,8 +230,8 @@ def _answer(offer: Offer) -> str:
 
 def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
     reasons = [
-        f"It lowers -2 log likelihood by {offer.gain:.0f} on the fitted data, and by {offer.held_out:.0f} on data that it "
-        "was not fitted to."
+        f"It lowers -2 log likelihood by {offer.gain:.0f} on the fitted data, and by {offer.held_out:.0f} on data that "
+        "it was not fitted to."
     ]
     if not held_out:
         reasons.append(LAST_THIRD)
