@@ -21,7 +21,7 @@ from cmr.report.table import table
 SIZE = {"width": 390.0, "height": 275.0}
 ANSWERS = {
     "law": "A law: no further formula would explain anything beside it.",
-    "approximation": "An approximation of something unknown: it improves the model and leaves structure in the residuals.",
+    "approximation": "An approximation of something unknown: it helps, and leaves structure in the residuals.",
     "tie": "A tie: the formulas below, or the effects named, explain these data equally well.",
 }
 KEEP = (
