@@ -164,7 +164,7 @@ def _lost_readings(problem: Problem, before: Fit, candidate: CandidateEffect) ->
     if fit is None or not effect.is_sensor or not problem.by_moments:
         return 0.0
     own = {name for stage in effect.equations for name in READINGS.get(stage.partition("_")[0], SIGNALS)}
-    rows = problem.rows_of(own)
+    rows = np.flatnonzero(problem.rows_of(own))  # by number: errors that are of no sensor, of priors, come after all
     return float(np.sum(fit.rest[rows] ** 2) - np.sum(before.rest[rows] ** 2)) if own < {*SIGNALS} else 0.0
 
 
