@@ -93,7 +93,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if rivalry is Rivalry.BETTER and leaves_nothing(law):
         return _alone(alone, law, found, other, held_out)
     both = beside.offer(promising)
-    if isinstance(both, Offer):
+    if isinstance(both, Offer) and rivalry is not Rivalry.WORSE:
         rivalry = against_both(alone.data, law, both)
     if rivalry is Rivalry.BETTER:
         return _alone(alone, law, found, other, held_out)
