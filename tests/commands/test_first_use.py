@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import threading
+import time
 from importlib import import_module
 from pathlib import Path
 
@@ -175,7 +176,7 @@ def test_a_simulator_is_starting_until_a_robot_can_move(monkeypatch: pytest.Monk
     assert loader.is_starting
     gate.set()
     while not loader.ready(parameters):
-        pass
+        time.sleep(0.01)  # without it, this thread would take most of the time that the loading one needs
     assert not loader.is_starting
 
 

@@ -99,6 +99,7 @@ def test_a_law_leaves_the_traces_of_the_effect_that_does_the_same(effect: str) -
         assert np.linalg.norm(off) <= 0.1 * np.linalg.norm(real), signal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_alone_gives_no_law(seed: int) -> None:
     about = simulated(None, 0.0, seed)
@@ -107,6 +108,7 @@ def test_noise_alone_gives_no_law(seed: int) -> None:
     assert inflation_of(scores) < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", list(HIDDEN))
 def test_a_hidden_law_comes_first_and_is_fitted_as_it_is(hidden: str) -> None:
     law, size = HIDDEN[hidden]

@@ -3,11 +3,15 @@
 import ast
 import sys
 
+import pytest
+
 from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
 from documentation.imports import GENERATED, TYPING, imported_by, modules
 from shipping.contents import LIBRARIES, WITHOUT, files_there, modules_there
+
+pytestmark = pytest.mark.slow
 
 OURS = {"cmr", "robot_driver"}
 

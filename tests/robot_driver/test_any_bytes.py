@@ -15,6 +15,8 @@ from robot_driver.gyros.kvh_messages import Answer, Stream
 from tests.robot_driver.any_bytes import CHECKS
 from tests.robot_driver.golden_vectors import DSP3000_LINE
 
+pytestmark = pytest.mark.slow
+
 T = TypeVar("T")
 
 ROBOTEQ_TELLS_ZERO = b"\3\1\0\0\0\0\0\1\1"  # for a duty that is not zero
