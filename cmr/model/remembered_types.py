@@ -1,4 +1,4 @@
-"""What Numba finds out again and again while it compiles, found out once: a third of the time it takes.
+"""What Numba finds out again and again while it compiles, found out once: up to a third of the time it takes.
 
 For each sum and product in a function Numba tries a dozen kinds of operands, in several rounds, although the types of
 the operands alone decide. A function that is inlined is analysed and copied at each place. `remembered` keeps those
