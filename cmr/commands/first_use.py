@@ -205,8 +205,8 @@ def _load_estimator() -> None:
 PARTS = {
     OBSERVER: Part("the observer", 9, _load_observer),
     ESTIMATOR: Part("the estimator", 7, _load_estimator, (MODEL, OBSERVER)),
+    MODEL: Part("the robot model", 7, _load_model),
     WORLD: Part("the world", 7, _load_world),
-    MODEL: Part("the robot model", 6, _load_model),
     BEHAVIOURS: Part("behaviours", 5, _load_behaviours),
     EMULATOR: Part("the emulated robot", 5, _load_emulator),
 }

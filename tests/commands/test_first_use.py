@@ -90,7 +90,7 @@ def test_each_part_is_compiled_once_and_announced(compiled: list[str]) -> None:
 @pytest.mark.usefixtures("compiled")
 def test_doctor_says_what_is_not_compiled_yet() -> None:
     assert (
-        "the observer, the estimator, the world, the robot model, behaviours and the emulated robot"
+        "the observer, the estimator, the robot model, the world, behaviours and the emulated robot"
         in doctor.compiled_model().sentence
     )
     compile_first([MODEL, WORLD, BEHAVIOURS, EMULATOR])
