@@ -14,7 +14,7 @@ from cmr.model.observer.observer import Observer
 from tests.investigation.investigated import DrivenRobot
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
-SETS = ({}, {"motor_gain_asymmetry": 0.03}, {"gyro_bias": 0.01}, {"gyro_scale": 0.02})
+SETS: tuple[dict[str, float], ...] = ({}, {"motor_gain_asymmetry": 0.03}, {"gyro_bias": 0.01}, {"gyro_scale": 0.02})
 GAINS = gains_at(USUAL_ANGLE, USUAL_POSE, 0.01)
 
 

@@ -132,7 +132,7 @@ WHOLE = (
     Manoeuvre(
         name="short_drive",
         what="short movements of all kinds, each forth and back",
-        good_for="finding most effects in a minute, where there is little room",
+        good_for="finding most effects in a minute, on a small floor",
         space=0.8,
         gives=frozenset({"short_drive"}),
         pieces=drives.short_drive,
