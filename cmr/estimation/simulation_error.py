@@ -116,7 +116,7 @@ class SimulationErrorProblem(Problem):
         doubts = _left_in_doubt(self, fit, fit, FREE_RUN_INFLATION)
         body, beside = self.by_moments_of(fit)
         names = [name for name in beside.names if name not in MOTOR]
-        if names and "forward" in body.batch.signals and not set(names) & set(AS_THE_RADIUS):
+        if names and "forward" in body.batch.signals and not set(names) & {"wheel_radius", *AS_THE_RADIUS}:
             names = ["wheel_radius", *names]  # no effect stands for it beside measured wheels
         if names:
             of_body = _left_in_doubt(body, body.fit(beside.values, names, beside.noise), fit, 1.0)

@@ -25,7 +25,7 @@ from cmr.estimation.laws.rivals import (
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import LEFT, PROMISING, Offer, Refused
+from cmr.estimation.laws.searching import LEFT, PROMISING, SEEN, Offer, Refused
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search
@@ -41,6 +41,8 @@ LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a
 LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
+UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
+SURE = 3.0  # standard deviations from 0 that a coefficient of each law must have
 LAST_THIRD = (
     "The law was tried on the last third of the drive, which is weak evidence: a held-out drive of another kind would "
     "say more."
@@ -52,7 +54,12 @@ MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, 
 # Score to first order that a law must have where the diagnosis sees no structure in what is left: fitting it takes
 # seconds.
 UNSEEN = 3.0
+# Share of what the effects explain that a law alone must explain, to first order, to be fitted in their place.
+WORTH = 0.3
 DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
+# And that a law of a sensor must add, which no free run shows. Its variables are of the model, which has followed the
+# readings with their noise: over a few centimetres, robots without any law added up to 20.
+OF_A_SENSOR = 50.0
 INEXACT = 0.008  # share of a coefficient by which the model is inexact; as of effects
 UNKNOWN = Gain(ratio=math.nan, interval=(math.nan, math.nan), signals={})
 
@@ -86,6 +93,8 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best >= promising):
         return _answered(beside, beside.offer(promising), found, held_out)
     alone = without_names(problem, found, other)
+    if alone.best < WORTH * sum(max(one.drop, 0.0) for one in effects):
+        return _answered(beside, beside.offer(promising), found, held_out)
     law = alone.offer(promising)
     if isinstance(law, Refused) or beside.before is None:
         return _answered(beside, beside.offer(promising), found, held_out)
@@ -173,14 +182,16 @@ def _in_the_model(
     fit = data.problem.fit(start, (*before.names, *sizes), offer.after.noise, renew=1)
     segments = [predictor.segment for predictor in data.problem.predictors]
     gain = measure(data.problem, before, fit, {}, segments, held_out).gain
-    harm = min(gain.signals.values(), default=1.0) < LARGEST_LOSS
-    if harm or not _matters(offer, gain):
+    stands = tuple(_found(law, fit, offer, gain, found.inflation) for law in laws)
+    why_not = _why_not(offer, gain, stands)
+    if why_not:
         _forget([law for law in laws if law.name not in known])
-        return Proposal(Laws(answer=NO_LAW, reasons=(HARM if harm else TOO_LITTLE,)), seen=offer.after)
+        seen = offer.after if offer.gain >= SEEN and why_not != UNDETERMINED else None
+        return Proposal(Laws(answer=NO_LAW, reasons=(why_not,)), seen=seen)
     tried = data.tried_on(offer.after)
     result = Laws(
         answer=_answer(offer),
-        found=tuple(_found(law, fit, offer, gain, found.inflation) for law in laws),
+        found=stands,
         rivals=tuple(map(_rival, offer.alike)),
         names_withdrawn=withdrawn,
         reasons=_reasons(offer, held_out),
@@ -191,13 +202,23 @@ def _in_the_model(
     return Proposal(result, extension, before, withdrawn, offer.after)
 
 
+def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound]) -> str:
+    """Return why laws are not taken as they stand in a fit; empty if they are."""
+    if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
+        return HARM
+    if any(all(abs(one.value) < SURE * one.std for one in law.estimates.values()) for law in laws):
+        return UNDETERMINED
+    return "" if _matters(offer, gain) else TOO_LITTLE
+
+
 def _matters(offer: Offer, gain: Gain) -> bool:
     """Return whether laws are seen: in free runs, or beyond doubt in what sensors read from moment to moment.
 
-    No path shows a law of a sensor: what that sensor reads on data held out has decided already.
+    No path shows a law of a sensor: what that sensor reads on data held out decides.
     """
     of_sensors = any(PLACES[law.place].of_sensors for law in offer.laws)
-    return of_sensors or offer.held_out >= DECISIVE or max(gain.signals.values(), default=1.0) >= LEAST_GAIN
+    decisive = OF_A_SENSOR if of_sensors else DECISIVE
+    return offer.held_out >= decisive or (not of_sensors and max(gain.signals.values(), default=1.0) >= LEAST_GAIN)
 
 
 def _forget(laws: Sequence[Law]) -> None:
