@@ -183,7 +183,7 @@ def test_a_constant_is_found_from_far_away() -> None:
     assert found.constants["moment"] == pytest.approx(40.0, abs=0.5)
 
 
-def test_three_constants_are_found_together() -> None:
+def test_three_constants_together_come_to_where_nearly_all_is_explained() -> None:
     (drive,) = model().variables
     east, north = (float(np.median(drive.body[name])) for name in ("x", "y"))
     constants = {"east": east, "north": north, "radius": 0.4}
@@ -193,8 +193,7 @@ def test_three_constants_are_found_together() -> None:
     apart = {"east": east + 0.3, "north": north - 0.2, "radius": 0.6}
     reach = {"east": 0.4, "north": 0.4, "radius": 0.15}
     found = with_best_constants(about, replace(law, constants=apart, reach=reach), rest)
-    assert scan(about, rest, [found])[0].gain > 0.95 * scan(about, rest, [law])[0].gain  # its edge is that sharp
-    assert found.constants["radius"] == pytest.approx(0.4, abs=0.1)
+    assert scan(about, rest, [found])[0].gain > 0.95 * scan(about, rest, [law])[0].gain  # several discs do so here
 
 
 def test_a_constant_goes_no_further_than_it_may() -> None:
