@@ -257,11 +257,7 @@ def command_parser() -> argparse.ArgumentParser:
         "--parameters", type=Path, default=Path(), metavar="DIR", help="folder of robot_N.yaml of robots that are shown"
     )
     options.add_argument(
-        "--parameters-of",
-        type=int,
-        default=0,
-        metavar="N",
-        help="robot whose parameters are used for those without a file",
+        "--parameters-of", type=int, default=0, metavar="N", help="robot whose parameters those without a file have"
     )
     options.add_argument(
         "--clock", action="store_true", help="publish /clock by the time of WORLD_STATE, for a log that is replayed"

@@ -194,11 +194,7 @@ def command_parser() -> argparse.ArgumentParser:
         help=f"corners [m; world frame] of the polygon that the robot must not leave (default: {FLOOR})",
     )
     options.add_argument(
-        "--margin",
-        type=margin,
-        default=MARGIN,
-        metavar="M",
-        help=f"distance to keep from its border (default: {MARGIN:g} m)",
+        "--margin", type=margin, default=MARGIN, metavar="M", help=f"distance from its border (default: {MARGIN:g} m)"
     )
     options.add_argument(
         "--longest", type=float, default=LONGEST, metavar="S", help="end after this time of driving [s] (default: 60)"
@@ -206,7 +202,9 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed draws the same movements")
     options.add_argument("--parameters", type=Path, metavar="FILE", help="parameter file; otherwise robot_N.yaml")
     options.add_argument(
-        "--calibrate", action="store_true", help="end when k1 and base_width are known to 1 %%, k2_over_k3 to 3 %%"
+        "--calibrate",
+        action="store_true",
+        help="end when k1 and base_width are known within 1 %%, k2_over_k3 within 3 %%",
     )
     options.add_argument("--no-diagnosis", action="store_true", help="leave out the diagnosis of the whole drive")
     add_emulated(options)
