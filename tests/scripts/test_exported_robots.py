@@ -14,6 +14,7 @@ ONCE_WRONG = {
     Task("python", "same", 13): "a tracked point that is off in place of a surface patch a little elsewhere",
     Task("python", "same", 15): "saturation, where the mean of two commands was in force in place of both",
     Task("mjcf", "same", 1): "a law of the encoders, where delays were rounded to 2 ms",
+    Task("mjcf", "same", 13): "a law of the wheels' slip, where wheels were ahead of their speeds",
     Task("mjcf", "planted", 21): "nothing, where all readings were a time step old",
     Task("mjcf", "planted", 22): "motors and encoders that are apart, where the smaller wheel had less inertia",
 }
