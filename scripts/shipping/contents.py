@@ -30,6 +30,7 @@ WITHOUT = {
     ("cmr.model.catalogue", "numpy"): "of many robots at once",
     ("cmr.model.compiled", "numba"): "it is imported when the formula of a law is evaluated, which no driver does",
     ("cmr.model.laws.evaluating", "numpy"): "the same",
+    ("cmr.model.remembered_types", "numba"): "the same",
     ("cmr.model.parameters", "numpy"): "of many robots at once",
     ("cmr.model.velocity_controller", "numpy"): "of robots that cmr-driver does not drive",
 }

@@ -22,16 +22,17 @@ from cmr.estimation.gain import Gain
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.recordings.faults.findings import Finding
 from cmr.recordings.signal import Floats
+from cmr.report.numbers import typeset
 from tests.support.diagnosis_example import ALL, CANDIDATES, EFFECTS, FOUND, MOTION, RATE, STRANGE, path, residuals
 from tests.support.html_page import Page
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_each_verdict_gives_a_page_that_begins_with_it(verdict: str) -> None:
-    page = Page(report_of(ALL[verdict]))
-    assert page.texts[0] == ALL[verdict].sentence
+    page, sentence = Page(report_of(ALL[verdict])), typeset(ALL[verdict].sentence)
+    assert page.texts[0] == sentence
     assert page.open == []
-    assert page.texts_of["h1"] == [ALL[verdict].sentence]
+    assert page.texts_of["h1"] == [sentence]
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)

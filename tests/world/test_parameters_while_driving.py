@@ -27,9 +27,9 @@ from cmr.world.view import REAL, Robot, world_messages
 from cmr.world.world import World
 from robot_driver.emulator.plant import Plant
 from tests.support.emulated_drive import DEFAULT, EPOCH, _feedback
+from tests.support.pilot_bench import StraightOn
 from tests.support.private_bus import private_url
 from tests.support.typed_messages import as_a
-from tests.world.test_pilot_guards import StraightOn
 from tests.world.test_world import TRUE
 
 LATER = 2**62  # a version that is newer than any

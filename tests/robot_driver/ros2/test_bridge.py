@@ -18,9 +18,10 @@ from robot_driver.ros2.bridge import RobotBridge
 from robot_driver.ros2.messages import Velocity
 from robot_driver.stop_file import StopFile
 from tests.support import ros2_bench as bench
+from tests.support.emulated_speed_robot import TURN
 
 pytestmark = pytest.mark.slow
-Bench, TURN = bench.Bench, bench.TURN
+Bench = bench.Bench
 
 SETTINGS = load_settings(ideal=True)
 ZERO = Velocity(0.0, 0.0)
