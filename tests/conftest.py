@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 import tempfile
 import tty
 from collections.abc import Iterator
@@ -47,6 +48,15 @@ def pytest_collection_finish() -> None:
     """
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _laws_are_forgotten() -> Iterator[None]:
+    """Take out of the catalogue what diagnoses learn in the tests of a file: other files do not know of it."""
+    yield
+    catalogue = sys.modules.get("cmr.model.catalogue")
+    for name in set(catalogue.LAWS) if catalogue else ():
+        catalogue.unlearn(name)
 
 
 @pytest.fixture

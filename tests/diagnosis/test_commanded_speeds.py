@@ -74,6 +74,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert near(estimates(found)["base_width"], QUICK.base_width)
 
 
+@pytest.mark.further  # such a robot: test_response_and_delay_of_a_slow_robot_are_found
 def test_a_robot_that_takes_its_time_is_no_wrong_clock() -> None:
     slow = SpeedRobot(response_time=0.8, delay=0.2)
     found = diagnose(driven(slow, seed=3))
@@ -97,6 +98,7 @@ def test_limits_of_what_is_commanded_are_found_and_told_as_speeds(effect: str, s
     assert said in next(one.cause for one in found.effects if one.name == effect)
 
 
+@pytest.mark.further  # a limit of the turns leads to none, either
 def test_an_acceleration_limit_leads_to_no_other_name() -> None:
     """With the gains of a model that lacks the limit, the gyro seems to read 7 % too little."""
     gentle = SpeedRobot(response_time=0.1)

@@ -88,6 +88,7 @@ def test_a_process_is_seen_to_subscribe_where_the_code_says_so(tmp_path: Path) -
     assert made == lines
 
 
+@pytest.mark.waits  # the processes that are fuzzed must answer within a minute
 def test_some_pairs_for_a_second_each(tmp_path: Path) -> None:
     for process, streams in (("agent", "PROCESS_REQUEST"), ("relay", "POSE,WORLD_STATE")):
         command = [sys.executable, str(PROJECT / "scripts/fuzzing/bus_target.py"), process, streams, "1", str(tmp_path)]

@@ -53,7 +53,7 @@ STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
 # Score to first order that a law must have where the diagnosis sees no structure in what is left: fitting it takes
 # seconds.
-UNSEEN = 3.0
+UNSEEN = 100.0
 # Share of what the effects explain that a law alone must explain, to first order, to be fitted in their place.
 WORTH = 0.3
 DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
