@@ -55,6 +55,7 @@ def weak_in_reverse() -> Diagnosis:
     return diagnose(hidden("weak_reverse").recording, held_out=[other])
 
 
+@pytest.mark.further  # test_finds_hidden_laws.py finds others
 def test_a_law_extends_the_model_and_another_drive_is_predicted_better() -> None:
     found = weak_in_reverse()
     assert (found.verdict, found.effects, found.laws.answer) == (LAW_FOUND, (), LAW)

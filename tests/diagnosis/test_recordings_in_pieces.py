@@ -60,6 +60,7 @@ def test_travel_that_turning_costs_is_neither_distortion_nor_a_smaller_wheel() -
     assert share.value == pytest.approx(0.2, abs=CERTAIN * share.std)
 
 
+@pytest.mark.further  # test_windowed_recordings.py has such pieces
 def test_what_belongs_to_a_frame_is_not_looked_for_in_pieces_that_have_one_each() -> None:
     whole = driven({"pose_distortion": 0.03}, 3)
     assert [effect.name for effect in diagnose([whole]).effects] == ["pose_distortion"]

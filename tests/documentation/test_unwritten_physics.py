@@ -26,6 +26,7 @@ def diagnosed(folder: Path) -> dict[str, Any]:
     return content
 
 
+@pytest.mark.further  # a minute; its commands are parsed by test_blocks.py
 def test_the_law_of_the_tutorial_is_found_kept_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = list(blocks_of(PAGE))
