@@ -41,8 +41,8 @@ class PlainClock:
         return BEGAN + self._now // 1000 + self.offset
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass."""
-        self._now += max(round(seconds * SECOND), 0)
+        """Let time pass: some, or who waits for a moment that is less than a nanosecond away would wait for ever."""
+        self._now += max(round(seconds * SECOND), 1)
 
 
 class Ended(BaseException):
