@@ -55,8 +55,9 @@ def _laws_are_forgotten() -> Iterator[None]:
     """Take out of the catalogue what diagnoses learn in the tests of a file: other files do not know of it."""
     yield
     catalogue = sys.modules.get("cmr.model.catalogue")
-    for name in set(catalogue.LAWS) if catalogue else ():
-        catalogue.unlearn(name)
+    if catalogue is not None:
+        for name in set(catalogue.LAWS):
+            catalogue.unlearn(name)
 
 
 @pytest.fixture
