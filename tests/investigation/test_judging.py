@@ -53,7 +53,7 @@ def test_a_name_that_another_one_explains_better_is_exchanged_for_it() -> None:
 
 
 def test_what_was_found_holds_on_later_data_alone() -> None:
-    """After any moment, the errors speak for what is there and against nothing; at the very end no data are left."""
+    """After any moment, the errors support what is there over no effect; at the very end no data are left."""
     judgement = judge(beliefs({"battery_sag": 0.2}), (), ROBOT)
     nothing = judgement.of(NOTHING)
     assert nothing is not None

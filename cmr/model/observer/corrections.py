@@ -99,8 +99,8 @@ def correct_by_pose(
     north_x, north_y = (north[0] - x) / NEARBY, (north[1] - y) / NEARBY
     stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
     # Nobody knows what the robot did before the beginning: each pose of then is a new one.
-    anew = restart or (own[AT_TIME + i] < -EARLY * dt and own[GAIN_POSITION + i] > 0.0)
-    followed = (1.0 if anew else own[GAIN_POSITION + i]) / max(1.0, stretched)
-    turned = (1.0 if anew else own[GAIN_THETA + i]) * error_theta
+    restarts = restart or (own[AT_TIME + i] < -EARLY * dt and own[GAIN_POSITION + i] > 0.0)
+    followed = (1.0 if restarts else own[GAIN_POSITION + i]) / max(1.0, stretched)
+    turned = (1.0 if restarts else own[GAIN_THETA + i]) * error_theta
     move_x = followed * (east_x * error_x + east_y * error_y)
     move(own, here, i, move_x, followed * (north_x * error_x + north_y * error_y), turned)
