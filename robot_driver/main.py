@@ -48,6 +48,7 @@ def main(arguments: list[str]) -> int:
             process.subscribe(COMMAND_CLAIM, options.robot, every=True)
             process.subscribe(ESTOP, every=True)
             process.subscribe(PARAMETERS, options.robot)
+            process.remarks = driver.remarks
             for _ in process.loop(LOOP_RATE):
                 driver.turn()
                 process.dispatch_named(driver.handle)
@@ -91,8 +92,7 @@ def _report(process: Process, driver: Driver) -> None:
     """Have the next PROCESS_STATUS say how the driver is; when something was lost or came back, at once."""
     problems = driver.problems()
     before, process.state = process.state, process_status_t.DEGRADED if problems else process_status_t.RUNNING
-    process.problem = problems
-    process.message = " ".join(text for text in (problems, driver.remarks()) if text)
+    process.message = problems
     process.parameters_sha256 = driver.follower.sha256
     if process.state != before:
         process.publish_status()

@@ -48,8 +48,8 @@ class Process:
     """A process on the bus; use it as a context manager.
 
     SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. `state`, `message` and
-    `parameters_sha256` are what the next report says. What is dispatched passes a gate, which lets in no log that is
-    played again where the process `lives_now`.
+    `parameters_sha256` are what the next report says, and after the message what `remarks` returns then. What is
+    dispatched passes a gate, which lets in no log that is played again where the process `lives_now`.
     Raises BusError on entry when the bus cannot be used.
     """
 
@@ -58,6 +58,7 @@ class Process:
         self.stopped_by_signal = False
         self.state = process_status_t.STARTING
         self.message = ""
+        self.remarks: Callable[[], str] = str
         self.problem = ""  # the part of the message that the terminal shows while DEGRADED; empty: all of it
         self.farewell = "stopped"  # what it says at its end
         self.parameters_sha256 = ""
@@ -86,7 +87,7 @@ class Process:
     ) -> None:
         self.state = process_status_t.STOPPING
         if error is not None:
-            self.message = f"{kind.__name__ if kind else ''}: {error}"
+            self.message, self.remarks = f"{kind.__name__ if kind else ''}: {error}", str
         self.publish_status()
         if error is None:
             self.news(self.farewell)
@@ -175,7 +176,7 @@ class Process:
         )
 
     def _full_message(self) -> str:
-        sentences = [self.message] if self.message else []
+        sentences = [sentence for sentence in (self.message, self.remarks()) if sentence]
         sentences += [warning for warning in self.bus.warnings if warning not in self.message]
         sentences += [remark for remark in (self._clock.remark(),) if remark]
         counts = chain(self.bus.rejected.items(), self._gate.refused.items())

@@ -127,13 +127,13 @@ def _run_speed_robot(options: Namespace, settings: Settings) -> int:
         process.subscribe(ESTOP, every=True)
         print(f"cmr-emulate: robot {options.robot} is ready: it takes {takes.channel(options.robot)}", flush=True)
         go_first()
+        process.remarks = robot.remarks
         for _ in process.loop(LOOP_RATE):
             robot.turn()
             process.dispatch_named(robot.handle)
             process.publish_all(robot.outgoing())
             process.publish_all((COMMAND_OWNER, options.robot, report) for report in robot.owner_reports())
             process.publish_all((ESTOP_LATCH, options.robot, report) for report in robot.stop_reports())
-            process.message = " ".join(robot.remarks())
     return process.exit_code
 
 

@@ -101,10 +101,9 @@ class SpeedRobot:
         """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
         return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
 
-    def remarks(self) -> list[str]:
+    def remarks(self) -> str:
         """Return, in sentences, what holds the robot and what was not taken."""
-        remarks = (self._ownership.problem(), *self._bus_stop.remarks(), *self.gate.remarks())
-        return [remark for remark in remarks if remark]
+        return " ".join(filter(None, (self._ownership.problem(), *self._bus_stop.remarks(), *self.gate.remarks())))
 
     def _wheel_speeds(self, command: Command) -> tuple[float, float]:
         """Return the wheel speeds (left, right) that a command asks for (rad/s)."""

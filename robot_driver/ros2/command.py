@@ -123,6 +123,7 @@ class _Work:
         from robot_driver.ros2.real import RealRobot
 
         process = self._process
+        process.remarks = self._remarks
         with ExitStack() as inside:
             for robot, bridge in self._bridges.items():
                 inside.enter_context(bridge)
@@ -216,14 +217,16 @@ class _Work:
         problems = [real.bridge.problems() for real in self._real]
         problems += [self._stage.problem(utime)] if self._stage is not None else []
         problem = " ".join(filter(None, problems))
+        before, process.state = process.state, process_status_t.DEGRADED if problem else process_status_t.RUNNING
+        process.message = problem
+        if process.state != before:
+            process.publish_status()
+
+    def _remarks(self) -> str:
         remarks = [real.bridge.remarks() for real in self._real] + [self._stage.remark if self._stage else ""]
         if self._node.lost:
             remarks.append(f"Messages of ROS 2 that waited too long: {self._node.lost}.")
-        before, process.state = process.state, process_status_t.DEGRADED if problem else process_status_t.RUNNING
-        process.problem = problem
-        process.message = " ".join(filter(None, [problem, *remarks]))
-        if process.state != before:
-            process.publish_status()
+        return " ".join(filter(None, remarks))
 
 
 def command_parser() -> argparse.ArgumentParser:

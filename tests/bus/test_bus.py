@@ -268,6 +268,28 @@ def test_an_error_is_told_on_the_way_out_and_signals_are_as_before(url: str) -> 
     assert all_of(PROCESS_STATUS, statuses)[-1].message == "RuntimeError: wheel fell off"
 
 
+def test_remarks_are_asked_for_only_when_a_report_is_made(url: str) -> None:
+    listener = Bus(url)
+    listener.subscribe(PROCESS_STATUS, every=True)
+    asked: list[int] = []
+
+    def remarks() -> str:
+        asked.append(turn)
+        return "Wheels turn."
+
+    with Process("tiny", url) as process:
+        process.message, process.remarks = "No poses.", remarks
+        for turn, _ in enumerate(process.loop(rate_hz=200.0)):
+            process.stopped_by_signal = turn == 100
+    reports = len(asked)
+    statuses = receive_until(listener, lambda all_: any(one.state == STOPPING for one in all_of(PROCESS_STATUS, all_)))
+    told = [one.message for one in all_of(PROCESS_STATUS, statuses)]
+    assert told[0] == ""
+    assert set(told[1:]) == {"No poses. Wheels turn."}
+    assert len(told) == 1 + reports
+    assert reports < 20
+
+
 def test_a_flood_neither_starves_the_loop_nor_deafens_it_to_signals(url: str) -> None:
     with (
         running([sys.executable, "-c", FLOOD, url]),
