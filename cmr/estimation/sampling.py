@@ -92,9 +92,12 @@ def _probability(belief, normal, pull, one_sided, odds, state, on, count, factor
     return total
 
 
-@compiled("f8(u1[::1], i8[::1], i8, f8[:, ::1], f8[::1], f8[::1])")
-def _drawn(one_sided, on, count, factor, solved, drawn):  # type: ignore[no-untyped-def]
-    """Draw the sizes of a set from their posterior; return the log of how likely signs were that are possible."""
+@compiled("f8(f8, u1[::1], i8[::1], i8, f8[:, ::1], f8[::1], f8[::1])")
+def _drawn(least, one_sided, on, count, factor, solved, drawn):  # type: ignore[no-untyped-def]
+    """Draw the sizes of a set from their posterior; return the log of how likely signs were that are possible.
+
+    Below `least` the set is rejected, whatever the sizes that are not drawn yet.
+    """
     total = 0.0
     for i in range(count - 1, -1, -1):
         value = solved[i]
@@ -102,6 +105,8 @@ def _drawn(one_sided, on, count, factor, solved, drawn):  # type: ignore[no-unty
             value -= factor[k, i] * drawn[k]
         if one_sided[on[i]]:
             total += _log_positive(value)
+            if total < least:
+                break
             value = _positive(value)
         else:
             value += np.random.normal()
@@ -110,11 +115,16 @@ def _drawn(one_sided, on, count, factor, solved, drawn):  # type: ignore[no-unty
 
 
 @inlined
-def _drawn_at(belief, normal, pull, groups, one_sided, odds, state, on, factor, solved, drawn):  # type: ignore[no-untyped-def]
-    """Draw the sizes of a set; return the log of its probability, for how likely signs were, and how many sizes."""
+def _drawn_at(least, belief, normal, pull, groups, one_sided, odds, state, on, factor, solved, drawn):  # type: ignore[no-untyped-def]
+    """Draw the sizes of a set; return the log of its probability, for how likely signs were, and how many sizes.
+
+    Signs only make it less: what is below `least` without them, or with some, is rejected, and its sizes are not drawn.
+    """
     count = _switched_on(state, groups, on)
     total = _probability(belief, normal, pull, one_sided, odds, state, on, count, factor, solved)
-    return total + _drawn(one_sided, on, count, factor, solved, drawn), count
+    if total >= least:
+        total += _drawn(least - total, one_sided, on, count, factor, solved, drawn)
+    return total, count
 
 
 @inlined
@@ -189,21 +199,25 @@ def _walk(  # type: ignore[no-untyped-def]
                     tried[edges[move - effects, end]] ^= 1
             elif move >= 0:
                 tried[move] ^= 1
+            least = here[number] + np.log(np.random.random())
             there, count = _drawn_at(
-                beliefs[number], normal, pull, groups, one_sided, odds, tried, on, factor, solved, drawn
+                least, beliefs[number], normal, pull, groups, one_sided, odds, tried, on, factor, solved, drawn
             )
-            if np.log(np.random.random()) < there - here[number]:
+            if there > least:
                 _copy(tried, states[number])
                 here[number] = there
                 if number == 0:
                     _keep(sizes, on, drawn, count)
         cold = np.random.randint(0, walks - 1)
         belief, hotter = beliefs[cold], beliefs[cold + 1]
-        up, _ = _drawn_at(hotter, normal, pull, groups, one_sided, odds, states[cold], on, factor, solved, drawn)
-        down, count = _drawn_at(
-            belief, normal, pull, groups, one_sided, odds, states[cold + 1], on, factor, solved, drawn
+        least = here[cold] + here[cold + 1] + np.log(np.random.random())
+        up, _ = _drawn_at(
+            -np.inf, hotter, normal, pull, groups, one_sided, odds, states[cold], on, factor, solved, drawn
         )
-        if np.log(np.random.random()) < up + down - here[cold] - here[cold + 1]:
+        down, count = _drawn_at(
+            least - up, belief, normal, pull, groups, one_sided, odds, states[cold + 1], on, factor, solved, drawn
+        )
+        if up + down > least:
             _copy(states[cold], tried)
             _copy(states[cold + 1], states[cold])
             _copy(tried, states[cold + 1])
