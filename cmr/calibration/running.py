@@ -10,7 +10,7 @@ import numpy as np
 from cmr.calibration.paper import minimum_so_far
 from cmr.calibration.path_errors import path_errors
 from cmr.calibration.result import CalibrationResult, tells
-from cmr.estimation.averaging import Posterior, averaged
+from cmr.estimation.averaging import SEARCHING_STEPS, Posterior, averaged
 from cmr.estimation.checks import looked_at
 from cmr.estimation.commanded_speeds import HEADROOM, as_duties, as_motor, controller_of
 from cmr.estimation.estimates import Estimate, EstimationError
@@ -114,7 +114,7 @@ class RunningFit:
         """Return values and estimates averaged over what may be hidden."""
         assert ready.problem is not None
         assert ready.base is not None
-        self._average = average = averaged(ready.problem, ready.base, 1.0, [])
+        self._average = average = averaged(ready.problem, ready.base, 1.0, [], SEARCHING_STEPS)
         return average.values, {name: _estimate(average, name) for name in ready.base.names}
 
     def _alone(self, ready: Ready) -> tuple[Mapping[str, float], dict[str, Estimate]]:

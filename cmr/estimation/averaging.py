@@ -212,15 +212,15 @@ class Averaging:
         return np.asarray(np.maximum(usual, np.maximum(np.abs(seen), np.where(alike, np.abs(does) / own, 0.0))))
 
 
-def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> Posterior:
-    """Return the posterior about a fit with effects `named`.
+def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str], steps: int = STEPS) -> Posterior:
+    """Return the posterior about a fit with effects `named`, from a walk of so many steps.
 
     Those of them that are more likely there than not are there: what is averaged over is what may be hidden besides.
     """
     ahead = [name for name in NEVER_AHEAD if name in named and fit.values[name] < 0.0]
     averaging, found = relinearised(problem, fit, inflation, ahead)
     certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
-    return replace(averaging.posterior(certain=certain), certain=tuple(certain))
+    return replace(averaging.posterior(steps=steps, certain=certain), certain=tuple(certain))
 
 
 def relinearised(
