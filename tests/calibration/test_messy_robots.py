@@ -67,6 +67,7 @@ def test_other_random_numbers_give_nearly_the_same(monkeypatch: pytest.MonkeyPat
         assert other.estimates[name].std == pytest.approx(estimate.std, rel=CHANCE), name
 
 
+@pytest.mark.further  # from logs: tests/commands/test_same_estimates.py
 def test_calibration_and_diagnosis_give_the_same_estimates() -> None:
     result, diagnosis = calibrated(ROBOTS[0]), diagnose(robot(ROBOTS[0]).recording)
     assert diagnosis.extended is not None

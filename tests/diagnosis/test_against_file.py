@@ -88,6 +88,7 @@ def test_an_effect_that_the_file_lacks_is_named_alone() -> None:
     assert document(found)["effects"][0]["in_file"] == {}
 
 
+@pytest.mark.further  # an effect that departs is said in the same way
 @pytest.mark.slow
 def test_a_parameter_of_the_paper_that_is_another_is_said() -> None:
     true = robot().truth.robot["base_width"]

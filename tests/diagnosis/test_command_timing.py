@@ -4,6 +4,7 @@ import pytest
 
 from cmr.diagnosis.diagnose import diagnose
 from cmr.diagnosis.result import Diagnosis
+from tests.support.lanes import further
 from tests.support.timed_drive import Chain, timed_drive
 
 pytestmark = pytest.mark.slow
@@ -57,7 +58,7 @@ def test_messages_lost_behind_the_driver_are_named(rate: float) -> None:
     assert estimate.std < 0.03
 
 
-@pytest.mark.parametrize("rate", [50.0, pytest.param(100.0, marks=pytest.mark.further)])
+@pytest.mark.parametrize("rate", further(50.0, 100.0))
 def test_jitter_behind_the_driver_is_named(rate: float) -> None:
     diagnosis, named = diagnosed(Chain(driver_rate=rate), command_jitter=0.04)
     assert named == {"command_jitter"}

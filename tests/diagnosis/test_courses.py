@@ -52,6 +52,7 @@ def test_nothing_remains_where_the_body_moves_as_its_wheels_say() -> None:
     }
 
 
+@pytest.mark.further  # test_finds_hidden_laws.py extends the model
 def test_what_moves_the_body_beside_its_wheels_is_seen_and_the_model_extended_by_it() -> None:
     found = diagnose(rolling(side_wind=0.03))
     assert found.verdict == "unexplained"

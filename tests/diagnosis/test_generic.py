@@ -89,6 +89,7 @@ def test_a_robot_without_effects_gets_no_term_even_where_one_is_looked_for() -> 
     assert extension(*prepared("")) is None
 
 
+@pytest.mark.further  # test_finds_hidden_laws.py weighs names and laws, too
 def test_what_only_imitates_is_withdrawn_where_a_law_alone_does_far_better() -> None:
     problem, base = prepared("cubic_motor")
     found = search_that_named("coulomb_friction", problem, base)

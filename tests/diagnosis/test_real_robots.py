@@ -68,6 +68,7 @@ def test_dry_friction_of_the_mbots_motors_and_the_bias_of_its_gyro_are_found(imp
     assert score(case, "right wheel").gone > 0.6
 
 
+@pytest.mark.further  # test_recordings_in_pieces.py has such recordings
 def test_nothing_is_named_that_holds_on_circles_or_on_squares_alone(importer: Importer) -> None:
     case = optiodom(importer, sessions=2)
     assert not {"turn_slip", "turn_asymmetry"} & set(case.names)

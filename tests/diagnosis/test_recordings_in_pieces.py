@@ -80,7 +80,7 @@ def test_a_calibration_that_would_be_worse_than_what_was_given_is_not_taken() ->
         first_that_helps(iter([worst, worse]))
 
 
-@pytest.mark.parametrize("lag", [*further(0.2), 0.4])
+@pytest.mark.parametrize("lag", further(0.2, 0.4))
 def test_wheels_that_are_stamped_late_do_not_make_the_robot_worse(lag: float) -> None:
     whole = driven({}, 0)
     late = replace(whole, wheels=Signal(whole.wheels.utime + round(1e6 * lag), dict(whole.wheels.fields)))

@@ -17,8 +17,8 @@ OF_ONE_FRAME = {"slope", "surface_patch", "pose_distortion"}
     ("effects", "manoeuvre", "seed"),
     [
         (("pose_offset", "pose_latency"), WINDOWS, 1),  # a tracker that jumps, pieces without poses behind the jump
-        (("gyro_latency", "pose_latency"), WINDOWS, 31),  # as if wheels slipped, and poses were a little less late
         *further(
+            (("gyro_latency", "pose_latency"), WINDOWS, 31),  # as if wheels slipped, and poses were a little less late
             (("pose_offset", "pose_latency"), CONTROLLED_WINDOWS, 1),  # speeds of the moment beside counts, 50 Hz
             (("pose_latency",), CONTROLLED_WINDOWS, 10),  # poses that are 0.4 s late
         ),

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 LATE = ("gyro_latency", "pose_latency")
 
 
-@pytest.mark.parametrize(("manoeuvre", "seed"), [(CONTROLLED_WINDOWS, 62), *further((WINDOWS, 43))])
+@pytest.mark.parametrize(("manoeuvre", "seed"), further((CONTROLLED_WINDOWS, 62), (WINDOWS, 43)))
 def test_a_late_gyro_beside_late_poses_is_not_slip(manoeuvre: str, seed: int) -> None:
     hidden = hidden_recording(*LATE, manoeuvre=manoeuvre, seed=seed)
     named = {effect.name: effect for effect in diagnose(hidden.recording).effects}

@@ -168,6 +168,7 @@ def fitted(one: Recording, spans: tuple[tuple[float, float], ...]) -> Values:
     return {**TRUE, **{name: estimate.value for name, estimate in calibrate(parts).estimates.items()}}
 
 
+@pytest.mark.further  # statistics; scripts/study_diagnosis measures gains on other logs
 def test_the_error_on_what_was_left_out_is_that_on_a_fresh_log() -> None:
     log, fresh = driven("figure-eight", seed=31), driven("figure-eight", seed=32)
     seconds = MANOEUVRES["figure-eight"][1]

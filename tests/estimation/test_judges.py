@@ -67,6 +67,7 @@ def test_a_recording_held_out_speaks_against_a_name_that_does_not_hold_in_it() -
     assert [one.quantity for one in last.measures] == ["error_ratio"]
 
 
+@pytest.mark.further  # tests/hidden_effects hides such a clock
 @pytest.mark.slow
 def test_a_pose_clock_that_runs_fast_is_named_and_no_latency_beside_it() -> None:
     """Its poses are ahead of the wheels, more and more: to shift all of them by the mean makes the first ones late."""

@@ -57,6 +57,7 @@ def shifted(recording: Recording, seconds: float, *names: str) -> Recording:
     return replace(recording, **parts)
 
 
+@pytest.mark.further  # of poses: tests/diagnosis/test_awkward_data.py
 def test_calibration_check_and_effect_give_one_number() -> None:
     hidden = hidden_recording(LATE, manoeuvre=EIGHT, seed=2)
     late = check(hidden.recording).wheels_late
