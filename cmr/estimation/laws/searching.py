@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.candidates import Candidate, candidates
+from cmr.estimation.laws.foreseen import Foreseen
 from cmr.estimation.laws.known import Catalogued
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.local import local_laws
@@ -253,10 +254,11 @@ def narrow(model: Linearised) -> bool:
 
 
 def _scores_of(model: Linearised, rest: Rest) -> list[Score]:
-    """Return the scores of all laws, the best first; those of moments and places only where others find something."""
-    scores = scan(model, rest)
+    """Return the best scores of all laws; those of moments and places only where others find something."""
+    foreseen = Foreseen(model, rest)
+    scores = scan(model, rest, foreseen.promising(candidates()))
     more = bool(scores) and scores[0].score > 0.0
-    scores += scan(model, rest, local_laws(model, rest, more))
+    scores += scan(model, rest, foreseen.promising(local_laws(model, rest, more)))
     return sorted(scores, key=lambda one: -one.score)
 
 

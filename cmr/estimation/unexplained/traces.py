@@ -92,17 +92,22 @@ def traces(
     readings = len(observations.gyro_time) if "yaw_rate" in predictor.times else 0
     rows = [int(np.count_nonzero(use[:, 0])), int(np.count_nonzero(use[:, 1])), readings]
     result = [np.zeros((n, count)) for n in (*rows, *[len(observations.pose_time)] * 3)]
-    slowing = max(values["k1"] * values["k2_over_k3"], 1e-9)
-    holds = float(any(values.get(name, 0.0) > 0.0 for name in HOLDING))
-    rolling = float(np.any(disturbances.shares[OF_WHEELS]))
     follow_traces(
         np.ascontiguousarray(disturbances.courses), np.ascontiguousarray(disturbances.shares), motion,
-        np.array([observations.dt, slowing, values["wheel_radius"], values["base_width"], holds, rolling, *gains]),
+        numbers_of(predictor, values, gains, rolling=bool(np.any(disturbances.shares[OF_WHEELS]))),
         observations.wheel_time[: len(use)], np.ascontiguousarray(use), observations.gyro_time[:readings],
         observations.pose_time, np.ascontiguousarray(observations.pose[:, 2]), observations.pose_use, *result,
     )  # fmt: skip
     of = dict(zip(SIGNALS, result, strict=True))
     return predictor.told_once(Errors({name: of[name] for name in predictor.times}, motion), gains)
+
+
+def numbers_of(predictor: Predictor, values: Mapping[str, float], gains: Gains, *, rolling: bool = True) -> Floats:
+    """Return the numbers that the recursion is given; `rolling` says whether any wheel is disturbed."""
+    slowing = max(values["k1"] * values["k2_over_k3"], 1e-9)
+    holds = float(any(values.get(name, 0.0) > 0.0 for name in HOLDING))
+    robot = slowing, values["wheel_radius"], values["base_width"]
+    return np.array([predictor.segment.observations.dt, *robot, holds, float(rolling), *gains])
 
 
 @inlined
