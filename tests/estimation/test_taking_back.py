@@ -31,6 +31,6 @@ def test_what_is_of_no_use_in_free_runs_is_not_named_and_leaves_the_paper_s_mode
     for name, before in found.baseline.estimates.items():
         assert found.extended.estimates[name].value == pytest.approx(before.value, rel=LITTLE), name
     assert found.gain is not None
-    # Chance in the walk over what may be hidden moves a ratio by 0.015; wheels then err by 5 % more, the turn by 8 % less.
+    # Chance in the walk over what may be hidden moves a ratio by 0.015. Wheels err by 5 % more, yaw rates by 8 % less.
     assert min(found.gain.signals.values()) > 0.9
     assert found.gain.ratio > 0.98  # of the path
