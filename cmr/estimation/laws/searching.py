@@ -59,7 +59,8 @@ class Offer:
     `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
     laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
     those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
-    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one.
+    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are the scores
+    of further laws beside them.
     """
 
     before: Polished
@@ -71,6 +72,7 @@ class Offer:
     alike: tuple[Polished, ...]
     tied: tuple[Polished, ...] = ()
     misfit: float = 0.0
+    further: tuple[Score, ...] = ()
 
     @property
     def laws(self) -> tuple[Candidate, ...]:
@@ -184,7 +186,7 @@ def scanned(data: Data, model: Linearised) -> Scanned | Refused:
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
-    return Scanned(data, before, rest, tuple(_scores_of(model, rest)))
+    return Scanned(data, before, rest, tuple(_with_local(model, rest, scan(model, rest))))
 
 
 def offered_of(first: Scanned, selected: Sequence[str], named: float, promising: float = PROMISING) -> Offer | Refused:
@@ -252,19 +254,18 @@ def narrow(model: Linearised) -> bool:
     return bool(np.std(speed) < ONE_SPEED * np.mean(speed) or np.std(turn) < ONE_RADIUS)
 
 
-def _scores_of(model: Linearised, rest: Rest) -> list[Score]:
+def _with_local(model: Linearised, rest: Rest, scores: Sequence[Score]) -> list[Score]:
     """Return the scores of all laws, the best first; those of moments and places only where others find something."""
-    scores = scan(model, rest)
     more = bool(scores) and scores[0].score > 0.0
-    scores += scan(model, rest, local_laws(model, rest, more))
-    return sorted(scores, key=lambda one: -one.score)
+    local = scan(model, rest, local_laws(model, rest, more))
+    return sorted([*scores, *local], key=lambda one: -one.score)
 
 
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     """Return the offer with a second law beside the first, where one holds and leaves less."""
     model, rest = first.after.model, first.after.rest
     known = Catalogued(model, rest, selected)
-    promising = [one.candidate for one in _promising(_scores_of(model, rest), known)]
+    promising = [one.candidate for one in _promising(_with_local(model, rest, first.further), known)]
     fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.laws)
     if not fits:
         return first
@@ -353,7 +354,7 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
         return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
     left, misfit = _left(further, inflation), misfit_of(after) - INEXACT * gain
-    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit)
+    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit, tuple(further))
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:
