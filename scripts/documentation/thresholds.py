@@ -25,6 +25,7 @@ STAGES = {
         "laws/known",
         "laws/misfit",
         "laws/polish",
+        "laws/constants",
         "laws/searching",
         "laws/proposing",
     ),

@@ -8,6 +8,7 @@ import pytest
 
 from cmr.estimation.candidates import Excitation, lanes_of, size
 from cmr.estimation.laws.candidates import Candidate, candidates
+from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.curves import curve_of
 from cmr.estimation.laws.known import ALIKE, Known, known_beside
 from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed, seen_in
@@ -16,7 +17,7 @@ from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
-from cmr.estimation.laws.searching import LEAST, Data, Offer, Refused, inflation_of, narrow, offered
+from cmr.estimation.laws.searching import LEAST, SET, Data, Offer, Refused, inflation_of, narrow, offered
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.screening import changes_of
@@ -234,6 +235,21 @@ def test_three_constants_together_come_to_where_nearly_all_is_explained() -> Non
     reach = {"east": 0.4, "north": 0.4, "radius": 0.15}
     found = with_best_constants(about, replace(law, constants=apart, reach=reach), rest)
     assert scan(about, rest, [found])[0].gain > 0.95 * scan(about, rest, [law])[0].gain  # several discs do so here
+
+
+def test_constants_that_a_drive_does_not_determine_are_told_from_those_that_it_does() -> None:
+    (drive,) = model().variables
+    east, north = (float(np.median(drive.body[name])) for name in ("x", "y"))
+    constants = {"east": east, "north": north, "radius": 0.4}
+    reach = {"east": 0.4, "north": 0.4, "radius": 0.15}
+    spot = Candidate("forward_speed", ("v", "disc(east, north, radius)"), 4, constants=constants, reach=reach)
+    moment = Candidate("wheel_slip", ("psi", "step(t, moment)"), 4, "left", constants={"moment": 40.0})
+    for law, size, loose in ((spot, -0.02, True), (spot, -0.5, False), (moment, -0.03, False)):
+        about = simulated(law, size, 13)
+        rest = rest_of(about, about.problem.found(about.errors))
+        fit = polished(about, [with_best_constants(about, law, rest)])
+        assert fit is not None
+        assert undetermined(fit, SET) is loose
 
 
 def test_a_constant_goes_no_further_than_it_may() -> None:

@@ -48,6 +48,7 @@ LAST_THIRD = (
     "say more."
 )
 MISFIT = "Its coefficients change along its own variables: the formula is not quite the right one."
+UNSURE = "Other constants explain the errors as well, and say something else: this drive does not determine them."
 SERIES = "Two terms of the same variables stand for one formula that is not known."
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
@@ -94,7 +95,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best > ANOTHER):
         return _answered(beside, beside.offer(promising), found, held_out)
     alone = without_names(problem, found, other)
-    if alone.best < WORTH * sum(max(one.drop, 0.0) for one in effects):
+    if alone.gain < WORTH * sum(max(one.drop, 0.0) for one in effects):
         return _answered(beside, beside.offer(promising), found, held_out)
     law = alone.offer()  # something is there, as the effects say
     if isinstance(law, Refused) or beside.before is None:
@@ -264,6 +265,8 @@ def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
         reasons.append(MISFIT)
     if offer.series:
         reasons.append(SERIES)
+    if offer.undetermined:
+        reasons.append(UNSURE)
     return tuple(reasons)
 
 

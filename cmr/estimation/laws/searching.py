@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.known import Catalogued
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.local import local_laws
@@ -60,7 +61,7 @@ class Offer:
     laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
     those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
     laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are the scores
-    of further laws beside them.
+    of further laws beside them. `undetermined` says that other constants explain as much, and say something else.
     """
 
     before: Polished
@@ -73,6 +74,7 @@ class Offer:
     tied: tuple[Polished, ...] = ()
     misfit: float = 0.0
     further: tuple[Score, ...] = ()
+    undetermined: bool = False
 
     @property
     def laws(self) -> tuple[Candidate, ...]:
@@ -89,8 +91,8 @@ class Offer:
 
     @property
     def approximate(self) -> bool:
-        """Whether structure is left, or the formula is not quite right."""
-        return self.left > LEFT or self.misfit > 0.0 or self.series
+        """Whether structure is left, or the formula is not quite right, or its constants need not be."""
+        return self.left > LEFT or self.misfit > 0.0 or self.series or self.undetermined
 
 
 @dataclass(frozen=True)
@@ -354,7 +356,8 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
         return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
     left, misfit = _left(further, inflation), misfit_of(after) - INEXACT * gain
-    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit, tuple(further))
+    loose = undetermined(after, SET)
+    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit, tuple(further), loose)
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:
