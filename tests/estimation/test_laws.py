@@ -6,21 +6,24 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cmr.estimation.candidates import Excitation
+from cmr.estimation.candidates import Excitation, lanes_of, size
 from cmr.estimation.laws.candidates import Candidate, candidates
+from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.curves import curve_of
-from cmr.estimation.laws.known import known_beside
-from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed
+from cmr.estimation.laws.known import ALIKE, Known, known_beside
+from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed, seen_in
 from cmr.estimation.laws.misfit import misfit_of
 from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
-from cmr.estimation.laws.searching import LEAST, Data, Offer, Refused, inflation_of, narrow, offered
+from cmr.estimation.laws.searching import LEAST, SET, Data, Offer, Refused, inflation_of, narrow, offered
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.screening import changes_of
 from cmr.estimation.segments import segments_of
 from cmr.estimation.unexplained.by_formula import structure_of
+from cmr.model.catalogue import CATALOGUE
 from cmr.model.observer.observer import Gains
 from cmr.recordings.signal import Floats
 from tests.reference_plant import NEUTRAL, packets, recording
@@ -42,6 +45,16 @@ BY_EFFECT = {
     "gyro_scale": (Candidate("gyro", ("w",), 1), 1.0),
     "pose_offset": (Candidate("pose_ahead", ("1",), 1), 1.0),
     "pose_latency": (Candidate("pose_lateness", ("1",), 1), 1.0),
+}
+# Laws that are effects of the catalogue, whatever their size.
+EFFECTS = {
+    **{name.removesuffix("_x"): law for name, (law, _) in BY_EFFECT.items() if name != "encoder_scale"},
+    "coulomb_friction": Candidate("wheel_voltage", ("sign(s)",), 1, "both"),
+    "battery_sag": Candidate("wheel_voltage", ("load", "u"), 2, "both"),
+    "turn_slip": Candidate("yaw_rate", ("w", "abs(w)"), 2),
+    "turn_asymmetry": Candidate("yaw_rate", ("abs(w)",), 1),
+    "motor_gain_asymmetry": Candidate("wheel_voltage", ("u",), 1, "opposite"),
+    "back_emf_asymmetry": Candidate("wheel_voltage", ("s",), 1, "opposite"),
 }
 HIDDEN = {
     "speed costs turning": (Candidate("yaw_rate", ("abs(v)", "w"), 2), -0.05),
@@ -133,11 +146,39 @@ def test_an_inner_constant_is_found_between_those_that_are_tried() -> None:
     assert found.constants["limit"] == pytest.approx(0.8, rel=0.1)
 
 
-def test_what_the_catalogue_has_is_known_identities_included() -> None:
+@cache
+def catalogue_beside() -> tuple[Linearised, Known]:
+    """A model that leaves noise alone, and what the catalogue can do beside it."""
     about = simulated(None, 0.0, 5)
-    known = known_beside(about, rest_of(about, about.problem.found(about.errors)), ())
-    assert known.same_as(about, Candidate("gyro", ("1",), 1)) == "gyro_bias"
-    assert known.same_as(about, Candidate("lateral_speed", ("v", "w"), 2)) == "lateral_skid"
+    return about, known_beside(about, rest_of(about, about.problem.found(about.errors)), ())
+
+
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_a_law_that_the_catalogue_has_is_known(effect: str) -> None:
+    about, known = catalogue_beside()
+    assert known.same_as(about, EFFECTS[effect]) == effect
+
+
+@pytest.mark.parametrize("share", [0.1, 0.05])
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_a_small_effect_does_what_its_law_does(effect: str, share: float) -> None:
+    """So a search fits the effect, or says that it is too small to matter, and leaves nothing for the law."""
+    (about, known), law = catalogue_beside(), EFFECTS[effect]
+    rest, problem = known.rest, about.problem
+    (switch,) = [one for one in CATALOGUE[effect].parameters if one.switches][:1]
+    values = {**about.values, switch.name: share * size(switch, problem.excitation)}
+    both = [changes_of(one) for one in problem.errors(lanes_of([about.values, values]))]
+    changed = problem.made_white(both, rest.noise)[:, 1]
+    rows = rest.rows(seen_in(law.place))
+    trace = np.zeros_like(changed)
+    trace[rows] = mixed(law, about.white_traces([law], rest.noise, seen_in(law.place)))[:, 0]
+    of_effect, of_law = (one - rest.basis @ (rest.basis.T @ one) for one in (changed, trace))
+    shared = (of_effect @ of_law) ** 2 / ((of_effect @ of_effect) * (of_law @ of_law))
+    assert shared > ALIKE
+
+
+def test_other_names_of_what_the_catalogue_has_are_known_and_nothing_else() -> None:
+    about, known = catalogue_beside()
     # A law of one wheel's voltage in proportion to its duty is unequal motors, once the gain of both is fitted.
     assert known.same_as(about, Candidate("wheel_voltage", ("u",), 1, "left"))
     for law, _ in HIDDEN.values():
@@ -194,6 +235,21 @@ def test_three_constants_together_come_to_where_nearly_all_is_explained() -> Non
     reach = {"east": 0.4, "north": 0.4, "radius": 0.15}
     found = with_best_constants(about, replace(law, constants=apart, reach=reach), rest)
     assert scan(about, rest, [found])[0].gain > 0.95 * scan(about, rest, [law])[0].gain  # several discs do so here
+
+
+def test_constants_that_a_drive_does_not_determine_are_told_from_those_that_it_does() -> None:
+    (drive,) = model().variables
+    east, north = (float(np.median(drive.body[name])) for name in ("x", "y"))
+    constants = {"east": east, "north": north, "radius": 0.4}
+    reach = {"east": 0.4, "north": 0.4, "radius": 0.15}
+    spot = Candidate("forward_speed", ("v", "disc(east, north, radius)"), 4, constants=constants, reach=reach)
+    moment = Candidate("wheel_slip", ("psi", "step(t, moment)"), 4, "left", constants={"moment": 40.0})
+    for law, size, loose in ((spot, -0.02, True), (spot, -0.5, False), (moment, -0.03, False)):
+        about = simulated(law, size, 13)
+        rest = rest_of(about, about.problem.found(about.errors))
+        fit = polished(about, [with_best_constants(about, law, rest)])
+        assert fit is not None
+        assert undetermined(fit, SET) is loose
 
 
 def test_a_constant_goes_no_further_than_it_may() -> None:

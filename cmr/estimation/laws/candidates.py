@@ -53,6 +53,11 @@ class Candidate:
         return tuple(" * ".join(factors) for factors in (self.factors, *self.others))
 
     @property
+    def count(self) -> int:
+        """How many formulas there are, each with a coefficient."""
+        return 1 + len(self.others)
+
+    @property
     def all_factors(self) -> tuple[tuple[str, ...], ...]:
         """The factors of each formula."""
         return (self.factors, *self.others)

@@ -73,19 +73,13 @@ def _course(fit: Polished, number: int, variable: str, edges: Floats, rows: Mask
     columns = columns.reshape(len(columns), BINS, len(sign)) @ sign
     columns = columns[rows]
     left = np.clip(fit.white, -LARGE, LARGE)[rows]
-    lacking = left - fit.columns[rows][:, _own(fit, number)] @ np.array(fit.coefficients[number])
+    lacking = left - fit.columns[rows][:, fit.of_law(number)] @ np.array(fit.coefficients[number])
     after, std = _fitted(columns, left)
     before, _ = _fitted(columns, lacking)
     said = _said(fit, number)
     counts = np.array([sum(int(np.sum(of == k)) for own in where for of in own) for k in range(BINS)])
     law = np.array([_mean(said, where, k) for k in range(BINS)])
     return Course(at=0.5 * (edges[1:] + edges[:-1]), count=counts, before=before, after=after, std=std, law=law)
-
-
-def _own(fit: Polished, number: int) -> slice:
-    """Return in which columns of a fit the traces of one of its laws stand."""
-    first = len(fit.model.names) + sum(len(one) for one in fit.coefficients[:number])
-    return slice(first, first + len(fit.coefficients[number]))
 
 
 def _fitted(columns: Floats, left: Floats) -> tuple[Floats, Floats]:

@@ -32,25 +32,25 @@ class Foreseen:
     """What laws will explain beside a model that leaves `rest`."""
 
     def __init__(self, model: Linearised, rest: Rest) -> None:
-        self._model, self._rest = model, rest
+        self.model, self.rest = model, rest
 
     def promising(self, laws: Sequence[Candidate], most: int = MOST) -> list[Candidate]:
         """Return the laws with the best scores that they may have, so many at most, in their order."""
         if len(laws) <= most:
             return list(laws)
-        sized = [self._model.sized(one) for one in laws]
+        sized = [self.model.sized(one) for one in laws]
         by_place = sorted(range(len(sized)), key=lambda number: sized[number].place)
         scores = np.empty(len(sized))
         for place, group in groupby(by_place, key=lambda number: sized[number].place):
             numbers = list(group)
-            scores[numbers] = _scores_at(place, [sized[n] for n in numbers], self._model, self._rest, self.pulled)
+            scores[numbers] = _scores_at(place, [sized[n] for n in numbers], self.model, self.rest, self.pulled)
         best = np.sort(np.argsort(-scores, kind="stable")[:most])
         return [sized[number] for number in best.tolist()]
 
     @cached_property
     def pulled(self) -> list[Floats]:
         """What each of DISTURBED pulls at the white errors, and at vectors of signs, in each segment, (T, 14, V)."""
-        model, rest, batch = self._model, self._rest, self._model.problem.batch
+        model, rest, batch = self.model, self.rest, self.model.problem.batch
         signs = np.random.default_rng(model.problem.seed).choice((-1.0, 1.0), (len(rest.white), VECTORS))
         signs *= rest.mask[:, None]
         signs -= rest.basis @ (rest.basis.T @ signs)

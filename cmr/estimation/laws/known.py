@@ -1,32 +1,38 @@
 """What the catalogue has already: laws that do the same to the sensors are never offered.
 
-No list says which formulas are which effects. An effect of the catalogue is moved a little, or as far as it is usually
-large, and what that changes of the errors is compared with the traces of a law: so identities are found, too, such as
-the scale of poses, which is the wheels' radius.
+No list says which formulas are which effects. An effect of the catalogue is made as large as it usually is, and small,
+and what that changes of the errors is compared with the traces of a law: so identities are found, too, such as the
+scale of poses, which is the wheels' radius. What a search has left is small; what is large may hold a wheel for longer
+than any small force would.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.candidates import lanes_of, trials
+from cmr.estimation.candidates import Trial, is_rough, lanes_of, trials
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.linearised import Linearised, mixed, seen_in
 from cmr.estimation.laws.rest import Rest
 from cmr.estimation.laws.scan import LEAST_OWN
 from cmr.estimation.search.screening import changes_of
+from cmr.model.catalogue import CATALOGUE, definition
 from cmr.recordings.signal import Floats
 
+SMALL = 0.1  # of the usual size, at which an effect is compared with a law, too
 ALIKE = 0.985  # share of a law's own trace that one effect does: they are then the same on this drive
 
 
 @dataclass(frozen=True)
 class Known:
-    """What effects of the catalogue do beside a model, by name: orthonormal columns (n, k), and what each gains."""
+    """What effects of the catalogue do beside a model: orthonormal columns (n, k), and what each gains, by its name.
 
-    columns: dict[str, Floats]
+    An effect has columns for each size at which it was tried, where its size is not all that it depends on.
+    """
+
+    columns: list[tuple[str, Floats]]
     gains: dict[str, float]
     rest: Rest
 
@@ -38,7 +44,7 @@ class Known:
         traces[rows] = mixed(law, model.white_traces([law], self.rest.noise, signals))
         traces *= self.rest.mask[:, None]
         own = _orthonormal(traces - self.rest.basis @ (self.rest.basis.T @ traces), traces)
-        for name, columns in self.columns.items():
+        for name, columns in self.columns:
             if own.shape[1] and float(np.sum((columns.T @ own) ** 2)) > ALIKE * own.shape[1]:
                 return name
         return ""
@@ -70,23 +76,43 @@ def known_beside(model: Linearised, rest: Rest, selected: Sequence[str]) -> Know
     """Return what the effects of the catalogue do beside a model that leaves `rest` and has some `selected`."""
     problem = model.problem
     others = [one for one in problem.effects if one.name not in selected and one.beside in ("", *selected)]
-    tried = [one for one in trials(problem.excitation, others) if not one.local]
+    usual = [one for one in trials(problem.excitation, others) if not one.local]
+    tried = [*usual, *filter(None, map(_made_small, usual))]
     sets = [dict(model.values), *({**model.values, **trial.values} for trial in tried)]
     white = problem.made_white([changes_of(one) for one in problem.errors(lanes_of(sets))], rest.noise)
     changes = np.nan_to_num(white[:, 1:]) * rest.mask[:, None]
     free = changes - rest.basis @ (rest.basis.T @ changes)
-    columns: dict[str, Floats] = {}
+    columns: list[tuple[str, Floats]] = []
     gains: dict[str, float] = {}
     for name in dict.fromkeys(trial.effect for trial in tried):
-        own = [number for number, trial in enumerate(tried) if trial.effect == name]
-        # Trials of a limit are as many effects: what one of them does is not what two do together.
-        groups = [[number] for number in own] if any(tried[number].threshold for number in own) else [own]
-        for number, group in enumerate(groups):
+        for group in _alternatives(tried, name):
             part = _orthonormal(free[:, group], changes[:, group])
             if part.shape[1]:
-                columns[name if number == 0 else f"{name}#{number}"] = part
+                columns.append((name, part))
                 gains[name] = max(gains.get(name, 0.0), float(np.sum((part.T @ rest.white) ** 2)))
     return Known(columns, gains, rest)
+
+
+def _made_small(trial: Trial) -> Trial | None:
+    """Return a trial of an effect at a small size; None where its size is not all that it depends on."""
+    if trial.threshold or not is_rough(CATALOGUE[trial.effect]):
+        return None
+    origin = {name: trial.origin.get(name, definition(name).neutral or 0.0) for name in trial.values}
+    sizes = [name for name in trial.values if definition(name).switches]
+    small = {name: origin[name] + SMALL * (trial.values[name] - origin[name]) for name in sizes}
+    return replace(trial, values={**trial.values, **small}, portion=SMALL * trial.portion)
+
+
+def _alternatives(tried: Sequence[Trial], name: str) -> list[list[int]]:
+    """Return the trials of an effect, by number, in groups that say what it may do.
+
+    Trials of a limit are as many effects, and so are sizes: what one of them does is not what two do together.
+    """
+    own = [number for number, trial in enumerate(tried) if trial.effect == name]
+    if any(tried[number].threshold for number in own):
+        return [[number] for number in own]
+    portions = dict.fromkeys(tried[number].portion for number in own)
+    return [[number for number in own if tried[number].portion == portion] for portion in portions]
 
 
 def _orthonormal(columns: Floats, before: Floats) -> Floats:

@@ -131,12 +131,23 @@ class Linearised:
         constants = {name: share * usual for name, share in candidate.constants.items()}
         return replace(candidate, constants=constants, scaled="")
 
+    @cached_property
+    def _batches(self) -> dict[tuple[str, ...], Batch]:
+        return {}
+
+    def _only(self, signals: Sequence[str]) -> Batch:
+        """Return the segments with some signals only; the same ones each time, as much is known of them by then."""
+        key = tuple(signals)
+        if key not in self._batches:
+            self._batches[key] = Batch([only(predictor, signals) for predictor in self.problem.predictors])
+        return self._batches[key]
+
     def raw(self, laws: Sequence[Candidate], signals: Sequence[str] = SIGNALS) -> list[Errors]:
         """Return the traces of laws of one place in each segment: a column for each formula, of wheels two.
 
         Those of wheels are of the left and of the right, side by side.
         """
-        views = [only(predictor, signals) for predictor in self.problem.predictors]
+        views = self._only(signals).predictors
         return [
             self._traces(number, view, error.motion, laws)
             for number, (view, error) in enumerate(zip(views, self.errors, strict=True))
@@ -185,7 +196,7 @@ class Linearised:
 
     def white_traces(self, laws: Sequence[Candidate], noise: Noise, signals: Sequence[str]) -> Floats:
         """Return traces of laws of one place, made white, in rows of those signals alone."""
-        batch = Batch([only(predictor, signals) for predictor in self.problem.predictors])
+        batch = self._only(signals)
         return noise.all_white(batch, batch.joined(self.raw(laws, signals)))
 
 

@@ -63,9 +63,24 @@ class Polished:
     @property
     def rest(self) -> Rest:
         """What the model leaves with its laws, freed of what these and its parameters can do."""
+        return self._left(self.columns, np.clip(self.white, -LARGE, LARGE))
+
+    def of_law(self, number: int) -> slice:
+        """Return in which columns the traces of one of the laws stand."""
+        first = len(self.model.names) + sum(len(one) for one in self.coefficients[:number])
+        return slice(first, first + len(self.coefficients[number]))
+
+    def rest_without(self, number: int) -> Rest:
+        """What the model would leave without one of its laws, with all else, the noise too, as it is with it."""
+        own = self.of_law(number)
+        white = np.clip(self.white, -LARGE, LARGE) - self.columns[:, own] @ np.array(self.coefficients[number])
+        return self._left(np.delete(self.columns, own, axis=1), white)
+
+    def _left(self, columns: Floats, white: Floats) -> Rest:
+        """Return what is left of white errors (n,) that are freed of what these columns (n, k) can do."""
         mask = self.mask.astype(np.float64)
-        basis = np.linalg.qr(self.columns * mask[:, None])[0]
-        white = np.clip(self.white, -LARGE, LARGE) * mask
+        basis = np.linalg.qr(columns * mask[:, None])[0]
+        white = white * mask
         white -= basis @ (basis.T @ white)
         return Rest(white, basis, mask, signals_of(self.model), times_of(self.model), self.noise)
 
@@ -136,7 +151,7 @@ def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candid
     width, first = WIDEST, law
     with model.only_tried():
         for _ in range(ROUNDS if law.constants else 0):
-            better, gain = _gained(model, rest, [one for one in _around(law, width) if _within(one, first)], law)
+            better, gain = _gained(model, rest, [one for one in around(law, width) if _within(one, first)], law)
             if gain > best:
                 law, best = better, gain
             else:
@@ -158,8 +173,8 @@ def _gained(model: Linearised, rest: Rest, laws: Sequence[Candidate], first: Can
     return (found[0].candidate, found[0].gain) if found else (first, -math.inf)
 
 
-def _around(law: Candidate, width: float) -> list[Candidate]:
-    """Return the law with constants that lie around its own."""
+def around(law: Candidate, width: float) -> list[Candidate]:
+    """Return a law with constants that lie around its own, at steps as wide as this share of the reach of each."""
     names = [*law.constants]
     single = [{name: sign * share * width} for name in names for sign in (-1.0, 1.0) for share in SHARES_OF_STEP]
     pairs = [{a: i * width, b: j * width} for a, b in combinations(names, 2) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]

@@ -25,7 +25,7 @@ from cmr.estimation.laws.rivals import (
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import LEFT, PROMISING, SEEN, Offer, Refused
+from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Offer, Refused
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search
@@ -48,18 +48,20 @@ LAST_THIRD = (
     "say more."
 )
 MISFIT = "Its coefficients change along its own variables: the formula is not quite the right one."
+UNSURE = "Other constants explain the errors as well, and say something else: this drive does not determine them."
 SERIES = "Two terms of the same variables stand for one formula that is not known."
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
-# Score to first order that a law must have where the diagnosis sees no structure in what is left: fitting it takes
-# seconds.
-UNSEEN = 100.0
+# Score to first order that a law must have where the diagnosis sees no structure in what is left, and nothing else says
+# that something is there: fitting it takes seconds.
+UNSEEN = 20.0
 # Share of what the effects explain that a law alone must explain, to first order, to be fitted in their place.
 WORTH = 0.3
 DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
 # And that a law of a sensor must add, which no free run shows. Its variables are of the model, which has followed the
 # readings with their noise: over a few centimetres, robots without any law added up to 20.
-OF_A_SENSOR = 50.0
+# A gyro's readings are not followed: what drives its laws owes nothing to them.
+OF_A_SENSOR, OF_A_GYRO = 50.0, 20.0
 INEXACT = 0.008  # share of a coefficient by which the model is inexact; as of effects
 UNKNOWN = Gain(ratio=math.nan, interval=(math.nan, math.nan), signals={})
 
@@ -90,12 +92,12 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     promising = PROMISING if more else UNSEEN
     beside = beside_names(found, other)
     effects = effects_of(found)
-    if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best >= promising):
+    if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best > ANOTHER):
         return _answered(beside, beside.offer(promising), found, held_out)
     alone = without_names(problem, found, other)
-    if alone.best < WORTH * sum(max(one.drop, 0.0) for one in effects):
+    if alone.gain < WORTH * sum(max(one.drop, 0.0) for one in effects):
         return _answered(beside, beside.offer(promising), found, held_out)
-    law = alone.offer(promising)
+    law = alone.offer()  # something is there, as the effects say
     if isinstance(law, Refused) or beside.before is None:
         return _answered(beside, beside.offer(promising), found, held_out)
     rivalry = against_names(alone.data, law, beside.before, len(effects))
@@ -217,7 +219,8 @@ def _matters(offer: Offer, gain: Gain) -> bool:
     No path shows a law of a sensor: what that sensor reads on data held out decides.
     """
     of_sensors = any(PLACES[law.place].of_sensors for law in offer.laws)
-    decisive = OF_A_SENSOR if of_sensors else DECISIVE
+    of_a_gyro = all(law.place == "gyro" for law in offer.laws)
+    decisive = OF_A_GYRO if of_a_gyro else OF_A_SENSOR if of_sensors else DECISIVE
     return offer.held_out >= decisive or (not of_sensors and max(gain.signals.values(), default=1.0) >= LEAST_GAIN)
 
 
@@ -262,6 +265,8 @@ def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
         reasons.append(MISFIT)
     if offer.series:
         reasons.append(SERIES)
+    if offer.undetermined:
+        reasons.append(UNSURE)
     return tuple(reasons)
 
 

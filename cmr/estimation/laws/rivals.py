@@ -63,6 +63,11 @@ class Hypothesis:
         return self.first.best if isinstance(self.first, Scanned) else -math.inf
 
     @property
+    def gain(self) -> float:
+        """What the law of the best score explains to first order, whatever it costs."""
+        return self.first.scores[0].gain if isinstance(self.first, Scanned) and self.first.scores else 0.0
+
+    @property
     def before(self) -> Polished | None:
         """The model without a law; None where laws cannot be told."""
         return self.first.before

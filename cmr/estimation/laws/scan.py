@@ -45,7 +45,7 @@ def scan(model: Linearised, rest: Rest, laws: Sequence[Candidate] | None = None)
     for place in dict.fromkeys(one.place for one in chosen):
         signals = seen_in(place)
         seen = _Seen.of(rest, signals)
-        if not len(seen.white):
+        if not len(seen.mask):
             continue
         for chunk in _chunks([one for one in chosen if one.place == place]):
             result += _scored(chunk, model.white_traces(chunk, rest.noise, signals), rest, seen)
@@ -64,7 +64,7 @@ def sizes_of_grammar() -> Mapping[int, int]:
 
 def penalty(candidate: Candidate, samples: int) -> float:
     """Return what a law's likelihood ratio must exceed for a score above 0."""
-    fitted = len(candidate.formulas) + len(candidate.constants)
+    fitted = candidate.count + len(candidate.constants)
     tried = math.log(max(sizes_of_grammar().get(candidate.size, 1), 1))
     return fitted * math.log(max(samples, 2)) + 2.0 * (candidate.size + 1) * math.log(2.0) + 2.0 * tried
 
@@ -74,7 +74,7 @@ def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
     chunk: list[Candidate] = []
     count = 0
     for one in laws:
-        width = len(one.formulas) * (2 if is_of_wheels(one.place) else 1)
+        width = one.count * (2 if is_of_wheels(one.place) else 1)
         if chunk and count + width > ABREAST:
             yield chunk
             chunk, count = [], 0
@@ -86,27 +86,27 @@ def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a model leaves of some signals: white errors (n,), basis (n, p) and mask (n,)."""
+    """What a model leaves of some signals: its basis and, below it, white errors (p + 1, n), and the mask (n,)."""
 
-    white: Floats
-    basis: Floats
+    against: Floats
     mask: Floats
 
     @classmethod
     def of(cls, rest: Rest, signals: Sequence[str]) -> "_Seen":
         rows = rest.rows(signals)
-        return cls(rest.white[rows], np.ascontiguousarray(rest.basis[rows].T), rest.mask[rows])
+        return cls(np.vstack([rest.basis[rows].T, rest.white[rows]]), rest.mask[rows])
 
 
 def _scored(chunk: Sequence[Candidate], traces: Floats, rest: Rest, seen: _Seen) -> Iterator[Score]:
     """Yield the scores of laws of one place whose white traces stand side by side."""
     if rest.samples < len(rest.mask):
         traces *= seen.mask[:, None]
-    along, pulls = seen.basis @ traces, seen.white @ traces
+    shared = seen.against @ traces  # at once: the traces are many, and to read them takes longer than to multiply
+    along, pulls = shared[:-1], shared[-1]
     before = np.einsum("nc,nc->c", traces, traces)
     of_side = 2 if is_of_wheels(chunk[0].place) else 1
-    ends = np.cumsum([len(one.formulas) * of_side for one in chunk])
-    single = [number for number, one in enumerate(chunk) if len(one.formulas) == 1]
+    ends = np.cumsum([one.count * of_side for one in chunk])
+    single = [number for number, one in enumerate(chunk) if one.count == 1]
     first = ends[single] - of_side
     products = [np.einsum("nc,nc->c", traces[:, first], traces[:, first + 1])] if of_side > 1 else []
     for side in SIDES if of_side > 1 else ("",):
@@ -116,8 +116,8 @@ def _scored(chunk: Sequence[Candidate], traces: Floats, rest: Rest, seen: _Seen)
                 law = chunk[number].on(side)
                 yield Score(law, gain, gain / rest.inflation - penalty(law, rest.samples), (coefficient,))
     for one, end in zip(chunk, ends, strict=True):
-        if len(one.formulas) > 1:
-            own = slice(end - len(one.formulas) * of_side, end)
+        if one.count > 1:
+            own = slice(end - one.count * of_side, end)
             parts = traces[:, own].T @ traces[:, own], along[:, own].T @ along[:, own], pulls[own]
             yield from _of_several(one, *parts, rest)
 

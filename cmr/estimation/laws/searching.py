@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate, candidates
+from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.foreseen import Foreseen
 from cmr.estimation.laws.known import Catalogued
 from cmr.estimation.laws.linearised import Linearised
@@ -60,7 +61,8 @@ class Offer:
     `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
     laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
     those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
-    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one.
+    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are the scores
+    of further laws beside them. `undetermined` says that other constants explain as much, and say something else.
     """
 
     before: Polished
@@ -72,6 +74,8 @@ class Offer:
     alike: tuple[Polished, ...]
     tied: tuple[Polished, ...] = ()
     misfit: float = 0.0
+    further: tuple[Score, ...] = ()
+    undetermined: bool = False
 
     @property
     def laws(self) -> tuple[Candidate, ...]:
@@ -88,8 +92,8 @@ class Offer:
 
     @property
     def approximate(self) -> bool:
-        """Whether structure is left, or the formula is not quite right."""
-        return self.left > LEFT or self.misfit > 0.0 or self.series
+        """Whether structure is left, or the formula is not quite right, or its constants need not be."""
+        return self.left > LEFT or self.misfit > 0.0 or self.series or self.undetermined
 
 
 @dataclass(frozen=True)
@@ -185,7 +189,9 @@ def scanned(data: Data, model: Linearised) -> Scanned | Refused:
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
-    return Scanned(data, before, rest, tuple(_scores_of(model, rest)))
+    foreseen = Foreseen(model, rest)
+    scores = scan(model, rest, foreseen.promising(candidates()))
+    return Scanned(data, before, rest, tuple(_with_local(foreseen, scores)))
 
 
 def offered_of(first: Scanned, selected: Sequence[str], named: float, promising: float = PROMISING) -> Offer | Refused:
@@ -253,20 +259,19 @@ def narrow(model: Linearised) -> bool:
     return bool(np.std(speed) < ONE_SPEED * np.mean(speed) or np.std(turn) < ONE_RADIUS)
 
 
-def _scores_of(model: Linearised, rest: Rest) -> list[Score]:
+def _with_local(foreseen: Foreseen, scores: Sequence[Score]) -> list[Score]:
     """Return the best scores of all laws; those of moments and places only where others find something."""
-    foreseen = Foreseen(model, rest)
-    scores = scan(model, rest, foreseen.promising(candidates()))
+    model, rest = foreseen.model, foreseen.rest
     more = bool(scores) and scores[0].score > 0.0
-    scores += scan(model, rest, foreseen.promising(local_laws(model, rest, more)))
-    return sorted(scores, key=lambda one: -one.score)
+    local = scan(model, rest, foreseen.promising(local_laws(model, rest, more)))
+    return sorted([*scores, *local], key=lambda one: -one.score)
 
 
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     """Return the offer with a second law beside the first, where one holds and leaves less."""
     model, rest = first.after.model, first.after.rest
     known = Catalogued(model, rest, selected)
-    promising = [one.candidate for one in _promising(_scores_of(model, rest), known)]
+    promising = [one.candidate for one in _promising(_with_local(Foreseen(model, rest), first.further), known)]
     fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.laws)
     if not fits:
         return first
@@ -355,7 +360,8 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
         return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
     left, misfit = _left(further, inflation), misfit_of(after) - INEXACT * gain
-    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit)
+    loose = undetermined(after, SET)
+    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit, tuple(further), loose)
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:

@@ -152,21 +152,25 @@ _CORRECT = (
     "domega_first_SIDE = source_SIDE + FIRST * change_SIDE - rate * first_SIDE",
     "domega_second_SIDE = source_SIDE + SECOND * change_SIDE - rate * second_SIDE",
     "domega_end_SIDE = source_SIDE + change_SIDE - rate * after_SIDE",
-    # A wheel that friction reverses: at rest after the share `until` of the step, then stuck, or off the other way.
+    # A wheel that friction reverses: at rest after the share `until` of the step, then stuck, or off the other way, with
+    # the `part` of its acceleration that friction leaves there. What this changes of its speed grows from then on: the
+    # Gauss points get the straight line that is nearest to it. So friction that is nearly none changes nearly nothing.
     "reverses_SIDE = direction_SIDE * after_SIDE < 0.0",
     "reverses_SIDE = reverses_SIDE & (break_away_SIDE > 0.0)",
     "until_SIDE = before_SIDE / (before_SIDE - after_SIDE)",
     "onward_SIDE = driving_SIDE + direction_SIDE * break_away_SIDE",
-    "onward_SIDE = 0.0 if abs(driving_SIDE) <= break_away_SIDE else onward_SIDE",
-    "restart_SIDE = onward_SIDE * (1.0 - until_SIDE) * dt",
-    "mean_SIDE = 0.5 * (before_SIDE * until_SIDE + restart_SIDE * (1.0 - until_SIDE))",
-    "after_SIDE = restart_SIDE if reverses_SIDE else after_SIDE",
-    "first_SIDE = mean_SIDE if reverses_SIDE else first_SIDE",
-    "second_SIDE = mean_SIDE if reverses_SIDE else second_SIDE",
-    "slowing_SIDE = (restart_SIDE - before_SIDE) / dt",
-    "domega_first_SIDE = slowing_SIDE if reverses_SIDE else domega_first_SIDE",
-    "domega_second_SIDE = slowing_SIDE if reverses_SIDE else domega_second_SIDE",
-    "domega_end_SIDE = onward_SIDE if reverses_SIDE else domega_end_SIDE",
+    "part_SIDE = min(1.0, onward_SIDE / (driving_SIDE - direction_SIDE * friction_SIDE))",
+    "part_SIDE = 0.0 if abs(driving_SIDE) <= break_away_SIDE else part_SIDE",
+    "braked_SIDE = (part_SIDE - 1.0) * after_SIDE",
+    "mean_SIDE = 0.5 * braked_SIDE * (1.0 - until_SIDE)",
+    "slope_SIDE = 2.0 * mean_SIDE * (1.0 + 2.0 * until_SIDE)",
+    "after_SIDE = after_SIDE + braked_SIDE if reverses_SIDE else after_SIDE",
+    "first_SIDE = first_SIDE + mean_SIDE + (FIRST - 0.5) * slope_SIDE if reverses_SIDE else first_SIDE",
+    "second_SIDE = second_SIDE + mean_SIDE + (SECOND - 0.5) * slope_SIDE if reverses_SIDE else second_SIDE",
+    "slowing_SIDE = braked_SIDE / dt",
+    "domega_first_SIDE = domega_first_SIDE + slowing_SIDE if reverses_SIDE else domega_first_SIDE",
+    "domega_second_SIDE = domega_second_SIDE + slowing_SIDE if reverses_SIDE else domega_second_SIDE",
+    "domega_end_SIDE = part_SIDE * domega_end_SIDE if reverses_SIDE else domega_end_SIDE",
     "turned_SIDE = 0.5 * dt * (first_SIDE + second_SIDE)",
 )
 _GROUND = (

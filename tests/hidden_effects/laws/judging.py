@@ -7,18 +7,10 @@ import numpy as np
 
 from tests.hidden_effects.laws.answers import APPROXIMATION, LAW, NO_LAW, TIE, LawRow
 from tests.hidden_effects.laws.kinds import KINDS
+from tests.hidden_effects.laws.robots import OF_STATE
 from tests.hidden_effects.scoring import Score
 
 SAME = 0.98  # share of a true law that another explains from which it is the same one: constants are estimates
-OF_STATE = frozenset(  # effects whose equations are formulas of the state
-    {
-        *("battery_sag", "battery_drift", "coulomb_friction", "quadratic_drag", "motor_gain_asymmetry"),
-        *("back_emf_asymmetry", "motor_coupling", "wheel_radius_scale", "wheel_radius_asymmetry", "turn_slip"),
-        *("turn_asymmetry", "travel_reduction", "longitudinal_slip", "lateral_skid", "slope", "encoder_scale"),
-        *("encoder_asymmetry", "gyro_bias", "gyro_scale", "gyro_drift", "pose_offset", "pose_heading_offset"),
-        *("pose_distortion", "clock_skew", "motor_heating"),
-    }
-)
 
 
 def expected(row: LawRow) -> tuple[str, ...]:
@@ -172,6 +164,14 @@ def score_catalogue(rows: Sequence[LawRow]) -> list[Score]:
     ]
 
 
+def score_small(rows: Sequence[LawRow]) -> list[Score]:
+    """Score effects of the catalogue that are too small to be named: nothing else may be claimed in their place."""
+    return [
+        _share("small", "a false law", [row for row in rows if false_law(row)], rows, most=0.01),
+        _share("small", "another name", [row for row in rows if {*row.names} - {row.hidden}], rows),
+    ]
+
+
 def score_six(rows: Sequence[LawRow]) -> list[Score]:
     """Score robots with six small effects."""
     return [_share("six", "a false law", [row for row in rows if false_law(row)], rows, most=0.01)]
@@ -207,6 +207,7 @@ SCORES: dict[str, Callable[[Sequence[LawRow]], list[Score]]] = {
     "kinds": score_kinds,
     "null": score_null,
     "catalogue": score_catalogue,
+    "small": score_small,
     "six": score_six,
     "removed": score_removed,
     "mixed": score_mixed,

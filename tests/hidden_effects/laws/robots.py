@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cmr.model.catalogue import definition
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.cases import EIGHT, HELD_OUT, RICH, Case, Truth
 from tests.hidden_effects.hiding import HiddenRecording, recorded, truth_of
@@ -13,8 +14,18 @@ from tests.hidden_effects.laws.kinds import KINDS
 from tests.hidden_effects.messy import messy
 from tests.hidden_effects.sets import NULL_NOISES, WITH_DUTIES
 
+OF_STATE = frozenset(  # effects whose equations are formulas of the state
+    {
+        *("battery_sag", "battery_drift", "coulomb_friction", "quadratic_drag", "motor_gain_asymmetry"),
+        *("back_emf_asymmetry", "motor_coupling", "wheel_radius_scale", "wheel_radius_asymmetry", "turn_slip"),
+        *("turn_asymmetry", "travel_reduction", "longitudinal_slip", "lateral_skid", "slope", "encoder_scale"),
+        *("encoder_asymmetry", "gyro_bias", "gyro_scale", "gyro_drift", "pose_offset", "pose_heading_offset"),
+        *("pose_distortion", "clock_skew", "motor_heating"),
+    }
+)
 # What may be hidden beside a kind: effects that are found alone, and act elsewhere than most kinds.
 BESIDE = ("motor_gain_asymmetry", "gyro_bias", "turn_slip", "wheel_radius_asymmetry", "coulomb_friction", "pose_offset")
+SMALL = 0.1  # of their usual size, in the set of effects that are too small to be named
 EACH = 4  # robots with one of the catalogue's effects for so many seeds is one
 
 
@@ -62,6 +73,12 @@ def catalogue(seeds: int) -> list[LawCase]:
     return [LawCase("catalogue", Case((e,), RICH, seed)) for seed in range(_few(seeds)) for e in WITH_DUTIES]
 
 
+def small(seeds: int) -> list[LawCase]:
+    """Return every effect that is a formula of the state, so small that it is not named."""
+    names = [name for name in WITH_DUTIES if name in OF_STATE]
+    return [LawCase("small", Case((e,), RICH, 700 + seed)) for seed in range(_few(seeds)) for e in names]
+
+
 def six(seeds: int) -> list[LawCase]:
     """Return robots with six small effects."""
     return [LawCase("six", Case((), RICH, seed)) for seed in range(5 * seeds)]
@@ -86,6 +103,7 @@ SETS: Mapping[str, Callable[[int], list[LawCase]]] = {
     "kinds": kinds,
     "null": null,
     "catalogue": catalogue,
+    "small": small,
     "six": six,
     "removed": removed,
     "mixed": mixed,
@@ -99,10 +117,18 @@ def pair_of(law_case: LawCase) -> Pair:
     if law_case.set_name == "six":
         first, fresh = (messy(case.seed, RICH, drive=number).recording for number in (0, 1))
         return Pair(first, fresh, None, None, None)
-    truth = truth_of(case)
+    truth = _made_small(truth_of(case)) if law_case.set_name == "small" else truth_of(case)
     again = replace(case, run=1, manoeuvre=EIGHT if case.manoeuvre == EIGHT else HELD_OUT)
     learned, judged = recorded(truth), recorded(replace(truth, case=again))
     return Pair(learned.recording, judged.recording, truth, learned, judged)
+
+
+def _made_small(truth: Truth) -> Truth:
+    """Return the truth with a small part of what it hides, in other respects as it was."""
+    parameters = {
+        name: SMALL * value if definition(name).switches else value for name, value in truth.parameters.items()
+    }
+    return replace(truth, parameters=parameters)
 
 
 def _few(seeds: int) -> int:

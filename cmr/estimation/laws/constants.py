@@ -1,0 +1,51 @@
+"""Whether a drive determines the inner constants of a law: do others, which say something else, explain as much?
+
+A spot on the floor that a robot only touched has many centres and radii, and each of them adds other forces elsewhere
+on the drive.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmr.estimation.laws.candidates import Candidate
+from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels
+from cmr.estimation.laws.polish import Polished, around
+from cmr.estimation.laws.scan import scan
+from cmr.recordings.signal import Floats
+
+SAME = 0.98  # share of what a law adds along the drives that another law says, too, from which both say the same
+WIDTHS = (1.0, 0.5, 0.25, 0.12, 0.06)  # of the steps to other constants, as shares of the reach of each
+
+
+def undetermined(fit: Polished, margin: float) -> bool:
+    """Return whether constants of a law, other than those of a fit, explain as much and say something else.
+
+    They may explain less by `margin`, in -2 log likelihood.
+    """
+    return any(
+        _undetermined(fit, number, margin) for number, law in enumerate(fit.laws) if law.constants and not law.others
+    )
+
+
+def _undetermined(fit: Polished, number: int, margin: float) -> bool:
+    law, rest = fit.laws[number], fit.rest_without(number)
+    others = [one for width in WIDTHS for one in around(law, width)]
+    gains = {id(one.candidate.constants): one.gain for one in scan(fit.model, rest, [law, *others])}
+    least = gains.get(id(law.constants), np.inf) - margin
+    near = [one for one in others if gains.get(id(one.constants), -np.inf) > least]
+    said = _said(fit.model, law)
+    return any(_shared(said, _said(fit.model, one)) < SAME for one in near)
+
+
+def _said(model: Linearised, law: Candidate) -> Floats:
+    """Return what a law says along the drives, its coefficient left out."""
+    sides: Sequence[int] = [k for k in (0, 1) if SIDES[law.side][k]] if is_of_wheels(law.place) else [-1]
+    with model.only_tried():
+        segments = range(len(model.variables))
+        return np.concatenate([model.course(k, side, law.factors, law.constants) for k in segments for side in sides])
+
+
+def _shared(one: Floats, other: Floats) -> float:
+    """Return the share of one course that another explains."""
+    return float((one @ other) ** 2 / max((one @ one) * (other @ other), 1e-300))
