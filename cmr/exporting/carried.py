@@ -50,8 +50,8 @@ YOUNGER = Carried(Carry.NOT, "its readings would show what has not happened yet;
 NOT_IN = {  # why an effect on the motion is not carried
     MJCF: "MuJoCo's motor, joints and contacts have nothing like it",
     ROS2_CONTROL: "the controller has no parameter for it",
-    SDF: "Gazebo's plugin has no parameter for it",
-    URDF: "neither a URDF nor Gazebo's plugin in it has a parameter for it",
+    SDF: "Gazebo's systems have no parameter for it",
+    URDF: "neither a URDF nor Gazebo's systems in it have a parameter for it",
 }
 OF_SENSORS = {
     MJCF: "the sensors of the file read the true motion",
@@ -68,7 +68,14 @@ PLUGIN = {
     "current_limit": _approximately(ACCELERATION_LIMIT),
     "wheel_radius_scale": _exactly("the radius of the wheels"),
 }
-GAZEBO = {**PLUGIN, "wheel_radius_asymmetry": _exactly("the radius of each wheel")}
+SLIP = "the WheelSlip system, whose slip grows with the wheel's speed: right at half the top speed"
+GAZEBO = {
+    **PLUGIN,
+    "wheel_radius_asymmetry": _exactly("the radius of each wheel"),
+    "longitudinal_slip": _approximately(SLIP),
+    "lateral_skid": _approximately(SLIP),
+    "turn_slip": Carried(Carry.NOT, "wheels there do not slip in a steady turn, which nothing resists"),
+}
 BY_TARGET: dict[str, dict[str, Carried]] = {
     MJCF: {
         "command_delay": _approximately("a delay of each motor's command, in whole time steps"),
