@@ -84,7 +84,7 @@ BY_TARGET: dict[str, dict[str, Carried]] = {
         "electrical_lag": _approximately(
             "a filter of the command; where the current is limited, too, saturation comes first"
         ),
-        "coulomb_friction": _approximately("frictionloss of the wheel joints, whose constraint is soft"),
+        "coulomb_friction": _approximately("frictionloss of the wheel joints, as hard as its constraint can be"),
         "quadratic_drag": _exactly("damping of the wheel joints that grows with the speed"),
         "motor_gain_asymmetry": _exactly("the stall torque and the no-load speed of each motor"),
         "back_emf_asymmetry": _exactly("the no-load speed of each motor"),

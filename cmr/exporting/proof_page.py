@@ -28,7 +28,7 @@ def verdict(proof: Proof) -> str:
     if proof.off <= SAME:
         return f"The exported robot drives the same path: within {proof.off:.1g} m over {SECONDS:.0f} s."
     lost = f", of which {proof.lost:.3g} m are effects that it does not carry" if proof.lost > SAME else ""
-    return f"The exported robot is up to {proof.off:.3g} m off after {SECONDS:.0f} s, {share}{lost}."
+    return f"The exported robot is up to {proof.off:.3g} m off within {SECONDS:.0f} s, {share}{lost}."
 
 
 def proof_page(robot: ExportedRobot, proof: Proof, diagnosis: Diagnosis) -> str:
