@@ -46,6 +46,8 @@ def _approximately(why: str) -> Carried:
 
 
 STEPS_THE_MODEL = _exactly("it steps the equations of the model")
+BY_WEIGHT = ("longitudinal_slip", "lateral_skid")  # what Gazebo carries of a robot whose mass is known
+NO_MASS = Carried(Carry.NOT, "that takes the load on the wheels: give cmr-export the robot's mass")
 YOUNGER = Carried(Carry.NOT, "its readings would show what has not happened yet; they show the present instead")
 NOT_IN = {  # why an effect on the motion is not carried
     MJCF: "MuJoCo's motor, joints and contacts have nothing like it",
@@ -121,7 +123,10 @@ def carried(target: str, effect: Effect, is_younger: bool = False) -> Carried:
 
 def of_robot(target: str, robot: "ExportedRobot") -> dict[str, Carried]:
     """Return how well a target carries each effect of a robot, by its name."""
-    return {effect.name: carried(target, effect, _is_younger(effect, robot)) for effect in robot.effects}
+    found = {effect.name: carried(target, effect, _is_younger(effect, robot)) for effect in robot.effects}
+    if target in (SDF, URDF) and robot.mass is None:
+        found |= {name: NO_MASS for name in BY_WEIGHT if name in found}
+    return found
 
 
 def _is_younger(effect: Effect, robot: "ExportedRobot") -> bool:

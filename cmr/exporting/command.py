@@ -24,11 +24,10 @@ def main(arguments: list[str]) -> int:
         from cmr.exporting.proof import check_provable  # imports what only proofs need
 
         check_provable(options.to)
-    robot = exported(load(options.parameters))
+    robot = exported(load(options.parameters), options.mass)
     path = options.out or Path(name_of_file(robot, options.to))
     check_writable(path.parent)
-    description = Description(options.wheel_separation, options.wheel_radius, options.mass)
-    remarks = export(robot, options.to, path, description)
+    remarks = export(robot, options.to, path, Description(options.wheel_separation, options.wheel_radius))
     proof = _proven(robot, options.to, path, options.parameters) if options.prove else None
     if options.json:
         carried = {
@@ -93,7 +92,7 @@ def command_parser() -> argparse.ArgumentParser:
         "--mass",
         type=_mass,
         metavar="KG",
-        help="mass of the robot in Gazebo, for sdf and urdf of wheels that slip [kg]",
+        help="mass of the robot, for sdf and urdf: without it, wheels do not slip in Gazebo [kg]",
     )
     result.add_argument(
         "--prove",

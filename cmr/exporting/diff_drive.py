@@ -18,11 +18,10 @@ LEAST_SHARE = 1e-3  # by which wheels may miss a commanded speed unsaid
 
 @dataclass(frozen=True)
 class Described:
-    """What a robot description says: wheel separation and wheel radius [m], and mass [kg] if it is known."""
+    """What a robot description says: wheel separation and wheel radius [m]."""
 
     separation: float
     radius: float
-    mass: float | None = None
 
 
 @dataclass(frozen=True)
@@ -64,12 +63,10 @@ def calibrated(robot: ExportedRobot) -> Calibrated:
     )
 
 
-def described(
-    robot: ExportedRobot, separation: float | None, radius: float | None, mass: float | None = None
-) -> Described:
+def described(robot: ExportedRobot, separation: float | None, radius: float | None) -> Described:
     """Return what the robot description says; what is not given is what the robot's own controller counts with.
 
-    Robots without a controller have no such numbers: then they are those of the calibration. No robot has a mass.
+    Robots without a controller have no such numbers: then they are those of the calibration.
     """
     if robot.controller is None:
         known = calibrated(robot)
@@ -77,7 +74,7 @@ def described(
     else:
         counted = robot.controller.base_width * (1.0 + robot.value("wheel_separation_error"))
         counted_radius = robot.controller.wheel_radius
-    return Described(separation or counted, radius or counted_radius, mass)
+    return Described(separation or counted, radius or counted_radius)
 
 
 def turned_before(robot: ExportedRobot, said: Described) -> float:

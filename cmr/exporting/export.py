@@ -19,14 +19,10 @@ ENDINGS = {PYTHON: ".py", FMU: ".fmu", MJCF: ".xml", ROS2_CONTROL: ".ros2_contro
 
 
 class Description(NamedTuple):
-    """What a robot description says, for targets that keep it: None if not given.
-
-    Wheel separation and radius are in m, the mass in kg.
-    """
+    """What a robot description says, for targets that keep it: wheel separation and radius [m], None if not given."""
 
     separation: float | None = None
     radius: float | None = None
-    mass: float | None = None
 
 
 NOTHING_KNOWN = Description()

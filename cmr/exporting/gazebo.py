@@ -5,7 +5,7 @@ from math import inf
 from cmr.exporting.carried import SDF, URDF, what_is_carried
 from cmr.exporting.diff_drive import Described, calibrated
 from cmr.exporting.robot import ExportedRobot
-from cmr.exporting.wheel_slip import SIDES, slips, wheel_slip
+from cmr.exporting.wheel_slip import SIDES, wheel_slip
 
 OF_SLIP = """\
 WheelSlip needs wheels with one <collision> each, and the centre of mass over the axle. The first direction of
@@ -16,42 +16,36 @@ OF_FRICTION = {
     SDF: "Put into each of these <collision>\n<surface><friction><ode><fdir1>0 0 1</fdir1></ode></friction></surface>.",
     URDF: "It is fdir1 below.",
 }
+SURFACES = "".join(f'<gazebo reference="{side}_wheel_link">\n  <fdir1>0 0 1</fdir1>\n</gazebo>\n' for side in SIDES)
 
 
 def sdf(robot: ExportedRobot, said: Described) -> str:
-    """Return the systems of Gazebo that drive the robot, to be pasted into its <model>.
-
-    Raises ValueError where its wheels slip and its mass is not known.
-    """
-    return f"{_comment(SDF, robot)}\n{_plugins(robot, said)}\n"
+    """Return the systems of Gazebo that drive the robot, to be pasted into its <model>."""
+    slip = _slip(robot)
+    return "\n".join(filter(None, [_comment(SDF, robot, slip), _diff_drive(robot, said), slip])) + "\n"
 
 
 def urdf(robot: ExportedRobot, said: Described) -> str:
-    """Return what a URDF needs, to be pasted into its <robot>: xacro properties, and the systems of Gazebo.
-
-    Raises ValueError where its wheels slip and its mass is not known.
-    """
-    known = calibrated(robot)
-    plugins = "\n".join("  " + line for line in _plugins(robot, said).splitlines())
+    """Return what a URDF needs, to be pasted into its <robot>: xacro properties, and the systems of Gazebo."""
+    known, slip = calibrated(robot), _slip(robot)
+    plugins = "\n".join("  " + line for line in [*_diff_drive(robot, said).splitlines(), *slip.splitlines()])
     return f"""\
-{_comment(URDF, robot)}
+{_comment(URDF, robot, slip)}
 <xacro:property name="wheel_separation" value="{known.separation:.6g}"/>
 <xacro:property name="left_wheel_radius" value="{known.radius_left:.6g}"/>
 <xacro:property name="right_wheel_radius" value="{known.radius_right:.6g}"/>
 <gazebo>
 {plugins}
 </gazebo>
-{_surfaces(robot)}"""
+{SURFACES if slip else ""}"""
 
 
-def _surfaces(robot: ExportedRobot) -> str:
-    """Return what a URDF says of the wheels' surface, so that they slip along the axle and across it."""
-    if not slips(robot):
-        return ""
-    return "".join(f'<gazebo reference="{side}_wheel_link">\n  <fdir1>0 0 1</fdir1>\n</gazebo>\n' for side in SIDES)
+def _slip(robot: ExportedRobot) -> str:
+    known = calibrated(robot)
+    return wheel_slip(robot, known.speed, (known.radius_left, known.radius_right))
 
 
-def _comment(target: str, robot: ExportedRobot) -> str:
+def _comment(target: str, robot: ExportedRobot, slip: str) -> str:
     known = calibrated(robot)
     carried = "\n".join(what_is_carried(target, robot)).replace("--", "- -")
     radius = f"{known.radius:.6g} m"
@@ -64,17 +58,9 @@ In Gazebo the robot turns as its wheels roll: place them {known.separation:.6g} 
 of {radius}, and let casters slide.
 Names of joints and links are to be those of your model.
 DiffDrive counts with what the real robot's controller counts with.
-{OF_SLIP.format(where=OF_FRICTION[target]) if slips(robot) else ""}
+{OF_SLIP.format(where=OF_FRICTION[target]) if slip else ""}
 {carried}
 -->"""
-
-
-def _plugins(robot: ExportedRobot, said: Described) -> str:
-    if not slips(robot):
-        return _diff_drive(robot, said)
-    known = calibrated(robot)
-    slip = wheel_slip(robot, known.speed, (known.radius_left, known.radius_right), said.mass)
-    return f"{_diff_drive(robot, said)}\n{slip}"
 
 
 def _diff_drive(robot: ExportedRobot, said: Described) -> str:

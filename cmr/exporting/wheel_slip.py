@@ -30,27 +30,20 @@ def compliances(robot: ExportedRobot, top_speed: float) -> tuple[float, float]:
     return robot.value("lateral_skid") * per_second, robot.value("longitudinal_slip") * per_second
 
 
-def slips(robot: ExportedRobot) -> bool:
-    """Tell whether the robot has slip that the system can stand for."""
-    return any(robot.value(name) > 0.0 for name in ("lateral_skid", "longitudinal_slip"))
+def wheel_slip(robot: ExportedRobot, top_speed: float, radii: tuple[float, float]) -> str:
+    """Return the system for the wheels of a robot with a top speed [m/s] and these radii [m], left and right.
 
-
-def wheel_slip(robot: ExportedRobot, top_speed: float, radii: tuple[float, float], mass: float | None) -> str:
-    """Return the system for wheels of these radii [m], left and right, of a robot of this mass [kg].
-
-    Raises ValueError where the mass is not known: the load on a wheel cannot be told from how the robot moves.
+    It is empty where they do not slip, and where the robot's mass is not known: how it moves does not tell the load.
     """
-    if mass is None:
-        raise ValueError(
-            "its wheels slip, and Gazebo needs the load on each; say what the robot weighs there: --mass KG"
-        )
     lateral, longitudinal = compliances(robot, top_speed)
+    if robot.mass is None or not (lateral or longitudinal):
+        return ""
     wheels = "\n".join(
         f"""\
   <wheel link_name="{side}_wheel_link">
     <slip_compliance_lateral>{lateral:.6g}</slip_compliance_lateral>
     <slip_compliance_longitudinal>{longitudinal:.6g}</slip_compliance_longitudinal>
-    <wheel_normal_force>{mass * GRAVITY / 2.0:.6g}</wheel_normal_force>
+    <wheel_normal_force>{robot.mass * GRAVITY / 2.0:.6g}</wheel_normal_force>
     <wheel_radius>{radius:.6g}</wheel_radius>
   </wheel>"""
         for side, radius in zip(SIDES, radii, strict=True)

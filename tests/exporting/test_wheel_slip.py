@@ -1,12 +1,12 @@
 """What cmr-export writes for Gazebo's WheelSlip lets wheels slip there as the model's do, as far as they can."""
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from cmr.cli.errors import CommandError
 from cmr.exporting.carried import SDF, URDF, Carry, of_robot
 from cmr.exporting.diff_drive import Described, calibrated
 from cmr.exporting.export import export
@@ -15,17 +15,17 @@ from cmr.exporting.gazebo import urdf as urdf_of
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
-from tests.exporting.exported_robots import PAPER, robot_with
+from tests.exporting.exported_robots import PAPER
 from tests.support.gazebo_wheels import driven, wheels_of
 
 MASS, DT = 3.0, 1e-3  # kg; s
 RADIUS, _, K1, WIDTH = PAPER
 TOP = RADIUS / K1  # m/s
-SAID = Described(WIDTH, RADIUS, MASS)
+SAID = Described(WIDTH, RADIUS)
 
 
 def robot(**effects: float) -> ExportedRobot:
-    return ExportedRobot(0, RobotParameters(*PAPER, effects=effects))
+    return ExportedRobot(0, RobotParameters(*PAPER, effects=effects), mass=MASS)
 
 
 def driven_there(one: ExportedRobot, left: Floats, right: Floats) -> Floats:
@@ -65,7 +65,7 @@ def test_a_steady_turn_is_as_fast_as_without_slip_which_is_why_turn_slip_is_not_
     rate = driven_there(robot(longitudinal_slip=0.06, lateral_skid=0.06), -spin, spin)[:, 2]
     assert rate[0] < 0.9 * 0.4 / WIDTH
     assert rate[-1] == pytest.approx(0.4 / WIDTH, rel=1e-6)
-    found = of_robot(SDF, robot_with(("turn_slip", "longitudinal_slip")))
+    found = of_robot(SDF, robot(turn_slip=0.03, longitudinal_slip=0.02))
     assert (found["turn_slip"].how, found["longitudinal_slip"].how) == (Carry.NOT, Carry.APPROXIMATELY)
 
 
@@ -89,12 +89,11 @@ def test_a_urdf_has_the_same_system_and_says_along_what_wheels_slip() -> None:
 
 
 @pytest.mark.parametrize("target", [SDF, URDF])
-def test_a_robot_that_does_not_slip_has_no_such_system(target: str, tmp_path: Path) -> None:
-    export(robot_with(("slew_limit", "turn_slip")), target, tmp_path / "robot.xml")
-    assert "::WheelSlip" not in (tmp_path / "robot.xml").read_text()
-
-
-def test_without_a_mass_slip_is_refused_in_a_sentence_that_says_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(CommandError, match=r"--mass KG"):
-        export(robot(lateral_skid=0.1), SDF, tmp_path / "robot.sdf")
-    assert not (tmp_path / "robot.sdf").exists()
+def test_a_robot_that_does_not_slip_or_whose_mass_is_not_known_has_no_such_system(target: str, tmp_path: Path) -> None:
+    weighed, unknown = robot(turn_slip=0.03), replace(robot(lateral_skid=0.1), mass=None)
+    for one in (weighed, unknown):
+        export(one, target, tmp_path / "robot.xml")
+        assert "::WheelSlip" not in (tmp_path / "robot.xml").read_text()
+    said = " ".join((tmp_path / "robot.xml").read_text().split())
+    assert "give cmr-export the robot's mass" in said
+    assert of_robot(target, unknown)["lateral_skid"].how is Carry.NOT

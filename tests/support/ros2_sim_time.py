@@ -8,11 +8,11 @@ python -m tests.support.ros2_sim_time /robot_10 --domain-id 42
 import sys
 
 import rclpy
-from nav_msgs.msg import Odometry
 from rclpy.parameter import Parameter
 
-from robot_driver.ros2.messages import read_odometry
+from robot_driver.ros2.messages import ODOMETRY, Ros, read_odometry
 from robot_driver.ros2.network import choose_network
+from robot_driver.ros2.node import type_of
 
 
 def main(arguments: list[str]) -> None:
@@ -22,11 +22,11 @@ def main(arguments: list[str]) -> None:
     rclpy.init()
     node = rclpy.create_node("watcher", parameter_overrides=[Parameter("use_sim_time", value=True)])
 
-    def show(message: Odometry) -> None:
+    def show(message: Ros) -> None:
         odometry = read_odometry(message)
         print(node.get_clock().now().nanoseconds // 1000, odometry.utime, odometry.x, flush=True)
 
-    node.create_subscription(Odometry, f"{namespace}/odom", show, 10)
+    node.create_subscription(type_of(ODOMETRY), f"{namespace}/odom", show, 10)
     rclpy.spin(node)
 
 
