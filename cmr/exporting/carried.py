@@ -74,6 +74,7 @@ SLIP = "the WheelSlip system, whose slip grows with the wheel's speed: right at 
 GAZEBO = {
     **PLUGIN,
     "wheel_radius_asymmetry": _exactly("the radius of each wheel"),
+    "wheel_separation_error": _exactly("the wheel separation that DiffDrive counts with"),
     "longitudinal_slip": _approximately(SLIP),
     "lateral_skid": _approximately(SLIP),
     "turn_slip": Carried(Carry.NOT, "wheels there do not slip in a steady turn, which nothing resists"),
