@@ -145,5 +145,6 @@ def _sentence(diagnosis: Diagnosis) -> str:
         rest = " There remain errors that no effect of the catalogue explains." if diagnosis.unexplained.present else ""
         return f"The robot departs from {file}. {' '.join(parts)}{rest}"
     unseen = len(diagnosis.not_visible)
-    but = f", but {unseen} effects of the catalogue would not be visible in these drives" if unseen else ""
+    effects = "effect" if unseen == 1 else "effects"
+    but = f", but {unseen} {effects} of the catalogue would not be visible in these drives" if unseen else ""
     return f"The robot is that of {file}: nothing that departs from it is large enough to be named{but}."

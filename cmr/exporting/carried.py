@@ -46,12 +46,14 @@ def _approximately(why: str) -> Carried:
 
 
 STEPS_THE_MODEL = _exactly("it steps the equations of the model")
+BY_WEIGHT = ("longitudinal_slip", "lateral_skid")  # what Gazebo carries of a robot whose mass is known
+NO_MASS = Carried(Carry.NOT, "that takes the load on the wheels: give cmr-export the robot's mass")
 YOUNGER = Carried(Carry.NOT, "its readings would show what has not happened yet; they show the present instead")
 NOT_IN = {  # why an effect on the motion is not carried
     MJCF: "MuJoCo's motor, joints and contacts have nothing like it",
     ROS2_CONTROL: "the controller has no parameter for it",
-    SDF: "Gazebo's plugin has no parameter for it",
-    URDF: "neither a URDF nor Gazebo's plugin in it has a parameter for it",
+    SDF: "Gazebo's systems have no parameter for it",
+    URDF: "neither a URDF nor Gazebo's systems in it have a parameter for it",
 }
 OF_SENSORS = {
     MJCF: "the sensors of the file read the true motion",
@@ -68,7 +70,15 @@ PLUGIN = {
     "current_limit": _approximately(ACCELERATION_LIMIT),
     "wheel_radius_scale": _exactly("the radius of the wheels"),
 }
-GAZEBO = {**PLUGIN, "wheel_radius_asymmetry": _exactly("the radius of each wheel")}
+SLIP = "the WheelSlip system, whose slip grows with the wheel's speed: right at half the top speed"
+GAZEBO = {
+    **PLUGIN,
+    "wheel_radius_asymmetry": _exactly("the radius of each wheel"),
+    "wheel_separation_error": _exactly("the wheel separation that DiffDrive counts with"),
+    "longitudinal_slip": _approximately(SLIP),
+    "lateral_skid": _approximately(SLIP),
+    "turn_slip": Carried(Carry.NOT, "wheels there do not slip in a steady turn, which nothing resists"),
+}
 BY_TARGET: dict[str, dict[str, Carried]] = {
     MJCF: {
         "command_delay": _approximately("a delay of each motor's command, in whole time steps"),
@@ -77,7 +87,7 @@ BY_TARGET: dict[str, dict[str, Carried]] = {
         "electrical_lag": _approximately(
             "a filter of the command; where the current is limited, too, saturation comes first"
         ),
-        "coulomb_friction": _approximately("frictionloss of the wheel joints, whose constraint is soft"),
+        "coulomb_friction": _approximately("frictionloss of the wheel joints, as hard as its constraint can be"),
         "quadratic_drag": _exactly("damping of the wheel joints that grows with the speed"),
         "motor_gain_asymmetry": _exactly("the stall torque and the no-load speed of each motor"),
         "back_emf_asymmetry": _exactly("the no-load speed of each motor"),
@@ -114,7 +124,10 @@ def carried(target: str, effect: Effect, is_younger: bool = False) -> Carried:
 
 def of_robot(target: str, robot: "ExportedRobot") -> dict[str, Carried]:
     """Return how well a target carries each effect of a robot, by its name."""
-    return {effect.name: carried(target, effect, _is_younger(effect, robot)) for effect in robot.effects}
+    found = {effect.name: carried(target, effect, _is_younger(effect, robot)) for effect in robot.effects}
+    if target in (SDF, URDF) and robot.mass is None:
+        found |= {name: NO_MASS for name in BY_WEIGHT if name in found}
+    return found
 
 
 def _is_younger(effect: Effect, robot: "ExportedRobot") -> bool:

@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> int:
         from cmr.exporting.proof import check_provable  # imports what only proofs need
 
         check_provable(options.to)
-    robot = exported(load(options.parameters))
+    robot = exported(load(options.parameters), options.mass)
     path = options.out or Path(name_of_file(robot, options.to))
     check_writable(path.parent)
     remarks = export(robot, options.to, path, Description(options.wheel_separation, options.wheel_radius))
@@ -72,8 +72,8 @@ def command_parser() -> argparse.ArgumentParser:
     result = parser(
         "cmr-export",
         "Write a calibrated robot for another program: a Python file or a functional mock-up unit (FMI 3.0) that step "
-        "the same equations, a MuJoCo model, parameters of ROS 2's diff_drive_controller, or Gazebo's plugin for an "
-        "SDF or a URDF. It says which effects the target carries exactly, which approximately, and which not.",
+        "the same equations, a MuJoCo model, parameters of ROS 2's diff_drive_controller, or Gazebo's systems for "
+        "an SDF or a URDF. It says which effects the target carries exactly, which approximately, and which not.",
         "cmr-export robot_0.yaml --to python\n"
         "  cmr-export robot_0.yaml --to ros2_control --wheel-separation 0.16 --wheel-radius 0.033",
     )
@@ -89,6 +89,12 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument("--wheel-separation", type=_length, metavar="M", help=f"wheel separation {of_description}")
     result.add_argument("--wheel-radius", type=_length, metavar="M", help=f"wheel radius {of_description}")
     result.add_argument(
+        "--mass",
+        type=_mass,
+        metavar="KG",
+        help="mass of the robot, for sdf and urdf: without it, wheels do not slip in Gazebo [kg]",
+    )
+    result.add_argument(
         "--prove",
         action="store_true",
         help="run the file (python, fmu, mjcf), compare it with CMR's own model, and write FILE.html about it",
@@ -99,3 +105,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 def _length(text: str) -> float:
     return parse_number(text, f"{text!r} is not a length: a number greater than 0, in m", above=0.0)
+
+
+def _mass(text: str) -> float:
+    return parse_number(text, f"{text!r} is not a mass: a number greater than 0, in kg", above=0.0)

@@ -1,4 +1,4 @@
-"""Differential-drive controllers of others: ROS 2's diff_drive_controller and Gazebo's DiffDrive plugin.
+"""Differential-drive controllers of others: ROS 2's diff_drive_controller, and what Gazebo's DiffDrive counts with.
 
 Such a controller turns (v, omega) into wheel speeds, and wheel angles into odometry, by the wheel separation S and the
 wheel radius R of a robot description. The calibrated robot of base width b and radii r_left, r_right turns by
@@ -9,9 +9,8 @@ when omega is commanded: multipliers b / S and r / R make that omega.
 """
 
 from dataclasses import dataclass
-from math import inf
 
-from cmr.exporting.carried import ROS2_CONTROL, SDF, URDF, what_is_carried
+from cmr.exporting.carried import ROS2_CONTROL, what_is_carried
 from cmr.exporting.robot import ExportedRobot
 
 LEAST_SHARE = 1e-3  # by which wheels may miss a commanded speed unsaid
@@ -130,63 +129,3 @@ def _reached(robot: ExportedRobot) -> str:
         f"# Its wheels reach {share:.1%} of the speed that is commanded. Odometry sees that; a turn that is commanded\n"
         "# for a time is as much off.\n"
     )
-
-
-def sdf(robot: ExportedRobot, said: Described) -> str:
-    """Return the DiffDrive plugin of Gazebo, to be pasted into the <model> of a robot."""
-    return f"{_comment(SDF, robot)}\n{_plugin(robot, said)}\n"
-
-
-def urdf(robot: ExportedRobot, said: Described) -> str:
-    """Return what a URDF needs, to be pasted into its <robot>: xacro properties, and the plugin for Gazebo."""
-    known = calibrated(robot)
-    plugin = "\n".join("  " + line for line in _plugin(robot, said).splitlines())
-    return f"""\
-{_comment(URDF, robot)}
-<xacro:property name="wheel_separation" value="{known.separation:.6g}"/>
-<xacro:property name="left_wheel_radius" value="{known.radius_left:.6g}"/>
-<xacro:property name="right_wheel_radius" value="{known.radius_right:.6g}"/>
-<gazebo>
-{plugin}
-</gazebo>
-"""
-
-
-def _comment(target: str, robot: ExportedRobot) -> str:
-    known = calibrated(robot)
-    carried = "\n".join(what_is_carried(target, robot)).replace("--", "- -")
-    radius = f"{known.radius:.6g} m"
-    if known.radius_left != known.radius_right:
-        radius = f"{known.radius_left:.6g} m on the left and {known.radius_right:.6g} m on the right"
-    return f"""\
-<!--
-Robot {robot.robot_id} of Calibrated Mixed Reality, as it was calibrated: written by cmr-export.
-In Gazebo the robot turns as its wheels roll: place them {known.separation:.6g} m apart, one on each side, with a radius
-of {radius}, and let casters slide.
-The plugin counts with what the real robot's controller counts with.
-
-{carried}
--->"""
-
-
-def _plugin(robot: ExportedRobot, said: Described) -> str:
-    known = calibrated(robot)
-    most = {
-        "linear_velocity": known.speed,
-        "angular_velocity": known.turn_rate,
-        "linear_acceleration": known.acceleration,
-        "angular_acceleration": known.turn_acceleration,
-    }
-    limits = "\n".join(
-        f"  <max_{what}>{value:.6g}</max_{what}>\n  <min_{what}>{-value:.6g}</min_{what}>"
-        for what, value in most.items()
-        if value < inf
-    )
-    return f"""\
-<plugin filename="gz-sim-diff-drive-system" name="gz::sim::systems::DiffDrive">
-  <left_joint>left_wheel_joint</left_joint>
-  <right_joint>right_wheel_joint</right_joint>
-  <wheel_separation>{said.separation:.6g}</wheel_separation>
-  <wheel_radius>{said.radius:.6g}</wheel_radius>
-{limits}
-</plugin>"""

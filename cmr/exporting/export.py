@@ -7,8 +7,9 @@ from typing import NamedTuple
 from cmr.cli.errors import CommandError
 from cmr.exporting.c_statements import NoCounterpartError
 from cmr.exporting.carried import FMU, MJCF, PYTHON, ROS2_CONTROL, SDF, URDF
-from cmr.exporting.diff_drive import described, ros2_control, sdf, urdf
+from cmr.exporting.diff_drive import described, ros2_control
 from cmr.exporting.fmu import NO_COMPILER, fmu
+from cmr.exporting.gazebo import sdf, urdf
 from cmr.exporting.mjcf import mjcf
 from cmr.exporting.python_file import python_file
 from cmr.exporting.robot import ExportedRobot
@@ -62,4 +63,4 @@ def _text(robot: ExportedRobot, target: str, description: Description) -> str:
     if target == MJCF:
         return mjcf(robot)
     write = {ROS2_CONTROL: ros2_control, SDF: sdf, URDF: urdf}[target]
-    return write(robot, described(robot, description.separation, description.radius))
+    return write(robot, described(robot, *description))

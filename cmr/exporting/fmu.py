@@ -27,7 +27,8 @@ EPOCH = (1980, 1, 1, 0, 0, 0)  # of all entries: the same robot gives the same f
 STEP_SIZE = 0.01  # s, where the importer has no wish
 NO_COMPILER = (
     "There is no C compiler (cc) here, so the FMU has sources and no binary. Install one and export again "
-    "(Debian, Ubuntu: apt install gcc), or have FMPy compile it: python3 -m fmpy compile {path}"
+    "(Debian, Ubuntu: apt install gcc), or add the binary on a computer that has a compiler, CMake and FMPy: "
+    "python3 -m fmpy compile {path}"
 )
 
 

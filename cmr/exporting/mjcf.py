@@ -26,7 +26,8 @@ WHEEL_INERTIA = 0.02  # of m r^2, that of the larger wheel: small, so that any c
 WHEEL_MASS = 1e-3  # kg; its inertia is that of the joint's armature
 LEAST_INERTIA = 1e-8  # kg m^2, as MuJoCo refuses none
 TIME_STEP = 0.001  # s
-STIFFNESS = 0.002  # s, time constant of contacts: as stiff as this time step allows
+STIFFNESS = 0.002  # s, time constant of contacts and of joint friction: as stiff as this time step allows
+HARD = "0.9999 0.9999 0.001 0.5 2"  # joint friction holds a wheel: MuJoCo's usual 0.9 lets it creep
 GRAVITY = 9.81  # m/s^2
 
 
@@ -162,7 +163,8 @@ def _wheel(robot: ExportedRobot, side: Side, mean_radius: float) -> str:
     return f"""\
       <body name="wheel_{side.name}" pos="{place}">
         <joint name="{side.name}" type="hinge" axis="0 1 0" armature="{armature!r}"
-            frictionloss="{friction!r}" damping="{_back_emf_of_joint(robot, side)!r} {drag!r} 0"/>
+            frictionloss="{friction!r}" solreffriction="{STIFFNESS} 1" solimpfriction="{HARD}"
+            damping="{_back_emf_of_joint(robot, side)!r} {drag!r} 0"/>
         <inertial pos="0 0 0" mass="{WHEEL_MASS}" diaginertia="{LEAST_INERTIA} {LEAST_INERTIA} {LEAST_INERTIA}"/>
         <geom name="wheel_{side.name}" type="sphere" size="{side.radius!r}" rgba="0.2 0.2 0.2 1"/>
       </body>"""

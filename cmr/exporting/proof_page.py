@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cmr.diagnosis.result import Diagnosis
-from cmr.exporting.carried import Carried, Carry, of_robot
+from cmr.exporting.carried import FMU, MJCF, PYTHON, Carried, Carry, of_robot
 from cmr.exporting.proof import SAME, SECONDS, Proof
 from cmr.exporting.robot import ExportedRobot
 from cmr.report.keys import keys, real_key, simulated_key
@@ -18,6 +18,7 @@ from cmr.report.svg import Frame, line, plot
 from cmr.report.table import table
 
 MARGIN = 0.1  # m around the paths
+PROGRAM = {PYTHON: "Python", FMU: "an FMU", MJCF: "MuJoCo"}  # where a target is run
 
 
 def verdict(proof: Proof) -> str:
@@ -28,16 +29,17 @@ def verdict(proof: Proof) -> str:
     if proof.off <= SAME:
         return f"The exported robot drives the same path: within {proof.off:.1g} m over {SECONDS:.0f} s."
     lost = f", of which {proof.lost:.3g} m are effects that it does not carry" if proof.lost > SAME else ""
-    return f"The exported robot is up to {proof.off:.3g} m off after {SECONDS:.0f} s, {share}{lost}."
+    return f"The exported robot is up to {proof.off:.3g} m off within {SECONDS:.0f} s, {share}{lost}."
 
 
 def proof_page(robot: ExportedRobot, proof: Proof, diagnosis: Diagnosis) -> str:
     """Return the page."""
     found = of_robot(proof.target, robot)
-    title = f"Robot {robot.robot_id} in {proof.target}"
+    program = PROGRAM[proof.target]
+    title = f"Robot {robot.robot_id} in {program}"
     header = tag("header", tag("h1", title), paragraph(verdict(proof)))
     sections = [
-        section("Path beside path", _paths(proof), keys(real_key("CMR"), simulated_key(proof.target))),
+        section("Path beside path", _paths(proof), keys(real_key("CMR"), simulated_key(program))),
         section("How far off", _numbers(proof)),
         section("Diagnosed as if it were a real robot", *_departures(proof, diagnosis, found)),
         section("What the export carries", _effects(robot, proof)),
@@ -95,7 +97,7 @@ def _departures(proof: Proof, diagnosis: Diagnosis, carried: Mapping[str, Carrie
         [one.name, one.cause, "not carried" if _is_lost(carried.get(one.name)) else ""] for one in diagnosis.effects
     ]
     rows += [[one.name, f"{one.estimate.value:.4g}, in the file {one.given:.4g}", ""] for one in against.departures]
-    headings = ["what departs", "how", f"by {proof.target}"]
+    headings = ["what departs", "how", f"by {PROGRAM[proof.target]}"]
     return [paragraph(diagnosis.sentence), *([table(headings, rows)] if rows else []), drive]
 
 

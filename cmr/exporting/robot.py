@@ -13,11 +13,15 @@ from cmr.parameters.file import ParameterFile
 
 @dataclass(frozen=True)
 class ExportedRobot:
-    """One robot with its parameters; `controller` is None where it takes duties."""
+    """One robot with its parameters; `controller` is None where it takes duties.
+
+    `mass` [kg] is what no motion tells of it: None if it is not known.
+    """
 
     robot_id: int
     parameters: RobotParameters
     controller: VelocityController | None = None
+    mass: float | None = None
 
     @property
     def takes(self) -> str:
@@ -58,9 +62,9 @@ class ExportedRobot:
         return [effect.sentence_of_speed(values, top, gain) for effect in self.effects]
 
 
-def exported(file: ParameterFile) -> ExportedRobot:
-    """Return the robot of a parameter file.
+def exported(file: ParameterFile, mass: float | None = None) -> ExportedRobot:
+    """Return the robot of a parameter file, and what it weighs [kg] where that is known.
 
     Raises ParameterFileError naming the first of the parameters that is missing for a simulation.
     """
-    return ExportedRobot(file.robot_id, file.robot_parameters, file.velocity_controller)
+    return ExportedRobot(file.robot_id, file.robot_parameters, file.velocity_controller, mass)

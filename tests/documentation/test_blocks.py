@@ -111,7 +111,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_log(folder / name, messages(IDEAL, seconds=2.0))
     values = {"wheel_radius": 0.04, "k2_over_k3": 100.0, "k1": 0.06, "base_width": 0.17}
     ParameterFile(0, {name: Value(value) for name, value in values.items()}).save(folder / "robot_0.yaml")
-    export([str(folder / "robot_0.yaml"), "--to", "python", "--out", str(folder / "robot_0.py")])
+    for target, name in (("python", "robot_0.py"), ("mjcf", "robot_0.xml")):
+        export([str(folder / "robot_0.yaml"), "--to", target, "--out", str(folder / name)])
     write_turtlebot_bag(folder).rename(folder / "rosbag2_2026_11_22-14_00_00")
     return folder
 

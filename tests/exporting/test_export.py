@@ -11,9 +11,10 @@ import yaml
 from cmr.cli.errors import CommandError
 from cmr.exporting import export as exporting
 from cmr.exporting.c_statements import NoCounterpartError, c_lines
-from cmr.exporting.carried import BY_TARGET, MJCF, TARGETS, URDF, Carry, carried, of_robot, table
+from cmr.exporting.carried import BY_TARGET, MJCF, SDF, TARGETS, URDF, Carry, carried, of_robot, table
 from cmr.exporting.command import main
 from cmr.exporting.diff_drive import Described, calibrated, described, ros2_control, turned_before
+from cmr.exporting.gazebo import sdf
 from cmr.exporting.proof import check_provable
 from cmr.exporting.python_file import python_file
 from cmr.exporting.robot import ExportedRobot
@@ -195,7 +196,11 @@ def test_limits_are_those_of_the_robot() -> None:
 def test_a_robot_that_counts_wrongly_turns_otherwise_until_its_description_is_right() -> None:
     parameters = with_effects(SPEEDS, {"wheel_separation_error": 0.1})
     robot = ExportedRobot(0, parameters, VelocityController(0.033, 0.16, 6.67))
-    assert turned_before(robot, described(robot, None, None)) == pytest.approx(360.0 * 1.1)
+    said = described(robot, None, None)
+    assert turned_before(robot, said) == pytest.approx(360.0 * 1.1)
+    # In Gazebo, where the wheels are as far apart as they really are, it does so, too.
+    assert f"<wheel_separation>{0.16 * 1.1:.6g}</wheel_separation>" in sdf(robot, said)
+    assert of_robot(SDF, robot)["wheel_separation_error"].how is Carry.EXACTLY
 
 
 def test_a_target_with_physics_of_its_own_carries_what_its_table_says() -> None:

@@ -2,6 +2,7 @@
 
 import importlib.util
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,6 +17,7 @@ from cmr.model.velocity_controller import VelocityController
 from tests.exporting.exported_robots import PAPER, SPEEDS, robot_with
 
 pytestmark = pytest.mark.slow
+CREEP = 1e-3  # rad/s
 needs_mujoco = pytest.mark.skipif(importlib.util.find_spec("mujoco") is None, reason="mujoco is not installed")
 
 
@@ -101,3 +103,18 @@ def test_a_coupling_that_no_body_has_is_refused() -> None:
     parameters = RobotParameters(*PAPER, effects={"motor_coupling": 0.95})
     with pytest.raises(ValueError, match="motor_coupling"):
         mjcf(ExportedRobot(0, parameters))
+
+
+@needs_mujoco
+@pytest.mark.parametrize("duty", [0.02, 0.033])
+def test_friction_holds_a_wheel_that_the_motor_cannot_turn(duty: float, tmp_path: Path) -> None:
+    """Friction of 4 rad/s^2 is more than these duties drive, 2.4 and 3.9 rad/s^2."""
+    import mujoco
+
+    path = tmp_path / "robot.xml"
+    path.write_text(mjcf(robot_with(("coulomb_friction",))))
+    model: Any = mujoco.MjModel.from_xml_path(str(path))
+    data: Any = mujoco.MjData(model)
+    data.ctrl[:] = duty
+    mujoco.mj_step(model, data, nstep=1000)
+    assert abs(data.joint("left").qvel[0]) < CREEP

@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 import yaml
 
+from cmr.calibration import calibrate
 from cmr.exporting.diff_drive import described, ros2_control
 from cmr.exporting.robot import exported
 from cmr.model.catalogue import effects_on
 from cmr.parameters.file import ParameterFile, Value
+from cmr.recordings.recording import Recorder
 from tests.hidden_effects.robots import draw_robot
 from tests.reference_plant import REALISTIC, Commands, drive
 from tests.support.diff_drive_controller import DiffDriveController
+from tests.support.emulated_drive import DEFAULT, NOMINAL, TRUTH, messages
 from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
@@ -50,10 +53,26 @@ def test_after_the_paste_a_robot_turns_as_told_and_knows_it(seed: int) -> None:
     robot = draw_robot(random) | effects
     values = {name: Value(value) for name, value in robot.items()}
     file = ParameterFile(0, values, tuple(effect.name for effect in effects_on(effects)))
+    before, after = turn_errors(DESCRIBED, robot, seed), turn_errors(pasted(file), robot, seed)
+    assert max(map(abs, before)) > LEAST_BEFORE
+    assert max(map(abs, after)) < MOST_AFTER
+
+
+def pasted(file: ParameterFile) -> dict[str, Any]:
+    """Return the parameters of the controller as exported from a file for the robot description."""
     known = exported(file)
     said = described(known, DESCRIBED["wheel_separation"], DESCRIBED["wheel_radius"])
-    pasted = yaml.safe_load(ros2_control(known, said))["diff_drive_controller"]["ros__parameters"]
-    before, after = turn_errors(DESCRIBED, robot, seed), turn_errors(pasted, robot, seed)
+    parameters: dict[str, Any] = yaml.safe_load(ros2_control(known, said))["diff_drive_controller"]["ros__parameters"]
+    return parameters
+
+
+@pytest.mark.further
+def test_a_figure_eight_calibrates_well_enough_for_the_paste() -> None:
+    recorder = Recorder(0)
+    for channel, message in messages(DEFAULT):
+        recorder.handle(message.utime, channel, message)
+    file = calibrate(recorder.recording(), NOMINAL).parameter_file({})
+    before, after = turn_errors(DESCRIBED, TRUTH, 0), turn_errors(pasted(file), TRUTH, 0)
     assert max(map(abs, before)) > LEAST_BEFORE
     assert max(map(abs, after)) < MOST_AFTER
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from cmr.bus.bus import Bus
+from cmr.bus.keys import write_new_key
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import (
     ESTOP,
@@ -165,6 +166,26 @@ def test_the_robot_stands_when_the_bridge_is_ended_and_when_it_is_killed(world: 
         bridge = world.start("cmr ros2", "--robot", f"0={world.folder / 'emulated.yaml'}@/turtle")
         world.heard.clear()
         world.until(world.is_still)
+
+
+def test_on_a_bus_with_a_key_the_bridge_signs_and_a_stranger_moves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is heard of the robot is signed: a bus with a key takes nothing else."""
+    write_new_key(tmp_path / "key")
+    monkeypatch.setenv("CMR_KEY", str(tmp_path / "key"))
+    with _world(tmp_path) as world:
+        with monkeypatch.context() as without:
+            without.delenv("CMR_KEY")
+            stranger = Bus(world.url)
+        bridged(world)
+        world.commanded = None
+        world.until(world.is_still)
+        for _ in range(100):
+            forged = make(velocity_command_t, utime=now_utime(), robot_id=0, v=0.2, omega=0.3)
+            stranger.publish(VELOCITY_COMMAND, forged, 0)
+            world.turn()
+        assert world.is_still()
 
 
 def test_a_probe_writes_a_profile_of_what_is_there(world: World) -> None:
