@@ -1,12 +1,17 @@
 """Investigate: the robot chooses its own movements, and so finds out what its simulation gets wrong."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from cmr.bus.message import Message
+from cmr.bus.streams import INVESTIGATION_STATUS, Stream
 from cmr.geometry.obstacles import Geofence
 from cmr.investigation.driving import Driving, InThread, Place, Planner
 from cmr.investigation.engine import LONGEST, Investigation
 from cmr.investigation.floor import MARGIN, Floor
+from cmr.investigation.rehearsing import rehearse
+from cmr.investigation.reporting import Reports
 from cmr.model.body import forward
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value
@@ -48,12 +53,17 @@ class Investigate(Behaviour):
         self._recorder: Recorder | None = None
         self._floor: Floor | None = None
         self.driving: Driving | None = None
+        self._reports: Reports | None = None
 
     def hear(self, utime: int, channel: str, message: Message) -> None:
         """Record what the robot's driver and sensors say."""
         if self._recorder is None:
             self._recorder = Recorder(int(channel.rpartition("_")[2]))
         self._recorder.handle(utime, channel, message)
+
+    def prepare(self) -> None:
+        """Load what deciding takes: in the first turn it would take the half second after which a robot is stopped."""
+        rehearse()
 
     def command(self, utime: int, me: Robot, world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
         """Return the duties of this moment."""
@@ -66,12 +76,18 @@ class Investigate(Behaviour):
                 return 0.0, 0.0
             self._floor = Floor(fence, margin=self._margin, obstacles=world.obstacles)
             self.driving = self._driving(self._floor, me.robot_id, parameters, self._recorder)
+            self._reports = Reports(self.driving, me.robot_id)
         self.driving.investigation.floor = self._with_others(me, world)
         state = me.state
         speed = float(forward(state.psi_left, state.psi_right, parameters))
         duties = self.driving.command(utime, Place(state.x, state.y, state.theta, speed))
         self.finished, self.problem = self.driving.finished, self.driving.problem
         return duties
+
+    def tell(self, utime: int) -> Iterator[tuple[Stream[Message], Message]]:
+        """Yield what is left, and what is driven next and why."""
+        for report in self._reports.due(utime) if self._reports is not None else ():
+            yield INVESTIGATION_STATUS, report
 
     def _with_others(self, me: Robot, world: WorldView) -> Floor:
         """Return the floor with the other robots where they are now."""

@@ -47,8 +47,8 @@ def document(driving: Driving) -> dict[str, Any]:
             name for name in investigation.found if name not in (*investigation.named, *investigation.doubted)
         ],
         "doubted": list(investigation.doubted),
-        "excluded": _excluded(driving),
-        "out_of_reach": _out_of_reach(driving),
+        "excluded": excluded(driving),
+        "out_of_reach": out_of_reach(driving),
         "parameters": _parameters(driving),
         "driven_seconds": driving.drove,
         "problem": driving.problem,
@@ -87,10 +87,10 @@ def sentences(driving: Driving) -> list[str]:
     result = [_cause(name, driving) for name in investigation.named]
     if not result and driving.decision is not None:
         result = ["No effect is named."]
-    excluded = _excluded(driving)
-    if excluded:
-        result.append(f"Excluded at sizes that matter: {', '.join(excluded)}.")
-    result += [f"{name}: {why}." for name, why in _out_of_reach(driving).items()]
+    gone = excluded(driving)
+    if gone:
+        result.append(f"Excluded at sizes that matter: {', '.join(gone)}.")
+    result += [f"{name}: {why}." for name, why in out_of_reach(driving).items()]
     return [*result, *([driving.problem] if driving.problem else [])]
 
 
@@ -109,17 +109,17 @@ def _parameters(driving: Driving) -> dict[str, dict[str, float]]:
     return {name: {"value": float(fit.values[name]), "std": fit.std(name)} for name in fit.names}
 
 
-def _excluded(driving: Driving) -> list[str]:
+def excluded(driving: Driving) -> list[str]:
     """Return the effects that would have shown and did not; one of a time may come after the drive."""
     if driving.decision is None:
         return []
-    hidden = _out_of_reach(driving)
+    hidden = out_of_reach(driving)
     left = {one.name for one in driving.decision.judgement.left if one.evidence > 0.0}
     names = [name for name in driving.decision.known.columns.names if locality(CATALOGUE[name]) != "time"]
     return [name for name in names if name not in hidden and name not in left]
 
 
-def _out_of_reach(driving: Driving) -> dict[str, str]:
+def out_of_reach(driving: Driving) -> dict[str, str]:
     """Return why some effects could not be seen, by name."""
     if driving.decision is None:
         return {}
