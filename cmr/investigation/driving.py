@@ -39,6 +39,9 @@ class Planner(Protocol):
     def result(self) -> tuple[bool, Decision | None]:
         """Return whether a decision is there, and the decision."""
 
+    def end(self) -> None:
+        """Let a decision that is being made come to its end: the investigation is at rest then."""
+
 
 class AtOnce:
     """A planner that takes no time: for time that is simulated."""
@@ -55,6 +58,9 @@ class AtOnce:
     def result(self) -> tuple[bool, Decision | None]:
         """Return the decision."""
         return True, self._decision
+
+    def end(self) -> None:
+        """Do nothing: nothing is being decided."""
 
 
 class InThread:
@@ -85,6 +91,10 @@ class InThread:
         if self._future is None or not self._future.done():
             return False, None
         return True, self._future.result()
+
+    def end(self) -> None:
+        """Wait for what is being decided; of decisions that have not begun there will be none."""
+        self._pool.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True)
@@ -130,6 +140,10 @@ class Driving:
         if utime >= self._planned.ends:
             self._go_on(utime)
         return self._duties(utime)
+
+    def end(self) -> None:
+        """Leave the investigation at rest, as it is to be told of: nothing is decided any more."""
+        self._planner.end()
 
     def _begin(self, utime: int, place: Place) -> None:
         movement, why = self.investigation.opening(place.x, place.y, place.theta)

@@ -57,10 +57,11 @@ class Step:
 
 @dataclass
 class Decision:
-    """What came of looking at the data: the movement to drive next, None when it is over, and why."""
+    """What came of looking at the data: effects `named`, the movement to drive next, None when it is over, and why."""
 
     judgement: Judgement
     known: Told
+    named: tuple[str, ...]
     choice: Choice
     finished: bool
     sentence: str = ""
@@ -150,7 +151,8 @@ class Investigation:
                 situation = _situation(judgement, recording, planned, self._limits)
                 choice = choose(judgement, known, situation, self.floor, self._random, self._at_random, least)
             self._note(judgement, choice)
-            return Decision(judgement, known, choice, over, "" if over or choice.movement else NO_ROOM)
+            sentence = "" if over or choice.movement else NO_ROOM
+            return Decision(judgement, known, self.named, choice, over, sentence)
 
     @property
     def named(self) -> tuple[str, ...]:

@@ -50,7 +50,7 @@ class Reports:
             driven=driving.drove,
             longest=driving.investigation.longest,
             explanations=json.dumps(_left(decision)),
-            named=json.dumps(driving.investigation.named),
+            named=json.dumps(decision.named if decision is not None else ()),
             excluded=excluded_now,
             not_shown=hidden,
             movement=driving.movement.name if driving.movement is not None else "",

@@ -8,6 +8,7 @@ from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Step
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import ParameterFile, Value
+from cmr.report.likelihood import length, odds
 from cmr.report.markup import Html, tag
 from cmr.report.page import page_of
 from cmr.report.section import paragraph, section
@@ -16,6 +17,7 @@ from cmr.report.table import table
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
 MOST_IN_A_LINE = 3  # explanations
+BAR = 8  # characters, of what is certain
 
 
 def line(driving: Driving) -> str:
@@ -25,9 +27,14 @@ def line(driving: Driving) -> str:
         return "Opening: a rest, spins both ways, forth and back."
     step = story[-1]
     left = _by_odds(step)[:MOST_IN_A_LINE]
-    bars = ", ".join(f"{name or NOTHING_MORE} {share:.0%}" for name, share in left)
+    bars = ", ".join(f"{name or NOTHING_MORE} {_bar(share)} {odds(share)}" for name, share in left)
     named = f"named {', '.join(step.named)}; " if step.named else ""
     return f"{step.time:5.1f} s  {named}{bars}  -> {_chosen(step)}"
+
+
+def _bar(share: float) -> str:
+    """Return a bar as long as that of the page of cmr-view."""
+    return "#" * max(1, round(BAR * length(share)))
 
 
 def _chosen(step: Step) -> str:
@@ -136,7 +143,7 @@ def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:
         [
             f"{step.time:.1f}",
             ", ".join(step.named),
-            ", ".join(f"{name or NOTHING_MORE} {share:.1%}" for name, share in _by_odds(step)),
+            ", ".join(f"{name or NOTHING_MORE} {odds(share)}" for name, share in _by_odds(step)),
             _chosen(step),
         ]
         for step in driving.investigation.story

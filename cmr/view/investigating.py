@@ -1,16 +1,15 @@
 """An investigation as HTML over the scene: the explanations left as bars, the movement that is driven, and why."""
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from cmr.msg import investigation_status_t as status_t
+from cmr.report.likelihood import length, odds
 from cmr.report.markup import Html, tag
 from cmr.view.data.state import Heard, ViewState
 from cmr.view.inputs import plain
 
-LEAST = 1e-3  # probability of which a bar has no length; every tenfold is a third of it
 MOST_BARS = 8  # explanations that are shown, the likeliest first
 IN_WORDS = {
     status_t.OPENING: "Opening: it rests, turns both ways, and drives forth and back.",
@@ -64,20 +63,6 @@ def bars_of(history: Sequence[Heard[status_t]]) -> list[Bar]:
     gone = [name for name in list(before)[:MOST_BARS] if name not in now]
     names += gone[: MOST_BARS - len(names)]
     return [Bar(name, now.get(name, 0.0), before.get(name, 0.0)) for name in names]
-
-
-def odds(probability: float) -> str:
-    """Return a probability as one says it: in per cent, and small ones as 1 : 250."""
-    if probability >= 0.01:
-        return f"{100.0 * probability:.0f} %"
-    return f"1 : {1.0 / probability:.0f}" if probability > 0.0 else "gone"
-
-
-def length(probability: float) -> float:
-    """Return the share [0 to 1] of its track that a bar fills: the logarithm, from LEAST to certainty."""
-    if probability <= LEAST:
-        return 0.0
-    return 1.0 - math.log(min(probability, 1.0)) / math.log(LEAST)
 
 
 def _bar(bar: Bar) -> Html:

@@ -1,6 +1,7 @@
 """The drive of an investigation: what comes late, near the border, or after an interruption ends in a rest."""
 
 import time
+from threading import Event
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -62,6 +63,9 @@ class Never:
     def result(self) -> tuple[bool, None]:
         """Return that nothing is there."""
         return False, None
+
+    def end(self) -> None:
+        """Do nothing."""
 
 
 class Slow(AtOnce):
@@ -166,6 +170,21 @@ def test_an_opening_that_was_interrupted_begins_again() -> None:
     for begin in (2 * later, 3 * later):
         driven(driving, 3 * PERIOD, begin=begin)
     assert driving.movement is None, "after three openings it goes on with what it has"
+
+
+def test_at_the_end_nothing_is_decided_any_more() -> None:
+    """What is told of an investigation must not change while it is told."""
+    planner, began, ended = InThread(), Event(), Event()
+
+    def decide() -> None:
+        began.set()
+        time.sleep(0.05)
+        ended.set()
+
+    planner.begin(decide)
+    began.wait()
+    driving_of(Scripted(FORWARD), planner).end()
+    assert ended.is_set()
 
 
 def test_the_time_that_decisions_take_is_that_of_the_longest_lately() -> None:

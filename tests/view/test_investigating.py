@@ -5,15 +5,15 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmr.bus.messages import make
 from cmr.bus.streams import INVESTIGATION_STATUS
 from cmr.msg import investigation_status_t
+from cmr.report.likelihood import length
 from cmr.view.data.state import SILENT_FOR, ViewState
-from cmr.view.investigating import LEAST, MOST_BARS, Bar, bars_of, card, investigated, length, odds
+from cmr.view.investigating import MOST_BARS, Bar, bars_of, card, investigated
 from cmr.view.picture import LILAC, PURPLE, picture_of
 from tests.support.small_log import FIELDS
 from tests.support.view_states import NOW, showing, three
@@ -88,12 +88,6 @@ def test_all_predicted_paths_are_drawn_the_likeliest_last() -> None:
     assert not len(picture_of(reported(showing(three(NOW)), NOW, 99, **paths)).predicted.ends)
     for wrong in ({"members": 4}, {"members": 0}, {"members": -1}, {"x": [math.nan] * 6}):
         assert not len(picture_of(reported(showing(three(NOW)), NOW, **{**paths, **wrong})).predicted.ends)
-
-
-def test_a_bar_is_as_long_as_the_logarithm_and_says_its_number() -> None:
-    """Every tenfold is a third of the track, from one in a thousand to certainty."""
-    assert [length(p) for p in (LEAST, 0.01, 0.1, 1.0, 0.0)] == pytest.approx([0.0, 1 / 3, 2 / 3, 1.0, 0.0])
-    assert [odds(p) for p in (0.56, 0.01, 0.004, 0.0)] == ["56 %", "1 %", "1 : 250", "gone"]
 
 
 @given(text=st.one_of(st.text(), st.dictionaries(st.text(), st.floats() | st.text() | st.none()).map(json.dumps)))
