@@ -14,7 +14,7 @@ MOST_BARS = 8  # explanations that are shown, the likeliest first
 IN_WORDS = {
     status_t.OPENING: "Opening: it rests, turns both ways, and drives forth and back.",
     status_t.PLANNING: "It rests while the next movement is planned.",
-    status_t.DONE: "Nothing more is to be found out here.",
+    status_t.DONE: "The investigation is over.",
     status_t.FAILED: "It ended before its time.",
 }
 

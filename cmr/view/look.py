@@ -75,7 +75,8 @@ STYLE = f"""
   .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: {PANEL_SHARE:.0%} !important; }}
   .mantine-Paper-root[style*="position: fixed"] [style*="width: 20em"] {{ width: 100% !important; }}
   .cmr-time {{ top: 0; bottom: auto; right: 0; }}
-  .cmr-investigation {{ top: 30px; left: 4px; width: 17em; font-size: 11px; line-height: 1.3; padding: 4px 8px; }}
+  .cmr-investigation {{ top: 30px; left: 4px; width: min(26em, 100vw - 125px); padding: 4px 8px; }}
+  .cmr-investigation {{ font-size: 11px; line-height: 1.3; }}
   .cmr-investigation h2 {{ font-size: 12px; }}
   .cmr-investigation li {{ height: 16px; gap: 5px; }}
   .cmr-investigation li:nth-child(n+5) {{ display: none; }}

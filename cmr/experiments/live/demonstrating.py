@@ -1,6 +1,7 @@
 """What demonstrations have in common: the processes of a scenario are started, and a page of their world is opened."""
 
 import re
+import subprocess
 import time
 import webbrowser
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from cmr.processes.children import Children, our_command
 PAGE = "view"
 START_UP = 240.0  # s until all processes are running, on a slow machine
 PORTS = 60.0  # s until an emulator offers its ports
+ENDING = 5.0  # s for a process that has the terminal to end
 RATE = 20.0  # Hz
 SERVED = re.compile(r"(http://\S+)  token for its buttons: (\S+)")  # what cmr-view says at its start
 
@@ -53,6 +55,15 @@ class Demonstration:
         address, token = found
         webbrowser.open(address)
         return address, token
+
+    def _end(self, process: "subprocess.Popen[bytes]") -> None:
+        """End a process that has the terminal: it is asked to, and given time to leave the terminal as it was."""
+        process.terminate()
+        try:
+            process.wait(ENDING)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
     def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
         """Listen until something holds. Raises CommandError where it does not in time, or a process ends."""

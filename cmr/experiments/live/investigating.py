@@ -21,7 +21,6 @@ robots:
     start: [0.0, 0.0, 0.0]
     emulator: {{{{settings: {{settings}}, ideal: {{ideal}}}}}}
 """
-ENDING = 5.0  # s for cmr-investigate to stop the robot
 
 
 def scenario_text(parameters: Path, settings: Path, *, is_ideal: bool) -> str:
@@ -60,5 +59,4 @@ class Investigating(Demonstration):
                     return folder / FOUND
             return None
         finally:
-            investigation.terminate()
-            investigation.wait(ENDING)
+            self._end(investigation)

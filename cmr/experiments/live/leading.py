@@ -21,7 +21,6 @@ robots:
   - {{id: 0, kind: emulated, behaviour: {{name: follow, leader: {LEADER}, gap: 0.5}}, start: [0.0, 0.0, 0.0]}}
   - {{id: 1, kind: emulated, behaviour: {{name: follow, leader: 0, gap: 0.5}}, start: [-0.6, 0.0, 0.0]}}
 """
-ENDING = 5.0  # s for cmr-teleop to leave the terminal as it was
 TAKEN_OVER = 1  # exit code of a cmr-teleop that somebody else replaced
 
 
@@ -60,8 +59,7 @@ class Leading(Demonstration):
                 if time.monotonic() >= ends or code == 0:
                     return
         finally:
-            teleop.terminate()
-            teleop.wait(ENDING)
+            self._end(teleop)
 
     def _ready(self) -> bool:
         """Return whether all robots are in the world, and the pilots of the real ones drive after their leaders."""
