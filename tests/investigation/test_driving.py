@@ -1,6 +1,7 @@
 """The drive of an investigation: what comes late, near the border, or after an interruption ends in a rest."""
 
 import time
+from functools import partial
 from threading import Event
 from types import SimpleNamespace
 from typing import Any, cast
@@ -15,16 +16,16 @@ from cmr.investigation.driving import (
     NEAR_THE_BORDER,
     SPARE,
     AtOnce,
-    Deciding,
     Driving,
     InThread,
     Place,
     Planner,
 )
-from cmr.investigation.engine import NO_ROOM, Decision, Planned
+from cmr.investigation.engine import NO_ROOM, Planned
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD, Movement, waiting
 from cmr.recordings.signal import Floats
+from tests.investigation.planners import Never, Slow
 
 FLOOR = Floor(Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
 MIDDLE = Place(0.0, 0.0, 0.0, 0.0)
@@ -50,41 +51,6 @@ class Scripted:
         over = self.decisions > self._finished_after
         choice = SimpleNamespace(movement=self._movement)
         return SimpleNamespace(choice=choice, finished=over, sentence="" if self._movement else NO_ROOM)
-
-
-class Never:
-    """A planner that is never ready."""
-
-    seconds = 0.0
-
-    def begin(self, deciding: object) -> None:
-        """Do not decide."""
-
-    def result(self) -> tuple[bool, None]:
-        """Return that nothing is there."""
-        return False, None
-
-    def end(self) -> None:
-        """Do nothing."""
-
-
-class Slow(AtOnce):
-    """A planner that is ready when it was asked so many times, each time anew; each is a turn of the drive."""
-
-    def __init__(self, turns: int) -> None:
-        super().__init__()
-        self.seconds = turns * PERIOD
-        self._turns, self._left = turns, 0
-
-    def begin(self, deciding: Deciding) -> None:
-        """Begin to decide."""
-        super().begin(deciding)
-        self._left = self._turns
-
-    def result(self) -> tuple[bool, Decision | None]:
-        """Return the decision once it was asked for often enough."""
-        self._left -= 1
-        return super().result() if self._left < 0 else (False, None)
 
 
 def driving_of(investigation: Scripted, planner: Planner | None = None) -> Driving:
@@ -192,7 +158,7 @@ def test_the_time_that_decisions_take_is_that_of_the_longest_lately() -> None:
     planner = InThread()
     assert planner.seconds == 0.0
     for seconds in (0.05, 0.0):
-        planner.begin(lambda wait=seconds: time.sleep(wait))
+        planner.begin(partial(time.sleep, seconds))
         while not planner.result()[0]:
             time.sleep(0.001)
     assert planner.seconds >= SPARE * 0.05

@@ -52,7 +52,8 @@ def reports(monkeypatch: pytest.MonkeyPatch) -> list[status_t]:
     monkeypatch.setattr(reporting, "excluded", lambda _driving: ["a", "b"])
     monkeypatch.setattr(reporting, "out_of_reach", lambda _driving: {"c": "because"})
     driving = Driving(cast(Any, Investigating()), lambda: cast(Any, None), AtOnce())
-    told, said = Reports(driving, 4), []
+    told = Reports(driving, 4)
+    said: list[status_t] = []
     for tick in range(500):
         driving.command(tick * TICK, Place(0.0, 0.0, 0.0, 0.0))
         said += told.due(tick * TICK)
