@@ -123,6 +123,7 @@ class Driving:
         self._recording, self._planner = recording, planner
         self._planned: Planned | None = None
         self._pauses, self._openings, self._last = 0, 0, 0
+        self._late_since: int | None = None  # since when [us] the robot rests because a plan came too late
 
     def command(self, utime: int, place: Place) -> tuple[float, float]:
         """Return the duties (left, right) at `utime` [us] of a robot that is at this place."""
@@ -166,6 +167,9 @@ class Driving:
 
     def _drive(self, movement: Movement, utime: int) -> None:
         self._break_off(utime)
+        if self._late_since is not None:
+            self.investigation.waited += (utime - self._late_since) * SECONDS
+            self._late_since = None
         self._planned, self.movement = Planned.of(movement, utime), movement
         self._openings += movement.name == OPENING
         self.drove += movement.seconds
@@ -203,6 +207,8 @@ class Driving:
             self._drive(waiting(), utime)
             return
         if decision is None or (late and not decision.finished):
+            if self._late_since is None and (late or not there):
+                self._late_since = utime
             self._rest(utime)
             return
         self.decision = decision

@@ -95,7 +95,7 @@ class Investigation:
     """Finds out what a robot's model gets wrong, on a `floor`; `nominal` is what is believed of the robot.
 
     `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `story` are
-    the decisions, `longest` [s] is after how long it ends.
+    the decisions. It ends `longest` [s] after it began, not counting what the robot `waited` [s] for late decisions.
     With `at_random` movements are drawn, not chosen; to `calibrate` is to end as soon as the robot's own parameters are
     known.
     """
@@ -116,7 +116,7 @@ class Investigation:
         self.story: list[Step] = []
         self._random = np.random.default_rng(seed)
         self._limits = limits or Limits()
-        self.longest = longest
+        self.longest, self.waited = longest, 0.0
         self._at_random, self._calibrate = at_random, calibrate
         self._judgement: Judgement | None = None
         self._suspect: _Suspect | None = None
@@ -232,7 +232,7 @@ class Investigation:
 
     def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
         """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
-        if time > self.longest:
+        if time - self.waited > self.longest:
             return True
         if self._calibrate:
             return time > LEAST and is_calibrated(averaged(judgement, known))

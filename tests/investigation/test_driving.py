@@ -39,6 +39,7 @@ class Scripted:
     def __init__(self, movement: Movement | None, finished_after: int = 10**6, refused: str = "") -> None:
         self.floor, self.decisions, self._movement = FLOOR, 0, movement
         self._finished_after, self._refused = finished_after, refused
+        self.waited = 0.0
 
     def opening(self, _x: float, _y: float, _theta: float) -> tuple[Movement, str]:
         """Return a short opening."""
@@ -117,6 +118,18 @@ def test_what_is_decided_while_it_stands_is_driven_however_long_it_took() -> Non
     duties = driven(driving, 20.0)
     assert np.mean(duties[:, 0] == 0.4) > 0.2
     assert investigation.least == 70 * PERIOD
+
+
+def test_what_a_robot_waits_for_late_decisions_is_no_time_of_driving() -> None:
+    """On a slow computer a drive takes longer, and drives as long."""
+    quick, slow = Scripted(FORWARD), Scripted(FORWARD)
+    driven(driving_of(quick), 20.0)
+    assert quick.waited == 0.0
+    driving = driving_of(slow, Slow(70))
+    driven(driving, 20.0)
+    under_way = 1.0  # s, of a movement and of a rest that are not over yet
+    assert slow.waited + driving.drove == pytest.approx(20.0, abs=2.0 * under_way)
+    assert slow.waited > 10.0
 
 
 def test_an_end_that_is_decided_late_is_an_end() -> None:

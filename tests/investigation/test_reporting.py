@@ -26,7 +26,7 @@ class Investigating:
     longest = 60.0
 
     def __init__(self) -> None:
-        self.decisions = 0
+        self.decisions, self.waited = 0, 0.0
 
     @property
     def named(self) -> tuple[str, ...]:
