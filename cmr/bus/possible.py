@@ -71,6 +71,7 @@ BOUNDS: Mapping[type[Message], Mapping[str, Bound]] = {
     msg.robot_state_t: STATE,
     msg.world_state_t: STATE,
     msg.waypoints_t: {"x": POSITION, "y": POSITION},
+    msg.investigation_status_t: {"x": POSITION, "y": POSITION},
     msg.motor_command_t: {"left": DUTY, "right": DUTY},
     msg.wheel_speed_command_t: {"psi_left": WHEEL_SPEED, "psi_right": WHEEL_SPEED},
     msg.velocity_command_t: {"v": SPEED, "omega": YAW_RATE},
@@ -103,6 +104,9 @@ def screened(message: Message) -> Screened:
         return _of_a_world(message)
     if isinstance(message, msg.waypoints_t):
         return _of_a_path(message)
+    if isinstance(message, msg.investigation_status_t):
+        reasons = _wrong_with_places(message)
+        return Screened(None if reasons else message, reasons)
     bounds = BOUNDS.get(type(message))
     if bounds is None or (isinstance(message, msg.gyro_t) and not message.valid):
         return Screened(message)
@@ -173,11 +177,17 @@ def _of_a_world(message: msg.world_state_t) -> Screened:
 def _of_a_path(message: msg.waypoints_t) -> Screened:
     import numpy as np
 
-    points = np.array([message.x, message.y], dtype=float)
-    _, reasons = _possible(points, BOUNDS[msg.waypoints_t])
-    if not reasons and message.n > 1 and np.hypot(*np.diff(points)).max() > LONGEST_LEG:
+    reasons = _wrong_with_places(message)
+    if not reasons and message.n > 1 and np.hypot(np.diff(message.x), np.diff(message.y)).max() > LONGEST_LEG:
         reasons = (OUT_OF_REACH,)
     return Screened(None if reasons else message, reasons)
+
+
+def _wrong_with_places(message: msg.waypoints_t | msg.investigation_status_t) -> tuple[str, ...]:
+    """Return what is wrong with the places [m] of a message; empty if they can all be."""
+    import numpy as np
+
+    return _possible(np.array([message.x, message.y], dtype=float), BOUNDS[type(message)])[1]
 
 
 def _possible(rows: "NDArray[np.float64]", bounds: Mapping[str, Bound]) -> "tuple[NDArray[np.bool_], tuple[str, ...]]":

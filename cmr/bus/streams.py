@@ -67,6 +67,9 @@ CAMERA_IMAGE = Stream("CAMERA_IMAGE", msg.camera_image_t, False, None, "cmr-came
 WAYPOINTS = Stream("WAYPOINTS", msg.waypoints_t, True, None, "whoever plans")
 PARAMETERS = Stream("PARAMETERS", msg.parameters_t, True, 1.0, "whoever wrote the file, and cmr-sim")
 CALIBRATION_STATUS = Stream("CALIBRATION_STATUS", msg.calibration_status_t, True, 2.0, "cmr-calibrate")
+INVESTIGATION_STATUS = Stream(
+    "INVESTIGATION_STATUS", msg.investigation_status_t, True, 1.0, "cmr-investigate; cmr-pilot that investigates"
+)
 PROCESS_STATUS = Stream("PROCESS_STATUS", msg.process_status_t, False, 1.0, "every process")
 PROCESS_REQUEST = Stream("PROCESS_REQUEST", msg.process_request_t, False, None, "cmr-run, to agents on other computers")
 ESTOP = Stream("ESTOP", msg.estop_t, False, 10.0, "whoever engages it, while engaged")
@@ -89,6 +92,7 @@ STREAMS: tuple[Stream[Message], ...] = (
     WAYPOINTS,
     PARAMETERS,
     CALIBRATION_STATUS,
+    INVESTIGATION_STATUS,
     PROCESS_STATUS,
     PROCESS_REQUEST,
     ESTOP,

@@ -21,7 +21,9 @@ from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import DEFAULT_URL, results
 from cmr.cli.errors import CommandError
 from cmr.cli.progress import Progress
+from cmr.commands.by_hand.demo import add_lead, lead
 from cmr.commands.first_use import PARTS, compile_first
+from cmr.commands.investigating.demo import add_investigate, demonstrate
 from cmr.experiments.live.jobs import STATE
 from cmr.files import gone_before_and_after
 from cmr.geometry.figures import LENGTH, figure_eight
@@ -69,7 +71,9 @@ def main(arguments: list[str]) -> int:
     check_writable(folder)
     compile_first(PARTS)
     if options.lead:
-        return _lead(options, folder, url)
+        return lead(options, folder, url)
+    if options.investigate:
+        return demonstrate(options, folder, url)
     robot_ends = gone_before_and_after(folder / STATE)
     with Process("cmr-demo", url, lives_now=True) as process, robot_ends, Children(folder) as children:
         _prepare(folder)
@@ -84,18 +88,6 @@ def main(arguments: list[str]) -> int:
     return _report(folder, settings)
 
 
-def _lead(options: argparse.Namespace, folder: Path, url: str) -> int:
-    """Let a person lead a virtual robot, with real ones behind it."""
-    from cmr.commands.scenarios import parse
-    from cmr.experiments.live.leading import SCENARIO, Leading
-
-    hands = ["--script", options.script] if options.script else []
-    with Process("cmr-demo", url, lives_now=True) as process, Children(folder) as children:
-        leading = Leading(process, children, parse(SCENARIO))
-        print(leading.run(options.view or not hands, hands, options.seconds), flush=True)
-        return process.exit_code
-
-
 def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr-demo."""
     options = parser(
@@ -105,7 +97,8 @@ def command_parser() -> argparse.ArgumentParser:
         "Each drive takes a minute, half of it slow and half of it fast: at one speed some parameters cannot be "
         "distinguished from what the model leaves out. Takes about two and a half minutes.",
         "cmr-demo --out demo-run\n  cmr-demo --speed 0.3     # one speed, as in the paper\n"
-        "  cmr-demo --lead          # drive yourself",
+        "  cmr-demo --lead          # drive yourself\n"
+        "  cmr-demo --investigate   # watch a robot find out what is hidden in it",
         bus="LCM bus; otherwise one of its own, on a free port, that does not leave this host",
     )
     options.add_argument(
@@ -123,7 +116,8 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="M/S[/M/S...]",
         help="of the drive in m/s, one or several; each for the same time, together a minute",
     )
-    _add_lead(options)
+    add_lead(options)
+    add_investigate(options)
     options.add_argument("--ideal", action="store_true", help="emulate a robot that is exactly as the model says")
     options.add_argument(
         "--view",
@@ -131,22 +125,6 @@ def command_parser() -> argparse.ArgumentParser:
         help="open the page of cmr-view: the twin leaves its robot, and stays with it after the calibration",
     )
     return options
-
-
-def _add_lead(options: argparse.ArgumentParser) -> None:
-    """Add options of a drive by hand."""
-    options.add_argument(
-        "--lead",
-        action="store_true",
-        help="lead a virtual robot by hand, with the keys of this terminal or a joystick on the page that opens, while "
-        "two emulated real robots follow it",
-    )
-    options.add_argument(
-        "--seconds", type=float, default=None, metavar="S", help="with --lead: end after this time [s]"
-    )
-    options.add_argument(
-        "--script", default="", metavar="STEPS", help="with --lead: as of cmr-teleop, without a person"
-    )
 
 
 def _speeds(text: str) -> str:

@@ -103,6 +103,7 @@ def main(arguments: list[str]) -> int:
                 reported = world.utime
                 world.others.sent(reported)
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
+                process.publish_all(world.told())
             if scanner:
                 process.publish_all([(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)])
             process.publish_all((COMMAND_OWNER, report.robot_id, report) for report in owners.reports())

@@ -1,22 +1,30 @@
 """Investigate: the robot chooses its own movements, and so finds out what its simulation gets wrong."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from cmr.bus.message import Message
+from cmr.bus.messages import now_utime
+from cmr.bus.streams import INVESTIGATION_STATUS, Stream
 from cmr.geometry.obstacles import Geofence
-from cmr.investigation.driving import Driving, InThread, Place, Planner
+from cmr.investigation.driving import AtOnce, Driving, InThread, Place, Planner
 from cmr.investigation.engine import LONGEST, Investigation
 from cmr.investigation.floor import MARGIN, Floor
+from cmr.investigation.rehearsing import rehearse
+from cmr.investigation.reporting import Reports
+from cmr.investigation.sensing import VirtualSensors
 from cmr.model.body import forward
 from cmr.model.parameters import RobotParameters
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.recording import Recorder
 from cmr.world.behaviours.behaviour import Behaviour
 from cmr.world.behaviours.waypoints import read_points
-from cmr.world.view import Robot, WorldView
+from cmr.world.view import VIRTUAL, Robot, WorldView
 
 NEEDS_FLOOR = "investigate needs a floor: give --geofence, or floor=X1:Y1/X2:Y2/...: its corners [m; world frame]."
 DIAGNOSIS, CALIBRATION = "diagnosis", "calibration"
+ANOTHER_TIME = 60_000_000  # us; no clock of a robot's world is that wrong
 NAMES = ("wheel_radius", "k2_over_k3", "k1", "base_width")
 
 
@@ -48,6 +56,8 @@ class Investigate(Behaviour):
         self._recorder: Recorder | None = None
         self._floor: Floor | None = None
         self.driving: Driving | None = None
+        self._reports: Reports | None = None
+        self._sensors = VirtualSensors()
 
     def hear(self, utime: int, channel: str, message: Message) -> None:
         """Record what the robot's driver and sensors say."""
@@ -55,8 +65,21 @@ class Investigate(Behaviour):
             self._recorder = Recorder(int(channel.rpartition("_")[2]))
         self._recorder.handle(utime, channel, message)
 
+    def prepare(self) -> None:
+        """Load what deciding takes: in the first turn it would take the half second after which a robot is stopped."""
+        rehearse()
+
     def command(self, utime: int, me: Robot, world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
         """Return the duties of this moment."""
+        if me.origin != VIRTUAL:
+            return self._decide(utime, me, world, parameters)
+        for channel, message in self._sensors.read(me):
+            self.hear(message.utime, channel, message)
+        duties = self._decide(utime, me, world, parameters)
+        self._sensors.driven(utime, duties)
+        return duties
+
+    def _decide(self, utime: int, me: Robot, world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
         if self._recorder is None:
             return 0.0, 0.0  # nothing was measured yet
         if self.driving is None:
@@ -65,13 +88,19 @@ class Investigate(Behaviour):
                 self.finished, self.problem = True, NEEDS_FLOOR
                 return 0.0, 0.0
             self._floor = Floor(fence, margin=self._margin, obstacles=world.obstacles)
-            self.driving = self._driving(self._floor, me.robot_id, parameters, self._recorder)
+            self.driving = self._driving(utime, me.robot_id, parameters, self._recorder)
+            self._reports = Reports(self.driving, me.robot_id)
         self.driving.investigation.floor = self._with_others(me, world)
         state = me.state
         speed = float(forward(state.psi_left, state.psi_right, parameters))
         duties = self.driving.command(utime, Place(state.x, state.y, state.theta, speed))
         self.finished, self.problem = self.driving.finished, self.driving.problem
         return duties
+
+    def tell(self, utime: int) -> Iterator[tuple[Stream[Message], Message]]:
+        """Yield what is left, and what is driven next and why."""
+        for report in self._reports.due(utime) if self._reports is not None else ():
+            yield INVESTIGATION_STATUS, report
 
     def _with_others(self, me: Robot, world: WorldView) -> Floor:
         """Return the floor with the other robots where they are now."""
@@ -81,8 +110,16 @@ class Investigate(Behaviour):
         places = list(zip(around.x[others].tolist(), around.y[others].tolist(), strict=True))
         return self._floor.with_robots(places) if places else self._floor
 
-    def _driving(self, floor: Floor, robot_id: int, parameters: RobotParameters, recorder: Recorder) -> Driving:
+    def _driving(self, utime: int, robot_id: int, parameters: RobotParameters, recorder: Recorder) -> Driving:
+        assert self._floor is not None
         known = {name: Value(float(np.asarray(parameters.values[name]))) for name in NAMES}
         nominal = ParameterFile(robot_id, known)
-        investigation = Investigation(nominal, floor, seed=self._seed, longest=self._longest, calibrate=self._calibrate)
-        return Driving(investigation, recorder.recording, self._planner or InThread())
+        investigation = Investigation(
+            nominal, self._floor, seed=self._seed, longest=self._longest, calibrate=self._calibrate
+        )
+        return Driving(investigation, recorder.recording, self._planner or _planner_at(utime))
+
+
+def _planner_at(utime: int) -> Planner:
+    """Return who plans where it is `utime` [us]: time that is not this computer's is simulated, and waits."""
+    return InThread() if abs(utime - now_utime()) < ANOTHER_TIME else AtOnce()

@@ -75,15 +75,18 @@ def choose(
     situation: Situation,
     floor: Floor,
     random: Random,
-    *,
     at_random: bool = False,
+    least: float = 0.0,
 ) -> Choice:
-    """Return the best of many movements; `at_random` takes the first that keeps to the floor, for comparison."""
+    """Return the best of many movements, of `least` [s] or longer.
+
+    `at_random` takes the first that keeps to the floor, for comparison.
+    """
     best = judgement.best.values
     x, y, *_ = situation.state
     away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
     top = best["wheel_radius"] / best["k1"]
-    drawn = [*candidates(random), *towards(max(away, 0.1), top, random)]
+    drawn = [*candidates(random, least=least), *towards(max(away, 0.1), top, random, least)]
     kept = [
         (movement, path)
         for movement, path in zip(drawn, paths(situation, drawn, ensemble(judgement)), strict=True)

@@ -1,6 +1,8 @@
 """Drive an investigation in time: while one movement is driven, the next one is planned from what came in so far."""
 
 import math
+import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,6 +19,8 @@ PAUSE = 1.0  # s of rest while the next movement is planned: a robot stands stil
 STOPPING = 0.2  # s of driving on, at the present speed, that take a robot to where it stops
 MOST_PAUSES = 20  # in a row, in which no movement was found
 LOST = 500_000  # us without a call, after which a drive was interrupted
+MOST_OPENINGS = 3  # that are begun, where drives are interrupted
+REMEMBERED, SPARE = 4, 1.25  # decisions; times the longest of them that the next one is given
 INTERRUPTED = "The drive was interrupted for {seconds:.1f} s; it goes on from rest."
 NEAR_THE_BORDER = "Stopped near the border of the floor, where no prediction had the robot; it goes on from rest."
 Deciding = Callable[[], Decision | None]
@@ -25,15 +29,24 @@ Deciding = Callable[[], Decision | None]
 class Planner(Protocol):
     """Whoever does the planning: begins, and says what came of it once it is there."""
 
+    @property
+    def seconds(self) -> float:
+        """How long a decision takes here [s]: movements that are over sooner make the robot stand and wait."""
+
     def begin(self, deciding: Deciding) -> None:
         """Begin to decide."""
 
     def result(self) -> tuple[bool, Decision | None]:
         """Return whether a decision is there, and the decision."""
 
+    def end(self) -> None:
+        """Let a decision that is being made come to its end: the investigation is at rest then."""
+
 
 class AtOnce:
     """A planner that takes no time: for time that is simulated."""
+
+    seconds = 0.0
 
     def __init__(self) -> None:
         self._decision: Decision | None = None
@@ -46,6 +59,9 @@ class AtOnce:
         """Return the decision."""
         return True, self._decision
 
+    def end(self) -> None:
+        """Do nothing: nothing is being decided."""
+
 
 class InThread:
     """A planner beside the drive; compiled code, of which it mostly consists, lets the drive go on."""
@@ -53,16 +69,32 @@ class InThread:
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="planning")
         self._future: Future[Decision | None] | None = None
+        self._took: deque[float] = deque(maxlen=REMEMBERED)
+
+    @property
+    def seconds(self) -> float:
+        """How long a decision takes on this computer, as busy as it is [s]."""
+        return SPARE * max(self._took, default=0.0)
 
     def begin(self, deciding: Deciding) -> None:
         """Begin to decide."""
-        self._future = self._pool.submit(deciding)
+        self._future = self._pool.submit(self._timed, deciding)
+
+    def _timed(self, deciding: Deciding) -> Decision | None:
+        began = time.monotonic()
+        decision = deciding()
+        self._took.append(time.monotonic() - began)
+        return decision
 
     def result(self) -> tuple[bool, Decision | None]:
         """Return the decision once it is there; raise what it raised."""
         if self._future is None or not self._future.done():
             return False, None
         return True, self._future.result()
+
+    def end(self) -> None:
+        """Wait for what is being decided; of decisions that have not begun there will be none."""
+        self._pool.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True)
@@ -90,7 +122,8 @@ class Driving:
         self.drove = 0.0
         self._recording, self._planner = recording, planner
         self._planned: Planned | None = None
-        self._pauses, self._last = 0, 0
+        self._pauses, self._openings, self._last = 0, 0, 0
+        self._late_since: int | None = None  # since when [us] the robot rests because a plan came too late
 
     def command(self, utime: int, place: Place) -> tuple[float, float]:
         """Return the duties (left, right) at `utime` [us] of a robot that is at this place."""
@@ -99,7 +132,7 @@ class Driving:
         if self._planned is None:
             self._begin(utime, place)
         elif utime - self._last > LOST:
-            self._rest(utime, INTERRUPTED.format(seconds=(utime - self._last) * SECONDS))
+            self._resume(utime, place)
         self._last = utime
         if self._planned is None:
             return 0.0, 0.0
@@ -109,6 +142,10 @@ class Driving:
             self._go_on(utime)
         return self._duties(utime)
 
+    def end(self) -> None:
+        """Leave the investigation at rest, as it is to be told of: nothing is decided any more."""
+        self._planner.end()
+
     def _begin(self, utime: int, place: Place) -> None:
         movement, why = self.investigation.opening(place.x, place.y, place.theta)
         if why:
@@ -116,8 +153,25 @@ class Driving:
             return
         self._drive(movement, utime)
 
+    def _resume(self, utime: int, place: Place) -> None:
+        """Go on after an interruption. An opening begins again: without it the first choices rest on nothing."""
+        self.note = INTERRUPTED.format(seconds=(utime - self._last) * SECONDS)
+        is_opening = self.movement is not None and self.movement.name == OPENING
+        self._break_off(self._last)
+        if is_opening and self._openings < MOST_OPENINGS:
+            movement, why = self.investigation.opening(place.x, place.y, place.theta)
+            if not why:
+                self._drive(movement, utime)
+                return
+        self._rest(utime)
+
     def _drive(self, movement: Movement, utime: int) -> None:
+        self._break_off(utime)
+        if self._late_since is not None:
+            self.investigation.waited += (utime - self._late_since) * SECONDS
+            self._late_since = None
         self._planned, self.movement = Planned.of(movement, utime), movement
+        self._openings += movement.name == OPENING
         self.drove += movement.seconds
         if movement.name != OPENING:
             self._plan()
@@ -125,26 +179,36 @@ class Driving:
     def _rest(self, utime: int, note: str = "") -> None:
         """Stand still for a while, and plan what comes behind it."""
         self.note = note or self.note
+        self._break_off(utime)
         pause = Movement("pause", np.zeros((math.ceil(PAUSE / PERIOD), 2)))
-        self._planned, self.movement = Planned.of(pause, utime), None
+        self._planned = Planned.of(pause, utime)
         self._plan()
 
+    def _break_off(self, utime: int) -> None:
+        """End the movement; what is not driven any more of it took no time."""
+        if self.movement is not None and self._planned is not None:
+            self.drove -= max(0, self._planned.ends - utime) * SECONDS
+        self.movement = None
+
     def _plan(self) -> None:
-        planned, recording = self._planned, self._recording()
+        planned, recording, least = self._planned, self._recording(), self._planner.seconds
         assert planned is not None
-        self._planner.begin(lambda: self.investigation.decide(recording, planned))
+        self._planner.begin(lambda: self.investigation.decide(recording, planned, least))
 
     def _go_on(self, utime: int) -> None:
         """Drive what was planned behind the movement that ended; if a plan comes too late, plan again from rest."""
         assert self._planned is not None
         there, decision = self._planner.result()
-        late = utime - self._planned.ends > 2.0 * PERIOD / SECONDS
-        if not there and self.movement is None:
-            return  # it stands; the planner still works
+        stands = self.movement is None
+        late = not stands and utime - self._planned.ends > 2.0 * PERIOD / SECONDS
+        if not there and stands:
+            return  # the planner still works
         if self.movement is not None and self.movement.name == OPENING:
             self._drive(waiting(), utime)
             return
-        if not there or late or decision is None:
+        if decision is None or (late and not decision.finished):
+            if self._late_since is None and (late or not there):
+                self._late_since = utime
             self._rest(utime)
             return
         self.decision = decision

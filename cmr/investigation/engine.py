@@ -57,10 +57,11 @@ class Step:
 
 @dataclass
 class Decision:
-    """What came of looking at the data: the movement to drive next, None when it is over, and why."""
+    """What came of looking at the data: effects `named`, the movement to drive next, None when it is over, and why."""
 
     judgement: Judgement
     known: Told
+    named: tuple[str, ...]
     choice: Choice
     finished: bool
     sentence: str = ""
@@ -94,7 +95,7 @@ class Investigation:
     """Finds out what a robot's model gets wrong, on a `floor`; `nominal` is what is believed of the robot.
 
     `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `story` are
-    the decisions.
+    the decisions. It ends `longest` [s] after it began, not counting what the robot `waited` [s] for late decisions.
     With `at_random` movements are drawn, not chosen; to `calibrate` is to end as soon as the robot's own parameters are
     known.
     """
@@ -115,7 +116,8 @@ class Investigation:
         self.story: list[Step] = []
         self._random = np.random.default_rng(seed)
         self._limits = limits or Limits()
-        self._longest, self._at_random, self._calibrate = longest, at_random, calibrate
+        self.longest, self.waited = longest, 0.0
+        self._at_random, self._calibrate = at_random, calibrate
         self._judgement: Judgement | None = None
         self._suspect: _Suspect | None = None
         self._doubted: frozenset[str] = frozenset()
@@ -132,8 +134,11 @@ class Investigation:
         still = Situation((x, y, theta, 0.0, 0.0), 0.0, (0.0, 0.0), none, 0.0, 0.0, 0.0, self._limits, (None,) * 3)
         return whole, "" if keeps_to(self.floor, paths(still, [with_waiting], robots)[0]) else DATA_SHEET
 
-    def decide(self, recording: Recording, planned: Planned) -> Decision | None:
-        """Look at the recording so far and choose what to drive after what is `planned`; None while it is too short."""
+    def decide(self, recording: Recording, planned: Planned, least: float = 0.0) -> Decision | None:
+        """Look at the recording so far and choose what to drive after what is `planned`; None while it is too short.
+
+        Of movements, those that take `least` [s] or longer are chosen from: in so long the next decision is made.
+        """
         with threadpool_limits(1, "blas"):
             problem = beliefs_of(recording, self.nominal, self.floor.extent)
             if problem is None:
@@ -144,9 +149,10 @@ class Investigation:
             choice = Choice(None)
             if not over:
                 situation = _situation(judgement, recording, planned, self._limits)
-                choice = choose(judgement, known, situation, self.floor, self._random, at_random=self._at_random)
+                choice = choose(judgement, known, situation, self.floor, self._random, self._at_random, least)
             self._note(judgement, choice)
-            return Decision(judgement, known, choice, over, "" if over or choice.movement else NO_ROOM)
+            sentence = "" if over or choice.movement else NO_ROOM
+            return Decision(judgement, known, self.named, choice, over, sentence)
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -226,7 +232,7 @@ class Investigation:
 
     def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
         """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
-        if time > self._longest:
+        if time - self.waited > self.longest:
             return True
         if self._calibrate:
             return time > LEAST and is_calibrated(averaged(judgement, known))

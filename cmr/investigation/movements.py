@@ -1,7 +1,7 @@
 """Short movements, open loop: duties of both sides over 1 to 3 s, drawn again for each decision."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,22 +74,32 @@ def waiting() -> Movement:
     return Movement("reversals, on the spot", np.stack([left, -left], axis=1))
 
 
-def candidates(random: Random, count: int = CANDIDATES) -> list[Movement]:
-    """Return so many movements of random kinds, directions, sizes and lengths."""
-    return [_drawn(random) for _ in range(count)]
+def candidates(random: Random, count: int = CANDIDATES, least: float = 0.0) -> list[Movement]:
+    """Return so many movements of random kinds, directions, sizes and lengths, of `least` [s] or longer."""
+    lengths = _long_enough(LENGTHS, least)
+    return [_drawn(random, lengths) for _ in range(count)]
 
 
-def towards(distance: float, speed: float, random: Random) -> list[Movement]:
-    """Return straight and curved movements both ways that go about `distance` [m] at full duty's `speed` [m/s]."""
+def towards(distance: float, speed: float, random: Random, least: float = 0.0) -> list[Movement]:
+    """Return straight and curved movements both ways that go about `distance` [m] at full duty's `speed` [m/s].
+
+    They take `least` [s] or longer.
+    """
+    lengths = _long_enough(TOWARDS_SECONDS, least)
     result = []
     for share in (1.0, 0.75, 0.5):
         for mirrored in (False, True):
-            seconds = float(random.choice(TOWARDS_SECONDS))
+            seconds = float(random.choice(lengths))
             duty = float(np.clip(distance / (seconds * speed), SMALLEST, LARGEST))
             for signed in (duty, -duty, 0.5 * duty):
                 sides = (share * signed, signed) if mirrored else (signed, share * signed)
                 result.append(Movement("towards the middle", np.tile(sides, (_count(seconds), 1))))
     return result
+
+
+def _long_enough(lengths: Sequence[float], least: float) -> Sequence[float]:
+    """Return the lengths [s] that are not shorter than `least`; the longest where all are."""
+    return [one for one in lengths if one >= least] or [max(lengths)]
 
 
 def _held(*sides: tuple[float, float]) -> Floats:
@@ -106,9 +116,9 @@ def _count(seconds: float) -> int:
     return round(seconds / PERIOD)
 
 
-def _drawn(random: Random) -> Movement:
-    """Draw one movement."""
-    time = _raster(_count(float(random.choice(LENGTHS))))
+def _drawn(random: Random, lengths: Sequence[float]) -> Movement:
+    """Draw one movement of one of these lengths [s]."""
+    time = _raster(_count(float(random.choice(lengths))))
     duty = float(np.exp(random.uniform(np.log(SMALLEST), np.log(LARGEST)))) * float(random.choice((-1.0, 1.0)))
     name = str(random.choice(list(KINDS)))
     if name == "rest":

@@ -8,6 +8,7 @@ from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Step
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import ParameterFile, Value
+from cmr.report.likelihood import length, odds
 from cmr.report.markup import Html, tag
 from cmr.report.page import page_of
 from cmr.report.section import paragraph, section
@@ -16,6 +17,7 @@ from cmr.report.table import table
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
 MOST_IN_A_LINE = 3  # explanations
+BAR = 8  # characters, of what is certain
 
 
 def line(driving: Driving) -> str:
@@ -25,9 +27,14 @@ def line(driving: Driving) -> str:
         return "Opening: a rest, spins both ways, forth and back."
     step = story[-1]
     left = _by_odds(step)[:MOST_IN_A_LINE]
-    bars = ", ".join(f"{name or NOTHING_MORE} {share:.0%}" for name, share in left)
+    bars = ", ".join(f"{name or NOTHING_MORE} {_bar(share)} {odds(share)}" for name, share in left)
     named = f"named {', '.join(step.named)}; " if step.named else ""
     return f"{step.time:5.1f} s  {named}{bars}  -> {_chosen(step)}"
+
+
+def _bar(share: float) -> str:
+    """Return a bar as long as that of the page of cmr-view."""
+    return "#" * max(1, round(BAR * length(share)))
 
 
 def _chosen(step: Step) -> str:
@@ -47,8 +54,8 @@ def document(driving: Driving) -> dict[str, Any]:
             name for name in investigation.found if name not in (*investigation.named, *investigation.doubted)
         ],
         "doubted": list(investigation.doubted),
-        "excluded": _excluded(driving),
-        "out_of_reach": _out_of_reach(driving),
+        "excluded": excluded(driving),
+        "out_of_reach": out_of_reach(driving),
         "parameters": _parameters(driving),
         "driven_seconds": driving.drove,
         "problem": driving.problem,
@@ -87,10 +94,10 @@ def sentences(driving: Driving) -> list[str]:
     result = [_cause(name, driving) for name in investigation.named]
     if not result and driving.decision is not None:
         result = ["No effect is named."]
-    excluded = _excluded(driving)
-    if excluded:
-        result.append(f"Excluded at sizes that matter: {', '.join(excluded)}.")
-    result += [f"{name}: {why}." for name, why in _out_of_reach(driving).items()]
+    gone = excluded(driving)
+    if gone:
+        result.append(f"Excluded at sizes that matter: {', '.join(gone)}.")
+    result += [f"{name}: {why}." for name, why in out_of_reach(driving).items()]
     return [*result, *([driving.problem] if driving.problem else [])]
 
 
@@ -109,17 +116,17 @@ def _parameters(driving: Driving) -> dict[str, dict[str, float]]:
     return {name: {"value": float(fit.values[name]), "std": fit.std(name)} for name in fit.names}
 
 
-def _excluded(driving: Driving) -> list[str]:
+def excluded(driving: Driving) -> list[str]:
     """Return the effects that would have shown and did not; one of a time may come after the drive."""
     if driving.decision is None:
         return []
-    hidden = _out_of_reach(driving)
+    hidden = out_of_reach(driving)
     left = {one.name for one in driving.decision.judgement.left if one.evidence > 0.0}
     names = [name for name in driving.decision.known.columns.names if locality(CATALOGUE[name]) != "time"]
     return [name for name in names if name not in hidden and name not in left]
 
 
-def _out_of_reach(driving: Driving) -> dict[str, str]:
+def out_of_reach(driving: Driving) -> dict[str, str]:
     """Return why some effects could not be seen, by name."""
     if driving.decision is None:
         return {}
@@ -136,7 +143,7 @@ def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:
         [
             f"{step.time:.1f}",
             ", ".join(step.named),
-            ", ".join(f"{name or NOTHING_MORE} {share:.1%}" for name, share in _by_odds(step)),
+            ", ".join(f"{name or NOTHING_MORE} {odds(share)}" for name, share in _by_odds(step)),
             _chosen(step),
         ]
         for step in driving.investigation.story

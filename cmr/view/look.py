@@ -12,7 +12,7 @@ from cmr.view.data.log_index import Mark
 from cmr.view.data.state import ViewState
 from cmr.view.inputs import plain
 from cmr.view.opening import LARGEST_LOG, too_large
-from cmr.view.picture import BLUE, COLOURS, GREEN, GREY, RED, YELLOW, waypoints
+from cmr.view.picture import BLUE, COLOURS, GREEN, GREY, PURPLE, RED, YELLOW, predicted, waypoints
 from cmr.view.stage import FENCE_COLOUR
 
 GO_TO = "go to"  # the label of the box into which a visitor types a time
@@ -26,12 +26,14 @@ LEGEND = (
     (GREEN, "simulated twin"),
     (GREY, "silent robot"),
     (RED, "way to drive"),
+    (PURPLE, "predicted paths"),
     (FENCE_COLOUR, "geofence"),
 )
 ICON = (
     "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'%3E"
     "%3Cpath d='M1 3h9l5 5-5 5H1z' fill='%23f2b705'/%3E%3C/svg%3E"
 )
+PURPLE_CSS = "rgb({},{},{})".format(*PURPLE)
 STYLE = f"""
 .mantine-ActionIcon-root {{ display: none; }}
 .mantine-Text-root, .mantine-Slider-markLabel {{ color: #495057 !important; }}
@@ -43,6 +45,21 @@ STYLE = f"""
 .cmr-legend {{ bottom: 34px; left: 8px; padding: 6px 10px; border-radius: 4px; pointer-events: none; }}
 .cmr-legend, .cmr-time {{ background: #ffffffd9; }}
 .cmr-legend i {{ display: inline-block; width: 14px; height: 10px; margin-right: 6px; border-radius: 2px; }}
+.cmr-investigation {{ position: fixed; top: 8px; left: 8px; z-index: 5; width: 27em; pointer-events: none; }}
+.cmr-investigation {{ font: 13px/1.4 sans-serif; color: #222; background: #ffffffe6; border-radius: 4px; }}
+.cmr-investigation {{ padding: 8px 12px; box-shadow: 0 1px 4px #0003; }}
+.cmr-investigation h2 {{ font-size: 14px; margin: 0 0 4px; }}
+.cmr-investigation p {{ margin: 2px 0; }}
+.cmr-investigation strong {{ color: #006b4e; }}
+.cmr-investigation ul {{ list-style: none; margin: 6px 0; padding: 0; }}
+.cmr-investigation li {{ display: flex; align-items: center; gap: 8px; height: 20px; }}
+.cmr-investigation li span {{ flex: 0 0 13.5em; overflow: hidden; text-overflow: ellipsis; white-space: nowrap; }}
+.cmr-investigation li s {{ flex: 1; height: 12px; border-radius: 3px; background: #e9e4ef; text-decoration: none; }}
+.cmr-investigation li b {{ display: block; height: 100%; border-radius: 3px; background: {PURPLE_CSS}; }}
+.cmr-investigation li b {{ width: var(--to); animation: cmr-shrink 0.8s ease-out; }}
+.cmr-investigation li em {{ flex: 0 0 3.6em; text-align: right; font-style: normal; }}
+@keyframes cmr-shrink {{ from {{ width: var(--from); }} }}
+@media (prefers-reduced-motion: reduce) {{ .cmr-investigation li b {{ animation: none; }} }}
 .cmr-time {{ bottom: 0; right: {PANEL}; height: 26px; cursor: pointer; }}
 .cmr-time b, .cmr-time u {{ position: absolute; top: 0; height: 100%; pointer-events: none; }}
 .cmr-time b {{ left: 0; background: #1f4fd855; border-right: 2px solid #1f4fd8; }}
@@ -58,6 +75,12 @@ STYLE = f"""
   .mantine-Paper-root[style*="position: fixed"] {{ width: 100% !important; max-height: {PANEL_SHARE:.0%} !important; }}
   .mantine-Paper-root[style*="position: fixed"] [style*="width: 20em"] {{ width: 100% !important; }}
   .cmr-time {{ top: 0; bottom: auto; right: 0; }}
+  .cmr-investigation {{ top: 30px; left: 4px; width: min(26em, 100vw - 125px); padding: 4px 8px; }}
+  .cmr-investigation {{ font-size: 11px; line-height: 1.3; }}
+  .cmr-investigation h2 {{ font-size: 12px; }}
+  .cmr-investigation li {{ height: 16px; gap: 5px; }}
+  .cmr-investigation li:nth-child(n+5) {{ display: none; }}
+  .cmr-investigation li span {{ flex-basis: 9.5em; }}
   .cmr-legend {{ top: 30px; bottom: auto; right: 4px; left: auto; font-size: 11px; }}
 }}
 """
@@ -143,6 +166,7 @@ def legend(state: ViewState, has_fence: bool) -> str:
     shown = {colour for origin, colour in COLOURS.items() if (robots.origin == origin).any()}
     shown |= {GREY} if robots.silent.any() else set()
     shown |= {RED} if len(waypoints(state, robots).ends) else set()
+    shown |= {PURPLE} if len(predicted(state, robots).ends) else set()
     shown |= {FENCE_COLOUR} if has_fence else set()
     entries = [(_css(colour), name) for colour, name in LEGEND if colour in shown]
     lines = [tag("div", tag("i", style=f"background:{colour}"), name) for colour, name in entries]

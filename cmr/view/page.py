@@ -15,6 +15,7 @@ from cmr.view.camera_panel import CameraPanel
 from cmr.view.charts import Chart, distances, estimates
 from cmr.view.data.state import ViewState
 from cmr.view.inputs import write
+from cmr.view.investigating import card, investigated
 from cmr.view.look import legend, page_look
 from cmr.view.picture import Lines, rays, trails
 from cmr.view.plots import Plots
@@ -84,6 +85,7 @@ class Page:
             back = gui.add_button(f"back to {surroundings.back_to}")
             back.on_click(lambda _event: self.wish(CLOSE))
         self._legend = gui.add_html("")
+        self._investigation = gui.add_html("")
         self._add_orders(gui)
         self._camera_panel = CameraPanel(gui)
         if replay is not None:
@@ -145,6 +147,7 @@ class Page:
             self._try_token()
         self._head.content = head
         self._legend.content = legend(state, self._surroundings.has_fence)
+        self._investigation.content = card(investigated(state, self.chosen))
         self._plots.show(showing.curves, showing.sources(), state.now)
         self._panels["robot"].content = words.robot(state, self.chosen)
         self._panels["processes"].content = words.processes(state)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.bus.streams import RANGE_SCAN, WAYPOINTS
-from cmr.msg import range_scan_t
+from cmr.msg import investigation_status_t, range_scan_t
 from cmr.report.colours import REAL_COLOUR
 from cmr.view import shapes
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL, Integers, Robots
@@ -28,12 +28,14 @@ YELLOW = rgb(REAL_COLOUR)
 BLUE = (70, 140, 245)  # on which black digits can be read
 RED = (214, 40, 40)
 GREEN = (0, 158, 115)  # with these, all who see colours, if not red and green, know whose trail is whose
+PURPLE, LILAC = (110, 40, 160), (190, 150, 220)  # where the likeliest robot would go, and where others would
 GREY = (180, 180, 210)  # of robots about which nothing has been heard for a moment
 COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
 TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
 MOST_LABELLED = 3000  # robots; with more than that only real ones have their ids on them
 LABEL_HEIGHT = shapes.CLEARANCE + shapes.HEIGHT + 0.002  # m
 TRAIL_HEIGHT, WAYPOINT_HEIGHT, RAY_HEIGHT = 0.006, 0.012, 0.05  # m
+PREDICTED_HEIGHT = LABEL_HEIGHT + 0.002  # m; over the robots, which would hide short paths
 RAY_COLOURS = (245, 235, 242), (214, 60, 170)  # at the sensor, where hundreds of rays meet, and where they end
 
 
@@ -56,7 +58,8 @@ class Lines(NamedTuple):
 class Picture:
     """All that moves and every visitor sees.
 
-    Solid robots with their ids, ghosts (twins), where each of the ten digits stands (n, 3) [m], and waypoints.
+    Solid robots with their ids, ghosts (twins), where each of the ten digits stands (n, 3) [m], waypoints, and the
+    paths that an investigation predicts.
     """
 
     solid: Bodies
@@ -64,6 +67,7 @@ class Picture:
     ghosts: Bodies
     digits: tuple[Floats, ...]
     waypoints: Lines
+    predicted: Lines
 
 
 def picture_of(state: ViewState) -> Picture:
@@ -76,6 +80,7 @@ def picture_of(state: ViewState) -> Picture:
         bodies(robots, is_twin),
         digits(robots),
         waypoints(state, robots),
+        predicted(state, robots),
     )
 
 
@@ -124,6 +129,27 @@ def waypoints(state: ViewState, robots: Robots) -> Lines:
         if len(points):
             parts += [shapes.chain(points), shapes.circle(float(points[-1, 0]), float(points[-1, 1]), 0.04, 12)]
     return _of_one_colour(shapes.at_height(np.concatenate(parts), WAYPOINT_HEIGHT), RED)
+
+
+def predicted(state: ViewState, robots: Robots) -> Lines:
+    """Return where robots that are investigated may go: the paths of all that were predicted, the likeliest on top."""
+    there = set(robots.robot_id.tolist())
+    ends, colours = [np.empty((0, 2, 3))], [np.empty((0, 2, 3), np.uint8)]
+    for history in (state.investigations[robot_id] for robot_id in state.investigations.keys() & there):
+        message = history[-1].message
+        for member, path in reversed(list(enumerate(_paths(message)))):
+            lines = shapes.at_height(shapes.chain(path), PREDICTED_HEIGHT + (0.002 if member == 0 else 0.0))
+            ends.append(lines)
+            colours.append(np.full(lines.shape, LILAC if member else PURPLE, np.uint8))
+    return Lines(np.concatenate(ends), np.concatenate(colours))
+
+
+def _paths(message: investigation_status_t) -> list[Floats]:
+    """Return the predicted paths, each (n, 2) [m], the likeliest robot's first."""
+    if message.members < 1 or message.n % message.members:
+        return []
+    points = np.array([message.x, message.y], float).T
+    return [_finite(part) for part in np.split(points, message.members)]
 
 
 def rays(state: ViewState, robot_id: int) -> Lines:

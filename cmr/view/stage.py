@@ -15,6 +15,7 @@ LABEL_COLOUR = (20, 20, 20)
 OBSTACLE_COLOUR = (120, 120, 125)
 OBSTACLE_HEIGHT = 0.12  # m that is drawn; they reach higher
 FENCE_COLOUR = (0, 0, 0)
+PREDICTED_WIDTH = 0.012  # m
 TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.02, 0.01, 0.03  # m; trails can be seen under the way they follow
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 # Viser takes colours of instances and of single lines for amounts of light, those of everything else for sRGB.
@@ -122,6 +123,7 @@ class Stage:
         self._ghosts = Instances(scene, "/twins", robot, plain, flat_shading=True, opacity=GHOST_OPACITY)
         self._digits = [Instances(scene, f"/ids/{value}", shapes.digit(value)) for value in range(10)]
         self._waypoints = LineSet(scene, "/waypoints", WAYPOINT_WIDTH)
+        self._predicted = LineSet(scene, "/predicted", PREDICTED_WIDTH)
         _add_room(scene, obstacles, geofence)
 
     def show(self, picture: Picture) -> None:
@@ -131,6 +133,7 @@ class Stage:
         for digit, places in zip(self._digits, picture.digits, strict=True):
             digit.show(_upright(places, LABEL_COLOUR))
         self._waypoints.show(picture.waypoints)
+        self._predicted.show(picture.predicted)
 
 
 def _upright(places: shapes.Floats, colour: tuple[int, int, int]) -> Bodies:

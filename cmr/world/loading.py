@@ -8,7 +8,7 @@ import numpy as np
 
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
-from cmr.world.behaviours import AnyBehaviour, TeamBehaviour
+from cmr.world.behaviours import AnyBehaviour
 from cmr.world.fleet import STEP, Fleet
 from cmr.world.view import VIRTUAL
 
@@ -83,9 +83,7 @@ class Loader:
     def _prepare_behaviours(self) -> None:
         """Prepare each once: before any robot may be simulated, so that none is asked to decide meanwhile."""
         while self._behaviours:
-            behaviour = self._behaviours.pop()
-            if isinstance(behaviour, TeamBehaviour):
-                behaviour.prepare()
+            self._behaviours.pop().prepare()
 
 
 def _simulate(robots: list[RobotParameters]) -> None:

@@ -1,13 +1,14 @@
 """Drive a real robot by a behaviour, from what WORLD_STATE says of the world."""
 
 import math
+from collections.abc import Iterable
 
 from cmr.bus.estop import EmergencyStop
 from cmr.bus.gate import Gate
 from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
 from cmr.bus.possible import OUT_OF_REACH, is_out_of_reach
-from cmr.bus.streams import identify
+from cmr.bus.streams import Stream, identify
 from cmr.geometry.obstacles import Geofence
 from cmr.model.body import forward
 from cmr.model.command_kinds import DUTY, VELOCITY
@@ -106,8 +107,7 @@ class Pilot:
 
     def prepare(self) -> None:
         """Load what deciding takes, which may take seconds: called where no robot waits for a command."""
-        if isinstance(self.behaviour, Alone):
-            self.behaviour.prepare()
+        self.behaviour.prepare()
         if self._keep_clear:
             load()
 
@@ -197,6 +197,10 @@ class Pilot:
         known = self._caution.now
         controller = known.velocity_controller if known is not None and any(self.duties) else None
         return command_of(self.kind, utime, self.robot_id, self.duties, controller)
+
+    def tell(self, utime: int) -> Iterable[tuple[Stream[Message], Message]]:
+        """Return what the behaviour wants published besides the command."""
+        return self.behaviour.tell(utime)
 
     def stop(self) -> Command:
         """Return the command that ends a drive."""

@@ -176,6 +176,8 @@ class SimulatedDrive:
             for world in world_messages(me.utime, [me]) if estimator.known else ():
                 pilot.handle(world.utime, WORLD_STATE.name, world)
             bus.publish(MOTOR_COMMAND, pilot.command(utime), self.robot_id)
+            for stream, message in pilot.tell(utime):
+                bus.publish(stream, message, self.robot_id)
             if isinstance(behaviour, Behaviour) and behaviour.finished:
                 break
         stop = make(motor_command_t, utime=host.utime(), robot_id=self.robot_id, left=0.0, right=0.0)

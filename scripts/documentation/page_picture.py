@@ -6,8 +6,10 @@ import socket
 import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import FloatRect, Page, sync_playwright
 
 from cmr.processes.children import our_command
@@ -20,6 +22,11 @@ NARROW = (640, 620)
 LOOK = 50.0  # ms between looks at whether a motion has begun
 PATIENCE = 120e3  # ms; without a graphics card the page takes its time
 MARGIN = 5  # pixels
+PANEL, TIME_BAR = 388, 26  # pixels: how wide the panel and how high the bar of time is
+FILMED = (900 + PANEL, 560 + TIME_BAR)
+SMALLER, COLOURS = 0.8, 48  # of a film: by how much it is smaller than the page, and how many colours it has
+AWAY = 400  # pixels of a wheel that is turned, so that a whole floor is seen
+MOVING, LAST = 1.5e3, 4.0  # ms until the scene is at another moment; s for which the last picture is shown
 READING, DRAWING = 8e3, 8e3  # ms until the log is read, and until the charts are drawn
 
 
@@ -67,6 +74,25 @@ def take_bringup(folder: Path, path: Path) -> None:
     finally:
         emulator.terminate()
         emulator.wait()
+
+
+def film(log: Path, seconds: Sequence[float], frame: float, path: Path, room: tuple[str, ...] = ()) -> None:
+    """Write a GIF of the scene at these times of a log, each shown for `frame` [s]; `room` as of take_window."""
+    with opened(log, seconds[0], "view", FILMED, room) as page:
+        scene: FloatRect = {"x": 0, "y": 0, "width": FILMED[0] - PANEL, "height": FILMED[1] - TIME_BAR}
+        page.mouse.move(0.5 * scene["width"], 0.5 * scene["height"])
+        page.mouse.wheel(0, AWAY)
+        page.wait_for_timeout(DRAWING)
+        pictures = []
+        for moment in seconds:
+            page.get_by_label("go to").fill(f"{moment:.2f}")
+            page.wait_for_timeout(MOVING)
+            picture = Image.open(BytesIO(page.screenshot(clip=scene))).convert("RGB")
+            pictures.append(picture.resize((round(SMALLER * picture.width), round(SMALLER * picture.height))))
+    first = pictures[len(pictures) // 2].quantize(COLOURS)  # of which all others have the colours
+    shown = [picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures]
+    durations = [round(1e3 * frame)] * (len(shown) - 1) + [round(1e3 * LAST)]
+    shown[0].save(path, save_all=True, append_images=shown[1:], duration=durations, loop=0, optimize=True)
 
 
 @contextmanager

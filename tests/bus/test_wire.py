@@ -42,6 +42,9 @@ WIRE = {
     "calibration_status_t": """int64_t utime; int32_t robot_id; int8_t state; double progress; double k2_over_k3;
         double k1; double base_width; double k2_over_k3_std; double k1_std; double base_width_std;
         double path_rmse_before; double path_rmse_after; string message""",
+    "investigation_status_t": """int64_t utime; int32_t robot_id; int8_t state; double driven; double longest;
+        string explanations; string named; int32_t excluded; int32_t not_shown; string movement; string first;
+        string second; int32_t members; int32_t n; float x[n]; float y[n]; string message""",
     "process_status_t": """int64_t utime; string process; string host; int32_t pid; int8_t state;
         string parameters_sha256; double loop_rate_hz; double loop_overruns; string message""",
     "estop_t": "int64_t utime; boolean engaged; string source; string reason",
@@ -56,6 +59,7 @@ CONSTANTS = {
     "command_claim_t": ["CLAIM", "TAKE_OVER", "END"],
     "robot_state_t": ["REAL", "VIRTUAL", "TWIN"],
     "calibration_status_t": ["WAITING", "COLLECTING", "FITTING", "DONE", "FAILED"],
+    "investigation_status_t": ["OPENING", "DRIVING", "PLANNING", "DONE", "FAILED"],
     "process_status_t": ["STARTING", "RUNNING", "DEGRADED", "STOPPING"],
 }
 

@@ -1,16 +1,31 @@
 """The drive of an investigation: what comes late, near the border, or after an interruption ends in a rest."""
 
+import time
+from functools import partial
+from threading import Event
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
 from cmr.geometry.obstacles import Geofence
-from cmr.investigation.driving import INTERRUPTED, MOST_PAUSES, NEAR_THE_BORDER, AtOnce, Driving, Place, Planner
+from cmr.investigation.driving import (
+    INTERRUPTED,
+    MOST_PAUSES,
+    NEAR_THE_BORDER,
+    SPARE,
+    AtOnce,
+    Driving,
+    InThread,
+    Place,
+    Planner,
+)
 from cmr.investigation.engine import NO_ROOM, Planned
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD, Movement, waiting
 from cmr.recordings.signal import Floats
+from tests.investigation.planners import Never, Slow
 
 FLOOR = Floor(Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
 MIDDLE = Place(0.0, 0.0, 0.0, 0.0)
@@ -24,29 +39,19 @@ class Scripted:
     def __init__(self, movement: Movement | None, finished_after: int = 10**6, refused: str = "") -> None:
         self.floor, self.decisions, self._movement = FLOOR, 0, movement
         self._finished_after, self._refused = finished_after, refused
+        self.waited = 0.0
 
     def opening(self, _x: float, _y: float, _theta: float) -> tuple[Movement, str]:
         """Return a short opening."""
         return Movement("opening", np.full((10, 2), 0.25)), self._refused
 
-    def decide(self, _recording: object, planned: Planned) -> SimpleNamespace:
+    def decide(self, _recording: object, planned: Planned, least: float) -> SimpleNamespace:
         """Return the same movement."""
         self.decisions += 1
-        self.planned = planned
+        self.planned, self.least = planned, least
         over = self.decisions > self._finished_after
         choice = SimpleNamespace(movement=self._movement)
         return SimpleNamespace(choice=choice, finished=over, sentence="" if self._movement else NO_ROOM)
-
-
-class Never:
-    """A planner that is never ready."""
-
-    def begin(self, deciding: object) -> None:
-        """Do not decide."""
-
-    def result(self) -> tuple[bool, None]:
-        """Return that nothing is there."""
-        return False, None
 
 
 def driving_of(investigation: Scripted, planner: Planner | None = None) -> Driving:
@@ -101,6 +106,75 @@ def test_after_an_interruption_it_goes_on_from_rest() -> None:
     assert driving.command(later, MIDDLE) == (0.0, 0.0)
     assert driving.note == INTERRUPTED.format(seconds=(later - 99 * TICK) * 1e-6)
     assert np.any(driven(driving, 2.0, begin=later)[-10:] == 0.4)
+
+
+def test_what_is_decided_while_it_stands_is_driven_however_long_it_took() -> None:
+    """A robot at rest is where the decision has it: a computer too slow for one second of driving drives all the same.
+
+    It is given movements in which there is time for a decision.
+    """
+    investigation = Scripted(FORWARD)
+    driving = driving_of(investigation, Slow(70))  # asked once a turn, from the end of a movement on
+    duties = driven(driving, 20.0)
+    assert np.mean(duties[:, 0] == 0.4) > 0.2
+    assert investigation.least == 70 * PERIOD
+
+
+def test_what_a_robot_waits_for_late_decisions_is_no_time_of_driving() -> None:
+    """On a slow computer a drive takes longer, and drives as long."""
+    quick, slow = Scripted(FORWARD), Scripted(FORWARD)
+    driven(driving_of(quick), 20.0)
+    assert quick.waited == 0.0
+    driving = driving_of(slow, Slow(70))
+    driven(driving, 20.0)
+    under_way = 1.0  # s, of a movement and of a rest that are not over yet
+    assert slow.waited + driving.drove == pytest.approx(20.0, abs=2.0 * under_way)
+    assert slow.waited > 10.0
+
+
+def test_an_end_that_is_decided_late_is_an_end() -> None:
+    """Whatever the robot did meanwhile: nothing is left to be found out."""
+    driving = driving_of(Scripted(FORWARD, finished_after=0), Slow(70))
+    driven(driving, 5.0)
+    assert driving.finished
+
+
+def test_an_opening_that_was_interrupted_begins_again() -> None:
+    """Without it, the first choices would rest on a second of data; of what was interrupted, the part driven counts."""
+    driving = driving_of(Scripted(FORWARD))
+    driven(driving, 3 * PERIOD)
+    later = 3 * TICK + 1_000_000
+    assert np.all(driven(driving, 10 * PERIOD, begin=later) == 0.25)
+    assert driving.drove == pytest.approx(2 * PERIOD + 10 * PERIOD)
+    for begin in (2 * later, 3 * later):
+        driven(driving, 3 * PERIOD, begin=begin)
+    assert driving.movement is None, "after three openings it goes on with what it has"
+
+
+def test_at_the_end_nothing_is_decided_any_more() -> None:
+    """What is told of an investigation must not change while it is told."""
+    planner, began, ended = InThread(), Event(), Event()
+
+    def decide() -> None:
+        began.set()
+        time.sleep(0.05)
+        ended.set()
+
+    planner.begin(decide)
+    began.wait()
+    driving_of(Scripted(FORWARD), planner).end()
+    assert ended.is_set()
+
+
+def test_the_time_that_decisions_take_is_that_of_the_longest_lately() -> None:
+    """The next movement is chosen so that it lasts as long, and a quarter longer."""
+    planner = InThread()
+    assert planner.seconds == 0.0
+    for seconds in (0.05, 0.0):
+        planner.begin(partial(time.sleep, seconds))
+        while not planner.result()[0]:
+            time.sleep(0.001)
+    assert planner.seconds >= SPARE * 0.05
 
 
 def test_a_floor_without_room_ends_it_with_a_sentence() -> None:

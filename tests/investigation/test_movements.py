@@ -1,6 +1,7 @@
 """Movements: what is drawn is bounded, the same seed draws the same, and the driver's ramp is predicted."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -49,3 +50,13 @@ def test_commands_are_ramped_as_the_driver_does() -> None:
         assert np.allclose(row, expected)
     assert np.allclose(duty[-1], (0.6, -0.6))
     assert np.allclose(np.diff(time), 0.01)
+
+
+def test_movements_that_must_last_are_as_long_or_the_longest_there_are() -> None:
+    """So long a decision takes: what is over sooner would make the robot wait."""
+    random = np.random.default_rng(1)
+    for least, shortest in ((0.0, 1.0), (1.2, 1.5), (2.0, 2.0), (9.0, 3.0)):
+        lengths = [one.seconds for one in candidates(random, least=least)]
+        assert min(lengths) == pytest.approx(shortest)
+        assert max(lengths) == pytest.approx(3.0)
+    assert min(one.seconds for one in towards(0.5, 0.7, random, least=1.7)) == pytest.approx(2.0)

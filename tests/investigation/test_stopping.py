@@ -11,22 +11,12 @@ from cmr.investigation.behaviour import Investigate
 from cmr.investigation.driving import PAUSE
 from cmr.msg import estop_t
 from cmr.recordings.signal import Floats
+from tests.investigation.planners import Never
 from tests.support.pilot_bench import PERIOD, Bench
 
 SQUARE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 UNTIL_IT_SPINS = 70  # turns: the opening begins with a rest of a second
 FOR_A_WHILE = 60  # turns
-
-
-class Never:
-    """A planner that is never ready."""
-
-    def begin(self, deciding: object) -> None:
-        """Do not decide."""
-
-    def result(self) -> tuple[bool, None]:
-        """Return that nothing is there."""
-        return False, None
 
 
 def spinning(folder: Path) -> tuple[Bench, Investigate]:

@@ -38,6 +38,11 @@ FIELDS: dict[str, dict[str, Any]] = {
         **{"k2_over_k3_std": 1.0, "k1_std": 0.1, "base_width_std": 0.01, "path_rmse_before": 0.5},
         **{"path_rmse_after": math.nan, "message": "Größe, \u2603"},
     },
+    "INVESTIGATION_STATUS": {
+        **{"state": 1, "driven": 5.5, "longest": 60.0, "explanations": '{"gyro_bias": 0.75, "nothing more": 0.25}'},
+        **{"named": "[]", "excluded": 12, "not_shown": 3, "movement": "rest", "first": "gyro_bias"},
+        **{"second": "nothing more", "members": 1, "x": [0.0, 0.5], "y": [1.0, 1.5], "message": ""},
+    },
     "PROCESS_STATUS": {
         **{"process": "cmr-sim", "host": "lab", "pid": 7, "state": 1, "parameters_sha256": ""},
         **{"loop_rate_hz": 99.5, "loop_overruns": 0.0, "message": ""},

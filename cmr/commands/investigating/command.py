@@ -59,6 +59,8 @@ def main(arguments: list[str]) -> int:
     except CommandError as error:
         failure = str(error)
     driving = behaviour.driving
+    if driving is not None:
+        driving.end()
     if driving is not None and driving.decision is not None:
         _write(driving, options, is_whole=not code)
     else:

@@ -46,7 +46,7 @@ def drive_emulated(
         behaviour=behaviour,
         seconds=OVERHEAD * options.longest + MORE,
         seed=options.seed,
-        believed=_believed(settings, options),
+        believed=believed(settings, options.robot),
         robot_id=options.robot,
         on_second=on_second,
     )
@@ -65,9 +65,9 @@ def _settings(options: argparse.Namespace) -> Settings:
     return replace(settings, effects={**settings.effects, **hidden})
 
 
-def _believed(settings: Settings, options: argparse.Namespace) -> ParameterFile:
+def believed(settings: Settings, robot_id: int) -> ParameterFile:
     """Return what is believed of the emulated robot: off as much as a data sheet is."""
     robot = settings.robot
     values = {"wheel_radius": Value(robot.wheel_radius)}
     values |= {name: Value(share * getattr(robot, name)) for name, share in BELIEVED.items()}
-    return ParameterFile(options.robot, values)
+    return ParameterFile(robot_id, values)

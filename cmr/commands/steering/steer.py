@@ -16,6 +16,7 @@ from cmr.bus.streams import (
     ESTOP,
     ESTOP_LATCH,
     GYRO,
+    INVESTIGATION_STATUS,
     MOTOR_FEEDBACK,
     PARAMETERS,
     POSE,
@@ -67,6 +68,7 @@ def steer(
             if claim.lost_to:
                 raise CommandError(f"{claim.lost_to} took over robot {pilot.robot_id}.")
             waiting_for = _command(process, pilot, claim, utime)
+            process.publish_all((stream, pilot.robot_id, message) for stream, message in pilot.tell(utime))
             process.parameters_sha256 = pilot.parameters_sha256
             _report(process, pilot, waiting_for, tell())
             if behaviour.finished:
@@ -94,6 +96,7 @@ def _listen(process: Process, robot: int) -> None:
     process.subscribe(PARAMETERS, robot)
     process.subscribe(WAYPOINTS, robot)
     process.subscribe(COMMAND_OWNER, robot)
+    process.subscribe(INVESTIGATION_STATUS, robot, every=True)  # its own: who records what is heard records it, too
 
 
 def _confirm(pilot: Pilot, confirmed: Event) -> None:

@@ -22,6 +22,7 @@ from cmr.processes.job import (
 )
 
 OPEN_LOOP = "manoeuvre"  # the behaviour that drives without looking where it is
+ENDING = (OPEN_LOOP, "investigate")  # behaviours that come to an end, after which they do not begin again
 LOG = "run.lcm"
 SIM_SCENARIO = "sim.yaml"
 STATE = "state"  # folder in which drivers of emulated robots keep an emergency stop: it ends with the run, as they do
@@ -57,7 +58,7 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
         if scenario.geofence is not None:
             corners = ",".join(f"{value!r}" for corner in scenario.geofence for value in corner)
             command.append(f"--geofence={corners}")
-        once = robot.behaviour.name == OPEN_LOOP
+        once = robot.behaviour.name in ENDING
         yield Job(f"pilot {robot_id}", PILOT, command, robot_id, host=robot.host, once=once)
 
 

@@ -1,27 +1,17 @@
 """A person leads a virtual robot by hand, and emulated real robots follow it: the processes of `cmr demo --lead`."""
 
-import re
 import subprocess
 import time
-import webbrowser
-from collections.abc import Callable
 
 import numpy as np
 
-from cmr.bus.process import Process
-from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.errors import CommandError
-from cmr.cli.progress import Progress
-from cmr.experiments.live.jobs import jobs_of
-from cmr.experiments.live.preparing import prepare
-from cmr.experiments.live.watch import TeamWatch
-from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.live.demonstrating import RATE, START_UP, Demonstration
 from cmr.experiments.scenario.reading import shipped
 from cmr.msg import process_status_t
-from cmr.processes.children import Children, our_command
+from cmr.processes.children import our_command
 
 LEADER = 10
-PAGE = "view"
 SCENARIO = f"""\
 about: A virtual robot that a person leads by hand; two real robots (here emulated) follow it
 duration: 86400
@@ -31,51 +21,22 @@ robots:
   - {{id: 0, kind: emulated, behaviour: {{name: follow, leader: {LEADER}, gap: 0.5}}, start: [0.0, 0.0, 0.0]}}
   - {{id: 1, kind: emulated, behaviour: {{name: follow, leader: 0, gap: 0.5}}, start: [-0.6, 0.0, 0.0]}}
 """
-START_UP = 240.0  # s until all processes are running, on a slow machine
-PORTS = 60.0  # s until an emulator offers its ports
-ENDING = 5.0  # s for cmr-teleop to leave the terminal as it was
 TAKEN_OVER = 1  # exit code of a cmr-teleop that somebody else replaced
-RATE = 20.0  # Hz
-SERVED = re.compile(r"(http://\S+)  token for its buttons: (\S+)")  # what cmr-view says at its start
 
 
-class Leading:
+class Leading(Demonstration):
     """The demonstration: `run` starts all, hands the terminal to cmr-teleop, and returns what was driven, in words."""
-
-    def __init__(self, process: Process, children: Children, scenario: Scenario) -> None:
-        self._process, self._children = process, children
-        self._scenario = prepare(scenario, children.folder)
-        self._watch = TeamWatch(self._scenario)
-        process.subscribe(WORLD_STATE)
-        process.subscribe(PROCESS_STATUS, every=True)
 
     def run(self, with_page: bool, hands: list[str], seconds: float | None) -> str:
         """Let a person drive for `seconds`, or until the person ends it; `hands` are further options of cmr-teleop."""
-        for job in jobs_of(self._scenario, self._children.folder, self._process.bus.url):
-            if job.after is not None:
-                self._wait(job.after.exists, PORTS, job.name)
-            self._children.start(job.name, job.command)
+        self._start()
         if with_page:
-            self._open_page()
+            address, token = self._open_page()
+            print(f"The world is at {address}, a joystick at {address}/drive#{LEADER} (token {token}).", flush=True)
         self._wait(self._ready, START_UP, "all robots")
         self._watch.begin()
         self._hand_over(hands, seconds)
         return self._summary()
-
-    def _open_page(self) -> None:
-        """Start cmr-view, say where its pages are, and show the scene in the browser."""
-        self._children.start(PAGE, [our_command("cmr-view"), "--lcm-url", self._process.bus.url])
-        found: list[str] = []
-
-        def served() -> bool:
-            match = SERVED.search(self._children.said(PAGE))
-            found[:] = match.groups() if match else ()
-            return bool(found)
-
-        self._wait(served, START_UP, "the page")
-        address, token = found
-        print(f"The world is at {address}, a joystick at {address}/drive#{LEADER} (token {token}).", flush=True)
-        webbrowser.open(address)
 
     def _hand_over(self, hands: list[str], seconds: float | None) -> None:
         """Let cmr-teleop have the terminal, until it ends; where a page took over, until a signal ends this."""
@@ -98,24 +59,7 @@ class Leading:
                 if time.monotonic() >= ends or code == 0:
                     return
         finally:
-            teleop.terminate()
-            teleop.wait(ENDING)
-
-    def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
-        """Listen until something holds. Raises CommandError where it does not in time, or a process ends."""
-        began = time.monotonic()
-        with Progress(None, "s", lines=False) as progress:
-            for _utime in self._process.loop(rate_hz=RATE):
-                self._process.dispatch(self._watch.handle)
-                if condition():
-                    return
-                if failure := self._children.failed():
-                    raise CommandError(failure)
-                waited = time.monotonic() - began
-                if waited > seconds:
-                    raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
-                progress.show(f"Waiting for {what}", waited)
-        raise CommandError("Stopped.")
+            self._end(teleop)
 
     def _ready(self) -> bool:
         """Return whether all robots are in the world, and the pilots of the real ones drive after their leaders."""

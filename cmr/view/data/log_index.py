@@ -12,6 +12,7 @@ from cmr.bus.messages import MICROSECONDS, RejectedMessage, decode
 from cmr.bus.streams import (
     CALIBRATION_STATUS,
     ESTOP,
+    INVESTIGATION_STATUS,
     PARAMETERS,
     PROCESS_STATUS,
     SELF_TESTS,
@@ -28,7 +29,9 @@ from cmr.view.data.log_drives import PARTS_WITHIN, DriveWatch
 from cmr.view.data.state import DIAGNOSIS
 
 PLACES_APART = 250_000  # us between the messages of a channel that are remembered
-ALL_REMEMBERED = {stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, PARAMETERS, WAYPOINTS)}
+ALL_REMEMBERED = {
+    stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, INVESTIGATION_STATUS, PARAMETERS, WAYPOINTS)
+}
 EVENTS_BETWEEN_LOOKS = 2000  # at the clock
 UTIME_BYTES = slice(8, 16)  # of a message, after the fingerprint
 

@@ -6,7 +6,15 @@ from collections import Counter
 from collections.abc import Iterator
 
 from cmr.bus.messages import RejectedMessage, decode
-from cmr.bus.streams import CALIBRATION_STATUS, CAMERA_IMAGE, PARAMETERS, PROCESS_STATUS, WORLD_STATE, identify
+from cmr.bus.streams import (
+    CALIBRATION_STATUS,
+    CAMERA_IMAGE,
+    INVESTIGATION_STATUS,
+    PARAMETERS,
+    PROCESS_STATUS,
+    WORLD_STATE,
+    identify,
+)
 from cmr.recordings.events import Event
 from cmr.view.data.intake import Intake
 from cmr.view.data.log_drives import PARTS_WITHIN
@@ -19,7 +27,14 @@ RUN_UP = RATE_WINDOW  # us before the moment jumped to that are read whole, for 
 WORLDS_KEPT = 60_000_000  # us before that, of which trails, paths and distances are drawn ...
 WORLDS_APART = 400_000  # ... from WORLD_STATEs that are so far apart [us], at least ...
 RECENT = 12_000_000  # us; ... and from all that are remembered of this time, so that trails are smooth
-HISTORY = {PROCESS_STATUS.name: 3.0, CAMERA_IMAGE.name: 2.0, CALIBRATION_STATUS.name: 3600.0, PARAMETERS.name: 3.0}  # s
+# s of what was said before that a moment is shown with
+HISTORY = {
+    PROCESS_STATUS.name: 3.0,
+    CAMERA_IMAGE.name: 2.0,
+    CALIBRATION_STATUS.name: 3600.0,
+    INVESTIGATION_STATUS.name: 30.0,
+    PARAMETERS.name: 3.0,
+}
 MOST_OF_HISTORY = 400  # messages of a stream that are read again, all its channels together; but ...
 LEAST_OF_HISTORY = 40  # ... of each channel
 EVENTS_BETWEEN_LOOKS = 200  # at the clock

@@ -14,6 +14,7 @@ from cmr.bus.streams import Stream, identify
 from cmr.msg import (
     calibration_status_t,
     camera_image_t,
+    investigation_status_t,
     parameters_t,
     pose_xyt_t,
     process_status_t,
@@ -32,6 +33,8 @@ LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOIN
 WITH_ARRAYS = ("RANGE_SCAN", "WAYPOINTS")
 MOST_ROBOTS = 2_000  # that are shown; strangers may send as any number of them
 MOST_ESTIMATES = 600  # kept of a calibration
+MOST_DECISIONS = 300  # reports kept of an investigation
+REPEATED = 3.5  # s by which the time driven may fall where a movement is broken off
 MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
 RATE_WINDOW = 3_000_000  # us over which rates of channels are taken
 STOPPED_FOR = 10_000_000  # us for which a process that has ended is shown
@@ -50,9 +53,10 @@ class Heard(Generic[M_co]):
 class ViewState:
     """The world, the processes and the bus as they are `now` [us].
 
-    `latest` holds the last message of each robot by the stream's name; `calibrations` and `divergence` hold over time,
-    by robot, what was reported and measured: CALIBRATION_STATUS_N, and (moment, distance of robot and twin [m]).
-    `drives` are of robots and twins. `cameras` holds the last picture of each by its name.
+    `latest` holds the last message of each robot by the stream's name; `calibrations`, `investigations` and
+    `divergence` hold over time, by robot, what was reported and measured: CALIBRATION_STATUS_N,
+    INVESTIGATION_STATUS_N, and (moment, distance of robot and twin [m]). `drives` are of robots and twins. `cameras`
+    holds the last picture of each by its name.
     """
 
     def __init__(self) -> None:
@@ -65,6 +69,7 @@ class ViewState:
         self.latest: dict[str, dict[int, Heard[Message]]] = {name: {} for name in LATEST_OF}
         self.cameras: dict[str, Heard[camera_image_t]] = {}
         self.calibrations: dict[int, deque[Heard[calibration_status_t]]] = {}
+        self.investigations: dict[int, deque[Heard[investigation_status_t]]] = {}
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
         self.drives = Drives()
         self._versions: dict[int, Versions] = {}
@@ -91,6 +96,8 @@ class ViewState:
             keep(self.cameras, message.camera, Heard(utime, message))
         elif isinstance(message, calibration_status_t):
             self._take_calibration(message.robot_id, Heard(utime, message))
+        elif isinstance(message, investigation_status_t):
+            self._take_investigation(message.robot_id, Heard(utime, message))
 
     def advance(self, now: int) -> None:
         """Let time pass until `now` [us]."""
@@ -169,12 +176,21 @@ class ViewState:
             self.drives.calibrated(robot_id)
         history.append(heard_last)
 
+    def _take_investigation(self, robot_id: int, heard_last: Heard[investigation_status_t]) -> None:
+        history = self.investigations.setdefault(robot_id, deque(maxlen=MOST_DECISIONS))
+        if history and heard_last.message.driven < history[-1].message.driven - REPEATED:
+            history.clear()  # another drive begins
+        history.append(heard_last)
+
     def _measure_divergence(self, now: int, real: Robots, twins: Robots) -> None:
         distances = np.hypot(*(real.pose[:2] - twins.pose[:2]))
         for robot_id, distance in zip(real.robot_id.tolist(), distances.tolist(), strict=True):
             self.divergence.setdefault(robot_id, deque(maxlen=MOST_DISTANCES)).append((now, distance))
 
     def _forget_silent(self, now: int) -> None:
+        self.investigations = {
+            robot_id: heard for robot_id, heard in self.investigations.items() if now - heard[-1].utime <= SILENT_FOR
+        }
         self.cameras = {name: heard for name, heard in self.cameras.items() if now - heard.utime <= SILENT_FOR}
         for key, heard_last in list(self.processes.items()):
             is_over = heard_last.message.state == process_status_t.STOPPING

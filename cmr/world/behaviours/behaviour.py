@@ -1,8 +1,10 @@
 """The abstract behaviour of one robot."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 
 from cmr.bus.message import Message
+from cmr.bus.streams import Stream
 from cmr.model.parameters import RobotParameters
 from cmr.world.commands import CommandMemory
 from cmr.world.view import Robot, WorldView
@@ -33,6 +35,16 @@ class Behaviour(ABC):
 
     def hear(self, utime: int, channel: str, message: Message) -> None:  # noqa: B027 - few look at sensors themselves
         """Take what the robot's driver and sensors say: MOTOR_FEEDBACK_N, GYRO_N, POSE_N. Ignored unless overridden."""
+
+    def prepare(self) -> None:  # noqa: B027 - most have nothing to load
+        """Load what deciding takes, if that takes long: called before the first turn, where nobody waits."""
+
+    def tell(self, utime: int) -> Iterable[tuple[Stream[Message], Message]]:  # noqa: ARG002 - most have nothing to say
+        """Return what is to be published at `utime` [us] besides commands, of streams on which each robot has one.
+
+        Called after each command. Nothing unless overridden.
+        """
+        return ()
 
     def take_waypoints(self, x: list[float], y: list[float]) -> None:  # noqa: B027 - not every robot has waypoints
         """Take a path to drive, as points [m; world frame]; an empty one means stop. Ignored unless overridden."""

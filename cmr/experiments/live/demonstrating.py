@@ -1,0 +1,82 @@
+"""What demonstrations have in common: the processes of a scenario are started, and a page of their world is opened."""
+
+import re
+import subprocess
+import time
+import webbrowser
+from collections.abc import Callable
+
+from cmr.bus.process import Process
+from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
+from cmr.cli.errors import CommandError
+from cmr.cli.progress import Progress
+from cmr.experiments.live.jobs import jobs_of
+from cmr.experiments.live.preparing import prepare
+from cmr.experiments.live.watch import TeamWatch
+from cmr.experiments.scenario.plan import Scenario
+from cmr.processes.children import Children, our_command
+
+PAGE = "view"
+START_UP = 240.0  # s until all processes are running, on a slow machine
+PORTS = 60.0  # s until an emulator offers its ports
+ENDING = 5.0  # s for a process that has the terminal to end
+RATE = 20.0  # Hz
+SERVED = re.compile(r"(http://\S+)  token for its buttons: (\S+)")  # what cmr-view says at its start
+
+
+class Demonstration:
+    """The processes of a scenario, whose files lie in the folder of `children`, on the bus of a process."""
+
+    def __init__(self, process: Process, children: Children, scenario: Scenario) -> None:
+        self._process, self._children = process, children
+        self._scenario = prepare(scenario, children.folder)
+        self._watch = TeamWatch(self._scenario)
+        process.subscribe(WORLD_STATE)
+        process.subscribe(PROCESS_STATUS, every=True)
+
+    def _start(self) -> None:
+        """Start all processes."""
+        for job in jobs_of(self._scenario, self._children.folder, self._process.bus.url):
+            if job.after is not None:
+                self._wait(job.after.exists, PORTS, job.name)
+            self._children.start(job.name, job.command)
+
+    def _open_page(self, *options: str) -> tuple[str, str]:
+        """Start cmr-view with these options, and show the scene in the browser; return its address and its token."""
+        self._children.start(PAGE, [our_command("cmr-view"), *options, "--lcm-url", self._process.bus.url])
+        found: list[str] = []
+
+        def served() -> bool:
+            match = SERVED.search(self._children.said(PAGE))
+            found[:] = match.groups() if match else ()
+            return bool(found)
+
+        self._wait(served, START_UP, "the page")
+        address, token = found
+        webbrowser.open(address)
+        return address, token
+
+    def _end(self, process: "subprocess.Popen[bytes]") -> None:
+        """End a process that has the terminal: it is asked to, and given time to leave the terminal as it was."""
+        process.terminate()
+        try:
+            process.wait(ENDING)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
+        """Listen until something holds. Raises CommandError where it does not in time, or a process ends."""
+        began = time.monotonic()
+        with Progress(None, "s", lines=False) as progress:
+            for _utime in self._process.loop(rate_hz=RATE):
+                self._process.dispatch(self._watch.handle)
+                if condition():
+                    return
+                if failure := self._children.failed():
+                    raise CommandError(failure)
+                waited = time.monotonic() - began
+                if waited > seconds:
+                    raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
+                progress.show(f"Waiting for {what}", waited)
+        raise CommandError("Stopped.")
