@@ -9,7 +9,6 @@ from cmr.estimation.candidates import Trial, is_rough, lanes_of, locality, size,
 from cmr.estimation.gauss_newton import moves_of
 from cmr.estimation.prediction import Errors
 from cmr.investigation import separation
-from cmr.investigation.evidence import PARAMETERS
 from cmr.investigation.floor import Floor
 from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
 from cmr.investigation.movements import Movement, Random, candidates, towards
@@ -63,9 +62,10 @@ def told(judgement: Judgement, time: float) -> Told:
     of = {name: every - every[:, :1] for name, every in errors.of.items()}
     white = judgement.noise.all_white(problem.batch, Errors(of, errors.motion, errors.followed))[:, 1:]
     known = white.T @ white
-    for number, name in enumerate(PARAMETERS):
-        step = sets[1 + number][name] - sets[0][name]
-        known[number, number] += (step / problem.prior[name][1]) ** 2
+    for number, name in enumerate(problem.own):
+        if name in problem.prior:
+            step = sets[1 + number][name] - sets[0][name]
+            known[number, number] += (step / problem.prior[name][1]) ** 2
     return Told(np.nan_to_num(known), columns, tuple(sets))
 
 
@@ -97,9 +97,8 @@ def choose(
     movements = [movement for movement, _ in kept]
     told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
     added = np.stack([np.nan_to_num(one.T @ one) for one in told_by])
-    worth, need, gained, weights = _worth(
-        judgement, known, added, np.array([movement.seconds for movement in movements])
-    )
+    seconds = np.array([movement.seconds for movement in movements])
+    worth, need, gained, weights = _worth(judgement, known, added, seconds)
     number = int(np.argmax(worth))
     pair = _parted(known.columns.names, need, gained[number], weights)
     return Choice(movements[number], float(worth[number]), kept[number][1], pair)
@@ -119,6 +118,11 @@ def ensemble(judgement: Judgement) -> list[dict[str, float]]:
     ]
     others = [dict(one.values) for one in judgement.explanations[1 : 1 + MOST_AS_FITTED]]
     return [best, *uneven, *others]
+
+
+def worth_of(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> Floats:
+    """Return what candidates are worth (c,) that add information `added` (c, m, m) in `seconds` (c,)."""
+    return _worth(judgement, known, added, seconds)[0]
 
 
 def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -185,7 +189,7 @@ def _parted(names: Sequence[str], need: Floats, gained: Floats, weights: Floats)
 def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, float]], Columns]:
     """Return the values whose errors are compared: the best model, its parameters moved, then effects switched on."""
     problem, base = judgement.problem, dict(judgement.base.values)
-    free = (*PARAMETERS, *(n for n in own_parameters(judgement.named) if definition(n).switches))
+    free = (*problem.own, *(n for n in own_parameters(judgement.named) if definition(n).switches))
     moves = moves_of(base, free, problem.excitation)
     sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
     of: dict[str, tuple[int, ...]] = {}
