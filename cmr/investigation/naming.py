@@ -62,10 +62,9 @@ class Naming:
     def judged(self, problem: Beliefs) -> Judgement:
         """Return the judgement of all data, after adding to what is found what is sure enough."""
         before = self.judgement
-        known = problem.excitation.parameters
-        usable = {*known, *own_parameters(_fitted(self.found))}
+        usable = {*problem.own, *own_parameters(_fitted(self.found))}
         last = before.base.values if before else {}
-        start = {**known, **{name: value for name, value in last.items() if name in usable}}
+        start = {**problem.excitation.parameters, **{name: last[name] for name in usable if name in last}}
         judgement = judge(problem, _fitted(self.found), start, before)
         if tick_of(problem) > COARSE and COARSE_TICKS not in self.found:
             self.found = (*self.found, COARSE_TICKS)

@@ -23,6 +23,9 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Mask
 
+SHORTEST = 1.5  # s: with what is known beforehand of effects, less is enough than a diagnosis takes
+# Share by which parameters are off; robots that slip as they turn count with up to twice the width of their base.
+DOUBT = {"wheel_radius": 0.15, "k2_over_k3": 0.30, "k1": 0.15, "base_width": 1.0}
 MOST_PREDICTED = 120  # pieces whose information is predicted, drawn anew for each choice
 
 
@@ -123,14 +126,17 @@ class _Pieces(Beliefs):
 def beliefs_of_pieces(pieces: Sequence[Recording], nominal: ParameterFile) -> Beliefs | None:
     """Return the problem of some pieces, checked like recordings for a diagnosis; None while they are too short.
 
-    `nominal` gives wheel_radius. The robot's own parameters are those that the pieces determine, and have no prior:
-    data sheets of robots that slip as they turn give no base width that counts.
+    `nominal` gives wheel_radius. The robot's own parameters are those that the pieces determine. Those that `nominal`
+    has are off by DOUBT.
     """
-    ready = prepare(looked_at(pieces), nominal)
+    ready = prepare(looked_at(pieces), nominal, shortest=SHORTEST)
     if ready.problem is None or ready.base is None:
         return None
     problem, excitation = ready.problem, ready.problem.excitation
-    prior = prior_of_effects(excitation, excitation.extent)
+    own = {
+        name: (nominal.value(name), DOUBT[name] * nominal.value(name)) for name in ready.base.names if nominal.has(name)
+    }
+    prior = own | prior_of_effects(excitation, excitation.extent)
     return _Pieces(problem.predictors, problem.gains, excitation, prior, ready.base.names)
 
 
