@@ -12,7 +12,8 @@ from cmr.investigation import separation
 from cmr.investigation.floor import Floor
 from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
 from cmr.investigation.movements import Movement, Random, candidates, towards
-from cmr.investigation.prediction import Situation, changes, paths
+from cmr.investigation.prediction import BETWEEN_PLACES, Situation, changes, paths
+from cmr.investigation.reckoning import Reckoned
 from cmr.investigation.separation import ENOUGH, ENOUGH_UNSEEN, LEAST_WEIGHT, Columns
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
@@ -77,8 +78,12 @@ def choose(
     random: Random,
     *,
     at_random: bool = False,
+    reckoned: Reckoned | None = None,
 ) -> Choice:
-    """Return the best of many movements; `at_random` takes the first that keeps to the floor, for comparison."""
+    """Return the best of many movements; `at_random` takes the first that keeps to the floor, for comparison.
+
+    Where the robot is only `reckoned` to be, what is not known of its place stays on the floor, too.
+    """
     best = judgement.best.values
     x, y, *_ = situation.state
     away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
@@ -87,12 +92,12 @@ def choose(
     kept = [
         (movement, path)
         for movement, path in zip(drawn, paths(situation, drawn, ensemble(judgement)), strict=True)
-        if keeps_to(floor, path)
+        if keeps_to(floor, path, _doubts(reckoned, path))
     ]
     if not kept:
         return Choice(None)
     if at_random:
-        return Choice(*kept[0][:1], 0.0, kept[0][1])
+        return Choice(kept[0][0], 0.0, kept[0][1][..., :2])
     kept = kept[: PREDICTED - 6] + kept[-6:] if len(kept) > PREDICTED else kept
     movements = [movement for movement, _ in kept]
     told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
@@ -101,12 +106,20 @@ def choose(
     worth, need, gained, weights = _worth(judgement, known, added, seconds)
     number = int(np.argmax(worth))
     pair = _parted(known.columns.names, need, gained[number], weights)
-    return Choice(movements[number], float(worth[number]), kept[number][1], pair)
+    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair)
 
 
-def keeps_to(floor: Floor, path: Floats) -> bool:
-    """Tell whether all places (n, members, 2) of a path lie on the floor."""
-    return bool(np.all(floor.room(path[..., 0], path[..., 1]) >= 0.0))
+def keeps_to(floor: Floor, path: Floats, doubt: Floats | float = 0.0) -> bool:
+    """Tell whether all places (n, members, 2 or 3) of a path lie on the floor, `doubt` (n,) [m] further inside."""
+    room = floor.room(path[..., 0], path[..., 1])
+    return bool(np.all(room >= np.broadcast_to(doubt, len(path))[:, None]))
+
+
+def _doubts(reckoned: Reckoned | None, path: Floats) -> Floats | float:
+    """Return how far from each place the robot may be [m], (n,); 0 where its poses are reported."""
+    if reckoned is None:
+        return 0.0
+    return reckoned.doubts(BETWEEN_PLACES * np.arange(1, len(path) + 1), path[:, 0])
 
 
 def ensemble(judgement: Judgement) -> list[dict[str, float]]:

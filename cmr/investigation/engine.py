@@ -1,7 +1,7 @@
 """An investigation, decision by decision: what the data so far say, which effects are named, and what to drive next."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,6 +15,7 @@ from cmr.investigation.judging import Judgement
 from cmr.investigation.movements import Movement, opening, waiting
 from cmr.investigation.naming import NAMED, ODDS, Naming
 from cmr.investigation.prediction import Situation, paths
+from cmr.investigation.reckoning import Reckoned, reckoned
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
@@ -33,6 +34,7 @@ STATE = ("x", "y", "theta", "psi_left", "psi_right")
 OPENING_DOUBTS = ({"k1": 0.85, "k2_over_k3": 1.3}, {"k1": 1.15}, {"k1": 0.85, "base_width": 0.85})
 DATA_SHEET = "The opening does not keep to the floor from here, by the data sheet: put the robot nearer to the middle."
 NO_ROOM = "No movement keeps to the floor from here."
+UNSURE = "Without poses, the robot's place is too unsure for any movement: it may be near the border."
 
 
 @dataclass(frozen=True)
@@ -49,13 +51,17 @@ class Step:
 
 @dataclass
 class Decision:
-    """What came of looking at the data: the movement to drive next, None when it is over, and why."""
+    """What came of looking at the data: the movement to drive next, None when it is over, and why.
+
+    `reckoned` is where the robot was then by dead reckoning, None where its poses are reported.
+    """
 
     judgement: Judgement
     known: Told
     choice: Choice
     finished: bool
     sentence: str = ""
+    reckoned: Reckoned | None = None
 
 
 @dataclass
@@ -99,9 +105,11 @@ class Investigation:
         self._limits = limits or Limits()
         self._longest, self._at_random, self._calibrate = longest, at_random, calibrate
         self._naming = Naming()
+        self._start = (0.0, 0.0, 0.0)  # of the opening: x, y [m], theta [rad]
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
         """Return the first movement of a robot at rest at this pose, and a sentence that says why it must not drive."""
+        self._start = (x, y, theta)
         whole = Movement(OPENING, np.concatenate([one.duty for one in opening()]))
         with_waiting = Movement(OPENING, np.concatenate([whole.duty, waiting().duty]))
         nominal = {name: self.nominal.value(name) for name in OWN}
@@ -113,18 +121,29 @@ class Investigation:
     def decide(self, recording: Recording, planned: Planned) -> Decision | None:
         """Look at the recording so far and choose what to drive after what is `planned`; None while it is too short."""
         with threadpool_limits(1, "blas"):
-            problem = beliefs_of(recording, self.nominal, self.floor.extent)
+            problem = beliefs_of(recording, self.nominal, self.floor.extent, self._start)
             if problem is None:
                 return None
+            here = None if len(recording.poses) else self._reckoned(recording)
             judgement = self._naming.judged(problem)
             known = told(judgement, problem.last)
             over = self._is_over(judgement, known, problem.last)
             choice = Choice(None)
             if not over:
                 situation = _situation(judgement, recording, planned, self._limits)
-                choice = choose(judgement, known, situation, self.floor, self._random, at_random=self._at_random)
+                if here is not None:
+                    situation = replace(situation, state=(*here.place, *situation.state[3:]))
+                choice = choose(
+                    judgement, known, situation, self.floor, self._random, at_random=self._at_random, reckoned=here
+                )
             self._note(judgement, choice)
-            return Decision(judgement, known, choice, over, "" if over or choice.movement else NO_ROOM)
+            sentence = "" if over or choice.movement else NO_ROOM if here is None else UNSURE
+            return Decision(judgement, known, choice, over, sentence, here)
+
+    def _reckoned(self, recording: Recording) -> Reckoned:
+        """Return where the robot is by dead reckoning."""
+        radius, width = self.nominal.value("wheel_radius"), self.nominal.value("base_width")
+        return reckoned(recording, self._start, radius, width)
 
     @property
     def found(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ likely values, and what a few seconds of driving do not determine stays where it
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,7 @@ PATCH_RADIUS, PATCH_DOUBT = 0.4, 0.125  # m
 LARGEST_PAST = 1.0 / 20.0  # of the drive, from which errors are predicted: of a few seconds a longer one fits chance
 OF_PRIORS = -1  # the fold of errors of priors
 TURNING = 2.0  # rad/s, of usual turns
+Place = tuple[float, float, float]  # x, y [m], theta [rad]
 Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation, by parameter
 
 
@@ -111,14 +113,21 @@ def prior_of_effects(excitation: Excitation, extent: float) -> dict[str, tuple[f
     }
 
 
-def beliefs_of(recording: Recording, nominal: ParameterFile, extent: float) -> Beliefs | None:
+def beliefs_of(
+    recording: Recording, nominal: ParameterFile, extent: float, start: Place = (0.0, 0.0, 0.0)
+) -> Beliefs | None:
     """Return the problem of a recording; None while too little was recorded.
 
-    `nominal` gives wheel_radius, k2_over_k3, k1 and base_width, `extent` [m] how far the floor reaches.
+    `nominal` gives wheel_radius, k2_over_k3, k1 and base_width, `extent` [m] how far the floor reaches. Without poses
+    the drive begins at `start`: x, y [m], theta [rad].
     """
     segments = segments_of(recording, (), 0)
     if not segments:
         return None
+    if not len(recording.poses):
+        observations = segments[0].observations
+        begun = replace(observations, start=(*start, *observations.start[3:]))
+        segments[0] = replace(segments[0], observations=begun)
     values = {name: nominal.value(name) for name in ("wheel_radius", *PARAMETERS)}
     ready = predictors(segments)
     interval = interval_of(ready)

@@ -67,7 +67,10 @@ def carried_on(values: Values, situation: Situation) -> dict[str, float]:
 
 
 def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequence[Values]) -> list[Floats]:
-    """Return the path of each movement, and until the robot rests: x, y [m], shape (places, members, 2) each."""
+    """Return the path of each movement, and until the robot rests: x, y [m], theta, shape (places, members, 3) each.
+
+    Places follow one another by BETWEEN_PLACES, the first one so long from now.
+    """
     every = np.arange(BETWEEN_PLACES, 100.0, BETWEEN_PLACES)
     none = np.empty(0)
     drives = []
@@ -79,7 +82,7 @@ def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequenc
     lanes["wheel_radius"] = np.broadcast_to(lanes["wheel_radius"], len(ensemble)).copy()
     together = Drives.of(drives)
     innovations = Observer(lanes, FREE).observe_all(together)
-    places = -innovations.pose[:, :2].transpose(0, 2, 1)
+    places = -innovations.pose.transpose(0, 2, 1)
     return np.split(places, together.ends.pose[1:-1])
 
 

@@ -35,7 +35,7 @@ class Scripted:
         self.planned = planned
         over = self.decisions > self._finished_after
         choice = SimpleNamespace(movement=self._movement)
-        return SimpleNamespace(choice=choice, finished=over, sentence="" if self._movement else NO_ROOM)
+        return SimpleNamespace(choice=choice, finished=over, sentence="" if self._movement else NO_ROOM, reckoned=None)
 
 
 class Never:
