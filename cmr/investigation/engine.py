@@ -7,6 +7,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cmr.estimation.candidates import locality
+from cmr.estimation.unexplained.result import Unexplained
+from cmr.investigation.beyond import unexplained_by
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
 from cmr.investigation.choosing import SEEN, Choice, Told, choose, keeps_to, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
@@ -83,7 +85,7 @@ class Investigation:
     """Finds out what a robot's model gets wrong, on a `floor`; `nominal` is what is believed of the robot.
 
     `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `story` are
-    the decisions.
+    the decisions. `unexplained` is what remained beside these names when they were last looked at.
     With `at_random` movements are drawn, not chosen; to `calibrate` is to end as soon as the robot's own parameters are
     known.
     """
@@ -101,10 +103,12 @@ class Investigation:
     ) -> None:
         self.nominal, self.floor = nominal, floor
         self.story: list[Step] = []
+        self.unexplained = Unexplained()
         self._random = np.random.default_rng(seed)
         self._limits = limits or Limits()
         self._longest, self._at_random, self._calibrate = longest, at_random, calibrate
         self._naming = Naming()
+        self._looked_beyond: tuple[str, ...] = ()
         self._start = (0.0, 0.0, 0.0)  # of the opening: x, y [m], theta [rad]
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
@@ -128,6 +132,7 @@ class Investigation:
             judgement = self._naming.judged(problem)
             known = told(judgement, problem.last)
             over = self._is_over(judgement, known, problem.last)
+            self._look_beyond(judgement, over)
             choice = Choice(None)
             if not over:
                 situation = _situation(judgement, recording, planned, self._limits)
@@ -139,6 +144,12 @@ class Investigation:
             self._note(judgement, choice)
             sentence = "" if over or choice.movement else NO_ROOM if here is None else UNSURE
             return Decision(judgement, known, choice, over, sentence, here)
+
+    def _look_beyond(self, judgement: Judgement, over: bool) -> None:
+        """Look at what no name explains: at the end, and whenever the names are others than before."""
+        if over or self.named != self._looked_beyond:
+            self._looked_beyond = self.named
+            self.unexplained = unexplained_by(judgement)
 
     def _reckoned(self, recording: Recording) -> Reckoned:
         """Return where the robot is by dead reckoning."""

@@ -15,6 +15,7 @@ from cmr.report.table import table
 
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
+REMAINS = "Something remains that no effect explains: errors of {signal} depend on {goes_with}."
 MOST_IN_A_LINE = 3  # explanations
 
 
@@ -50,6 +51,7 @@ def document(driving: Driving) -> dict[str, Any]:
         "excluded": _excluded(driving),
         "out_of_reach": _out_of_reach(driving),
         "parameters": _parameters(driving),
+        "unexplained": _unexplained(driving),
         "driven_seconds": driving.drove,
         "problem": driving.problem,
         "story": [
@@ -87,11 +89,27 @@ def sentences(driving: Driving) -> list[str]:
     result = [_cause(name, driving) for name in investigation.named]
     if not result and driving.decision is not None:
         result = ["No effect is named."]
+    result += _remains(driving)
     excluded = _excluded(driving)
     if excluded:
         result.append(f"Excluded at sizes that matter: {', '.join(excluded)}.")
     result += [f"{name}: {why}." for name, why in _out_of_reach(driving).items()]
     return [*result, *([driving.problem] if driving.problem else [])]
+
+
+def _unexplained(driving: Driving) -> dict[str, Any]:
+    """Return what remains beside the names: the signal whose errors have structure, and what they depend on."""
+    left = driving.investigation.unexplained
+    return {"present": left.present, "signal": left.signal, "regressors": list(left.regressors), "share": left.share}
+
+
+def _remains(driving: Driving) -> list[str]:
+    """Return a sentence on what no effect explains; none where nothing remains."""
+    left = driving.investigation.unexplained
+    if not left.present:
+        return []
+    signal, goes_with = str(left.signal).replace("_", " "), " and ".join(left.regressors).replace("_", " ")
+    return [REMAINS.format(signal=signal, goes_with=goes_with)]
 
 
 def _cause(name: str, driving: Driving) -> str:
