@@ -23,17 +23,24 @@ PREDICTED = 36  # movements that keep to the floor, whose information is predict
 SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
 MOST_AS_FITTED = 2  # explanations besides that must
 SEEN = 30.0  # squared distance at which an effect that is there would have shown
+LEFT = 0.01  # of that distance: what others leave less of, they imitate
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
 SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
 
 
 @dataclass(frozen=True)
 class Told:
-    """What is known by the data so far: the information of each column, and which columns belong to what."""
+    """What is known by the data so far: the information of each column, and which columns belong to what.
+
+    The effects of `imitated` would have shown by now, if those that are named together could not imitate them. Nothing
+    is driven for those of `hopeless`.
+    """
 
     information: Floats
     columns: Columns
     sets: tuple[Mapping[str, float], ...]
+    imitated: frozenset[str] = frozenset()
+    hopeless: frozenset[str] = frozenset()
 
     @property
     def seen(self) -> dict[str, float]:
@@ -67,7 +74,16 @@ def told(judgement: Judgement, time: float) -> Told:
         if name in problem.prior:
             step = sets[1 + number][name] - sets[0][name]
             known[number, number] += (step / problem.prior[name][1]) ** 2
-    return Told(np.nan_to_num(known), columns, tuple(sets))
+    known = np.nan_to_num(known)
+    imitated = _imitated(known, columns, len(problem.own))
+    return Told(known, columns, tuple(sets), imitated, imitated)
+
+
+def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
+    """Return the effects of which hardly anything is left beside those named; `own` columns are the robot's own."""
+    beside, alone = (separation.own(separation.projected(known, of), of) for of in (columns, Columns(own, columns.of)))
+    gone = (alone > SEEN) & (beside < np.minimum(LEFT * alone, SEEN))
+    return frozenset(name for name, one in zip(columns.names, gone, strict=True) if one)
 
 
 def choose(
@@ -145,15 +161,20 @@ def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) ->
         for information in (known.information, known.information + added)
     )
     names = known.columns.names
-    need, weights = _needs(judgement, names, before)
+    need, weights = _needs(judgement, names, before, known.hopeless)
     return separation.scores(before, after, need, weights, seconds), need, after - before, weights
 
 
-def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[Floats, Floats]:
-    """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights."""
+def _needs(
+    judgement: Judgement, names: Sequence[str], before: Floats, hopeless: frozenset[str]
+) -> tuple[Floats, Floats]:
+    """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights.
+
+    Two that would both have shown, and did not, need not be separated.
+    """
     evidence = np.array([_evidence(judgement, name) for name in names])
     left = {one.name for one in judgement.left}
-    settled = np.array([_is_settled(judgement, name) for name in names])
+    settled = np.array([name in hopeless or _is_settled(judgement, name) for name in names])
     is_left = np.array([name in left for name in names]) & ~settled
     need = np.full(before.shape, np.inf)
     both = is_left[:, None] & is_left[None, :]
@@ -162,6 +183,8 @@ def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[
         ENOUGH - np.abs(evidence[:, None] - evidence[None, :]),
         ENOUGH_UNSEEN - before,
     )
+    excluded = (np.diagonal(before) >= SEEN) & (evidence <= EVIDENT)
+    both &= ~(excluded[:, None] & excluded[None, :])
     need[both] = apart[both]
     index = np.arange(len(names))
     unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, SEEN - np.diagonal(before))

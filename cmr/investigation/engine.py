@@ -29,6 +29,7 @@ from cmr.recordings.signal import SECONDS, Floats, Times
 
 NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
 LONGEST = 60.0  # s of driving
+LONG_ENOUGH = 15.0  # s of driving, after which it can be said what will not show
 OPENING = "opening"  # the name of the first movement
 UNDER_WAY = 0.6  # s: older commands have arrived
 OWN = ("wheel_radius", "k2_over_k3", "k1", "base_width")
@@ -130,7 +131,7 @@ class Investigation:
                 return None
             here = None if len(recording.poses) else self._reckoned(recording)
             judgement = self._naming.judged(problem)
-            known = told(judgement, problem.last)
+            known = self._without_hope(told(judgement, problem.last), problem.last)
             over = self._is_over(judgement, known, problem.last)
             self._look_beyond(judgement, over)
             choice = Choice(None)
@@ -177,7 +178,18 @@ class Investigation:
             return True
         if self._calibrate:
             return time > LEAST and is_calibrated(averaged(judgement, known))
-        return not self.doubted and not self._suspected(judgement) and not self.not_shown(known)
+        return not self.doubted and not self._suspected(judgement) and {*self.not_shown(known)} <= known.hopeless
+
+    def _without_hope(self, known: Told, time: float) -> Told:
+        """Return what is known, with all that will not show here, however the rest of the drive is spent.
+
+        What shows slowest, a drift, shows with the cube of time.
+        """
+        if time < LONG_ENOUGH:
+            return known
+        most = (max(self._longest, time) / time) ** 3
+        late = frozenset(name for name in self.not_shown(known) if known.seen[name] * most < SEEN)
+        return replace(known, hopeless=known.hopeless | late)
 
     def _suspected(self, judgement: Judgement) -> bool:
         """Tell whether an explanation is near its name, and large enough to matter."""

@@ -15,6 +15,7 @@ from cmr.report.table import table
 
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
+IMITATED = "out of reach here: what is named imitates it, whatever is driven"
 REMAINS = "Something remains that no effect explains: errors of {signal} depend on {goes_with}."
 MOST_IN_A_LINE = 3  # explanations
 
@@ -142,7 +143,11 @@ def _out_of_reach(driving: Driving) -> dict[str, str]:
     if driving.decision is None:
         return {}
     hidden = driving.investigation.not_shown(driving.decision.known)
-    return {name: OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=driving.drove) for name in hidden}
+    imitated = driving.decision.known.imitated
+    return {
+        name: IMITATED if name in imitated else OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=driving.drove)
+        for name in hidden
+    }
 
 
 def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:
