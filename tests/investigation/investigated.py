@@ -184,7 +184,8 @@ class InvestigatedCase:
 class Outcome:
     """What came of it: names with the time [s of driving] at which each was found, and what would not have shown.
 
-    `within` [m] is how far the robot always was inside the floor's border, `ended` [s] when it was over.
+    `within` [m] is how far the robot always was inside the floor's border, `ended` [s] when it was over, `remains`
+    whether something remained that no effect explains.
     """
 
     named: Mapping[str, float]
@@ -194,6 +195,7 @@ class Outcome:
     within: float
     sizes: Mapping[str, float]
     problem: str = ""
+    remains: bool = False
 
 
 def investigated(
@@ -230,6 +232,7 @@ def investigated(
         within=_within(driven.path, fence),
         sizes=sizes,
         problem=driving.problem,
+        remains=investigation.unexplained.present,
     )
 
 
