@@ -29,7 +29,7 @@ from cmr.recordings.signal import SECONDS, Floats, Times
 
 NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
 LONGEST = 60.0  # s of driving
-LONG_ENOUGH = 15.0  # s of driving, after which it can be said what will not show
+LONG_ENOUGH = 25.0  # s of driving, after which it can be said what will not show: what comes late has come by then
 OPENING = "opening"  # the name of the first movement
 UNDER_WAY = 0.6  # s: older commands have arrived
 OWN = ("wheel_radius", "k2_over_k3", "k1", "base_width")
