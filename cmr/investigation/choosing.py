@@ -229,7 +229,7 @@ def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, floa
     moves = moves_of(base, free, problem.excitation)
     sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
     of: dict[str, tuple[int, ...]] = {}
-    # Of a fit that explains nothing the size says nothing: whether the effect would have shown is a matter of usual ones.
+    # The size of a fit that explains nothing says nothing: what would have shown is a matter of usual sizes.
     left = {one.name: one for one in judgement.left if one.fitted and one.evidence > 0.0}
     for effect in problem.effects:
         if effect.name in judgement.named or effect.beside:
