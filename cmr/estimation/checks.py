@@ -227,15 +227,18 @@ def _why_no_motion(recording: Recording, cleaned: Recording, findings: Findings)
     )
 
 
-def refusal(looked: Sequence[Checked]) -> str:
-    """Return why the recordings cannot be diagnosed, in a sentence that says what to do; empty if they can."""
+def refusal(looked: Sequence[Checked], shortest: float = SHORTEST) -> str:
+    """Return why the recordings cannot be diagnosed, in a sentence that says what to do; empty if they can.
+
+    Less than `shortest` [s] in all is too short.
+    """
     usable = [one for one in looked if not one.useless]
     if all(one.findings["never_moved"].found for one in looked):
         return f"The robot never moves in these recordings. {DRIVE}"
     if not usable:
         return looked[0].useless if len(looked) == 1 else " ".join(f"{one.name}: {one.useless}" for one in looked)
     seconds = sum(segment.observations.seconds for one in usable for segment in one.segments)
-    if seconds < SHORTEST:
+    if seconds < shortest:
         return f"Too little was recorded: {seconds:.1f} s of use. {LONG_ENOUGH}"
     return _crossed(usable)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cmr.estimation.candidates import RANDOM, SENSED, USUAL_INTERVAL, Excitation
-from cmr.estimation.checks import Checked, findings_of, notes_of, refusal
+from cmr.estimation.checks import SHORTEST, Checked, findings_of, notes_of, refusal
 from cmr.estimation.gains import choose_gains
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rates
@@ -104,12 +104,14 @@ class _Start:
     untold: dict[str, str] = field(default_factory=dict)
 
 
-def prepare(looked: Sequence[Checked], nominal: ParameterFile, *, departing: bool = False) -> Ready:
-    """Fit the paper's model to those recordings that are of use.
+def prepare(
+    looked: Sequence[Checked], nominal: ParameterFile, *, departing: bool = False, shortest: float = SHORTEST
+) -> Ready:
+    """Fit the paper's model to those recordings that are of use, at least `shortest` [s] in all.
 
     If `departing`, the model has the effects of the `nominal` robot, which are not fitted, and the fit begins with it.
     """
-    checks, notes, refused = findings_of(looked), notes_of(looked), refusal(looked)
+    checks, notes, refused = findings_of(looked), notes_of(looked), refusal(looked, shortest)
     if refused:
         return Ready(None, None, checks, notes, refused)
     segments = [segment for one in looked if not one.useless for segment in one.segments]

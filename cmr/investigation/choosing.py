@@ -9,11 +9,11 @@ from cmr.estimation.candidates import Trial, is_rough, lanes_of, locality, size,
 from cmr.estimation.gauss_newton import moves_of
 from cmr.estimation.prediction import Errors
 from cmr.investigation import separation
-from cmr.investigation.evidence import PARAMETERS
 from cmr.investigation.floor import Floor
 from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
 from cmr.investigation.movements import Movement, Random, candidates, towards
-from cmr.investigation.prediction import Situation, changes, paths
+from cmr.investigation.prediction import BETWEEN_PLACES, Situation, changes, paths
+from cmr.investigation.reckoning import Reckoned
 from cmr.investigation.separation import ENOUGH, ENOUGH_UNSEEN, LEAST_WEIGHT, Columns
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.effect import Effect
@@ -23,17 +23,24 @@ PREDICTED = 36  # movements that keep to the floor, whose information is predict
 SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
 MOST_AS_FITTED = 2  # explanations besides that must
 SEEN = 30.0  # squared distance at which an effect that is there would have shown
+LEFT = 0.01  # of that distance: what others leave less of, they imitate
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
 SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
 
 
 @dataclass(frozen=True)
 class Told:
-    """What is known by the data so far: the information of each column, and which columns belong to what."""
+    """What is known by the data so far: the information of each column, and which columns belong to what.
+
+    The effects of `imitated` would have shown by now, if those that are named together could not imitate them. Nothing
+    is driven for those of `hopeless`.
+    """
 
     information: Floats
     columns: Columns
     sets: tuple[Mapping[str, float], ...]
+    imitated: frozenset[str] = frozenset()
+    hopeless: frozenset[str] = frozenset()
 
     @property
     def seen(self) -> dict[str, float]:
@@ -63,10 +70,20 @@ def told(judgement: Judgement, time: float) -> Told:
     of = {name: every - every[:, :1] for name, every in errors.of.items()}
     white = judgement.noise.all_white(problem.batch, Errors(of, errors.motion, errors.followed))[:, 1:]
     known = white.T @ white
-    for number, name in enumerate(PARAMETERS):
-        step = sets[1 + number][name] - sets[0][name]
-        known[number, number] += (step / problem.prior[name][1]) ** 2
-    return Told(np.nan_to_num(known), columns, tuple(sets))
+    for number, name in enumerate(problem.own):
+        if name in problem.prior:
+            step = sets[1 + number][name] - sets[0][name]
+            known[number, number] += (step / problem.prior[name][1]) ** 2
+    known = np.nan_to_num(known)
+    imitated = _imitated(known, columns, len(problem.own))
+    return Told(known, columns, tuple(sets), imitated, imitated)
+
+
+def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
+    """Return the effects of which hardly anything is left beside those named; `own` columns are the robot's own."""
+    beside, alone = (separation.own(separation.projected(known, of), of) for of in (columns, Columns(own, columns.of)))
+    gone = (alone > SEEN) & (beside < np.minimum(LEFT * alone, SEEN))
+    return frozenset(name for name, one in zip(columns.names, gone, strict=True) if one)
 
 
 def choose(
@@ -77,10 +94,12 @@ def choose(
     random: Random,
     at_random: bool = False,
     least: float = 0.0,
+    reckoned: Reckoned | None = None,
 ) -> Choice:
     """Return the best of many movements, of `least` [s] or longer.
 
-    `at_random` takes the first that keeps to the floor, for comparison.
+    `at_random` takes the first that keeps to the floor, for comparison. Where the robot is only `reckoned` to be, what
+    is not known of its place stays on the floor, too.
     """
     best = judgement.best.values
     x, y, *_ = situation.state
@@ -90,27 +109,34 @@ def choose(
     kept = [
         (movement, path)
         for movement, path in zip(drawn, paths(situation, drawn, ensemble(judgement)), strict=True)
-        if keeps_to(floor, path)
+        if keeps_to(floor, path, _doubts(reckoned, path))
     ]
     if not kept:
         return Choice(None)
     if at_random:
-        return Choice(*kept[0][:1], 0.0, kept[0][1])
+        return Choice(kept[0][0], 0.0, kept[0][1][..., :2])
     kept = kept[: PREDICTED - 6] + kept[-6:] if len(kept) > PREDICTED else kept
     movements = [movement for movement, _ in kept]
     told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
     added = np.stack([np.nan_to_num(one.T @ one) for one in told_by])
-    worth, need, gained, weights = _worth(
-        judgement, known, added, np.array([movement.seconds for movement in movements])
-    )
+    seconds = np.array([movement.seconds for movement in movements])
+    worth, need, gained, weights = _worth(judgement, known, added, seconds)
     number = int(np.argmax(worth))
     pair = _parted(known.columns.names, need, gained[number], weights)
-    return Choice(movements[number], float(worth[number]), kept[number][1], pair)
+    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair)
 
 
-def keeps_to(floor: Floor, path: Floats) -> bool:
-    """Tell whether all places (n, members, 2) of a path lie on the floor."""
-    return bool(np.all(floor.room(path[..., 0], path[..., 1]) >= 0.0))
+def keeps_to(floor: Floor, path: Floats, doubt: Floats | float = 0.0) -> bool:
+    """Tell whether all places (n, members, 2 or 3) of a path lie on the floor, `doubt` (n,) [m] further inside."""
+    room = floor.room(path[..., 0], path[..., 1])
+    return bool(np.all(room >= np.broadcast_to(doubt, len(path))[:, None]))
+
+
+def _doubts(reckoned: Reckoned | None, path: Floats) -> Floats | float:
+    """Return how far from each place the robot may be [m], (n,); 0 where its poses are reported."""
+    if reckoned is None:
+        return 0.0
+    return reckoned.doubts(BETWEEN_PLACES * np.arange(1, len(path) + 1), path[:, 0])
 
 
 def ensemble(judgement: Judgement) -> list[dict[str, float]]:
@@ -124,6 +150,11 @@ def ensemble(judgement: Judgement) -> list[dict[str, float]]:
     return [best, *uneven, *others]
 
 
+def worth_of(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> Floats:
+    """Return what candidates are worth (c,) that add information `added` (c, m, m) in `seconds` (c,)."""
+    return _worth(judgement, known, added, seconds)[0]
+
+
 def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the worth of candidates (c,), what pairs need (e, e) and get of them (c, e, e), and the weights (e,)."""
     before, after = (
@@ -131,15 +162,20 @@ def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) ->
         for information in (known.information, known.information + added)
     )
     names = known.columns.names
-    need, weights = _needs(judgement, names, before)
+    need, weights = _needs(judgement, names, before, known.hopeless)
     return separation.scores(before, after, need, weights, seconds), need, after - before, weights
 
 
-def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[Floats, Floats]:
-    """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights."""
+def _needs(
+    judgement: Judgement, names: Sequence[str], before: Floats, hopeless: frozenset[str]
+) -> tuple[Floats, Floats]:
+    """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights.
+
+    Two that would both have shown, and did not, need not be separated.
+    """
     evidence = np.array([_evidence(judgement, name) for name in names])
     left = {one.name for one in judgement.left}
-    settled = np.array([_is_settled(judgement, name) for name in names])
+    settled = np.array([name in hopeless or _is_settled(judgement, name) for name in names])
     is_left = np.array([name in left for name in names]) & ~settled
     need = np.full(before.shape, np.inf)
     both = is_left[:, None] & is_left[None, :]
@@ -148,6 +184,8 @@ def _needs(judgement: Judgement, names: Sequence[str], before: Floats) -> tuple[
         ENOUGH - np.abs(evidence[:, None] - evidence[None, :]),
         ENOUGH_UNSEEN - before,
     )
+    excluded = (np.diagonal(before) >= SEEN) & (evidence <= EVIDENT)
+    both &= ~(excluded[:, None] & excluded[None, :])
     need[both] = apart[both]
     index = np.arange(len(names))
     unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, SEEN - np.diagonal(before))
@@ -188,11 +226,12 @@ def _parted(names: Sequence[str], need: Floats, gained: Floats, weights: Floats)
 def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, float]], Columns]:
     """Return the values whose errors are compared: the best model, its parameters moved, then effects switched on."""
     problem, base = judgement.problem, dict(judgement.base.values)
-    free = (*PARAMETERS, *(n for n in own_parameters(judgement.named) if definition(n).switches))
+    free = (*problem.own, *(n for n in own_parameters(judgement.named) if definition(n).switches))
     moves = moves_of(base, free, problem.excitation)
     sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
     of: dict[str, tuple[int, ...]] = {}
-    left = {one.name: one for one in judgement.left if one.fitted}
+    # The size of a fit that explains nothing says nothing: what would have shown is a matter of usual sizes.
+    left = {one.name: one for one in judgement.left if one.fitted and one.evidence > 0.0}
     for effect in problem.effects:
         if effect.name in judgement.named or effect.beside:
             continue

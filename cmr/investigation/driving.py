@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cmr.investigation.engine import NO_ROOM, OPENING, Decision, Investigation, Planned
+from cmr.investigation.engine import OPENING, Decision, Investigation, Planned
 from cmr.investigation.movements import PERIOD, Movement, waiting
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
@@ -18,6 +18,7 @@ from cmr.recordings.signal import SECONDS
 PAUSE = 1.0  # s of rest while the next movement is planned: a robot stands still after half of it
 STOPPING = 0.2  # s of driving on, at the present speed, that take a robot to where it stops
 MOST_PAUSES = 20  # in a row, in which no movement was found
+MOST_PAUSES_UNSEEN = 3  # the same by dead reckoning, whose doubt does not shrink in a pause
 LOST = 500_000  # us without a call, after which a drive was interrupted
 MOST_OPENINGS = 3  # that are begun, where drives are interrupted
 REMEMBERED, SPARE = 4, 1.25  # decisions; times the longest of them that the next one is given
@@ -107,11 +108,33 @@ class Place:
     speed: float
 
 
+@dataclass(frozen=True)
+class Shift:
+    """How places of one frame lie in another: turned about the origin, then moved by x and y [m]."""
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+
+    @classmethod
+    def between(cls, place: Place, same: tuple[float, float, float]) -> "Shift":
+        """Return what makes a place the `same` one, x, y [m], theta [rad], in the other frame."""
+        turned = cls(theta=same[2] - place.theta).of(place)
+        return cls(same[0] - turned.x, same[1] - turned.y, same[2] - place.theta)
+
+    def of(self, place: Place) -> Place:
+        """Return the place in the other frame."""
+        cosine, sine = math.cos(self.theta), math.sin(self.theta)
+        x, y = cosine * place.x - sine * place.y, sine * place.x + cosine * place.y
+        return Place(self.x + x, self.y + y, place.theta + self.theta, place.speed)
+
+
 class Driving:
     """The commands of an investigation. It is `finished` in the end; `problem` says why, if before its time.
 
     `recording` returns all that was recorded so far. `note` is the newest sentence for people, `drove` [s] how long
-    movements took so far.
+    movements took so far. Where no poses are reported, decisions say where the robot was by dead reckoning; the places
+    given here, which drift in their own way, only tell how it moved since then.
     """
 
     def __init__(self, investigation: Investigation, recording: Callable[[], Recording], planner: Planner) -> None:
@@ -124,11 +147,14 @@ class Driving:
         self._planned: Planned | None = None
         self._pauses, self._openings, self._last = 0, 0, 0
         self._late_since: int | None = None  # since when [us] the robot rests because a plan came too late
+        self._shift, self._doubt = Shift(), 0.0
+        self._place = self._asked_at = Place(0.0, 0.0, 0.0, 0.0)
 
     def command(self, utime: int, place: Place) -> tuple[float, float]:
         """Return the duties (left, right) at `utime` [us] of a robot that is at this place."""
         if self.finished:
             return 0.0, 0.0
+        self._place = place
         if self._planned is None:
             self._begin(utime, place)
         elif utime - self._last > LOST:
@@ -193,6 +219,7 @@ class Driving:
     def _plan(self) -> None:
         planned, recording, least = self._planned, self._recording(), self._planner.seconds
         assert planned is not None
+        self._asked_at = self._place
         self._planner.begin(lambda: self.investigation.decide(recording, planned, least))
 
     def _go_on(self, utime: int) -> None:
@@ -212,13 +239,16 @@ class Driving:
             self._rest(utime)
             return
         self.decision = decision
+        if decision.reckoned is not None:
+            self._shift = Shift.between(self._asked_at, decision.reckoned.place)
+            self._doubt = decision.reckoned.doubt
         if decision.finished:
             self.finished = True
             self._planned, self.movement = None, None
         elif decision.choice.movement is None:
             self._pauses += 1
-            self.finished = self._pauses > MOST_PAUSES
-            self.problem = NO_ROOM if self.finished else ""
+            self.finished = self._pauses > (MOST_PAUSES if decision.reckoned is None else MOST_PAUSES_UNSEEN)
+            self.problem = decision.sentence if self.finished else ""
             self._rest(utime, decision.sentence)
         else:
             self._pauses = 0
@@ -226,10 +256,10 @@ class Driving:
 
     def _is_safe(self, place: Place) -> bool:
         """Tell whether the robot, if it were stopped now, would stay on the floor: half of the margin is for that."""
-        floor = self.investigation.floor
+        floor, place = self.investigation.floor, self._shift.of(place)
         ahead = STOPPING * place.speed
         x, y = place.x + ahead * math.cos(place.theta), place.y + ahead * math.sin(place.theta)
-        return float(floor.room(np.array(x), np.array(y))) > -0.5 * floor.margin
+        return float(floor.room(np.array(x), np.array(y))) > self._doubt - 0.5 * floor.margin
 
     def _duties(self, utime: int) -> tuple[float, float]:
         if self._planned is None or utime >= self._planned.ends:

@@ -5,6 +5,7 @@ likely values, and what a few seconds of driving do not determine stays where it
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from cmr.model.observer.observer import Gains
 from cmr.model.parameters import Quantity
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import Floats
+from cmr.recordings.signal import Floats, Mask
 
 PARAMETERS = ("k2_over_k3", "k1", "base_width")
 DOUBT = {"k2_over_k3": 0.30, "k1": 0.15, "base_width": 0.15}  # share by which data sheets are off
@@ -28,15 +29,26 @@ PATCH_RADIUS, PATCH_DOUBT = 0.4, 0.125  # m
 LARGEST_PAST = 1.0 / 20.0  # of the drive, from which errors are predicted: of a few seconds a longer one fits chance
 OF_PRIORS = -1  # the fold of errors of priors
 TURNING = 2.0  # rad/s, of usual turns
+Place = tuple[float, float, float]  # x, y [m], theta [rad]
 Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation, by parameter
 
 
 class Beliefs(Problem):
-    """A problem in which parameters have a normal `prior`; the last rows of its white errors are theirs."""
+    """A problem in which parameters have a normal `prior`; the last rows of its white errors are theirs.
 
-    def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation, prior: Prior) -> None:
+    `own` are the robot's own parameters, which every explanation has free.
+    """
+
+    def __init__(
+        self,
+        predictors: Sequence[Predictor],
+        gains: Gains,
+        excitation: Excitation,
+        prior: Prior,
+        own: Sequence[str] = PARAMETERS,
+    ) -> None:
         super().__init__(predictors, gains, excitation)
-        self.prior = prior
+        self.prior, self.own = prior, tuple(own)
 
         # What is known beforehand is left out together, as a fold of its own.
         self.folds = np.concatenate([self.folds, np.full(len(prior), OF_PRIORS)])
@@ -45,6 +57,22 @@ class Beliefs(Problem):
     def rows_of_data(self) -> int:
         """How many white errors there are of readings."""
         return self.batch.rows
+
+    @property
+    def last(self) -> float:
+        """When the newest data arose: how long the drive took so far [s]."""
+        newest = self.predictors[-1].segment.observations
+        return newest.time + newest.seconds
+
+    def since(self, moment: float) -> Mask:
+        """Return which white errors of readings arose after a moment, which was the last one once, shape (n,)."""
+        return np.concatenate(
+            [
+                times + predictor.segment.observations.time > moment
+                for predictor in self.predictors
+                for times in predictor.times.values()
+            ]
+        )
 
     def found(self, errors: Sequence[Errors]) -> Noise:
         """Return the noise that the errors of the first candidate in each segment show, as far as so few can."""
@@ -67,26 +95,39 @@ def prior_of(
 
     Places of a patch lie on the floor, within `floor_extent` [m] of its middle, more or less.
     """
-    prior = {name: (nominal[name], share * nominal[name]) for name, share in DOUBT.items()}
+    own = {name: (nominal[name], share * nominal[name]) for name, share in DOUBT.items()}
+    return own | prior_of_effects(excitation, floor_extent)
+
+
+def prior_of_effects(excitation: Excitation, extent: float) -> dict[str, tuple[float, float]]:
+    """Return what is known beforehand of effects: usual sizes; places of a patch within `extent` [m], more or less."""
+    prior: dict[str, tuple[float, float]] = {}
     for effect in CATALOGUE.values():
         for parameter in effect.parameters:
             if parameter.switches and not is_limit(parameter):
                 prior[parameter.name] = (float(parameter.neutral or 0.0), SIZES * size(parameter, excitation))
     return prior | {
-        "surface_patch_x": (0.0, floor_extent),
-        "surface_patch_y": (0.0, floor_extent),
+        "surface_patch_x": (0.0, extent),
+        "surface_patch_y": (0.0, extent),
         "surface_patch_radius": (PATCH_RADIUS, PATCH_DOUBT),
     }
 
 
-def beliefs_of(recording: Recording, nominal: ParameterFile, extent: float) -> Beliefs | None:
+def beliefs_of(
+    recording: Recording, nominal: ParameterFile, extent: float, start: Place = (0.0, 0.0, 0.0)
+) -> Beliefs | None:
     """Return the problem of a recording; None while too little was recorded.
 
-    `nominal` gives wheel_radius, k2_over_k3, k1 and base_width, `extent` [m] how far the floor reaches.
+    `nominal` gives wheel_radius, k2_over_k3, k1 and base_width, `extent` [m] how far the floor reaches. Without poses
+    the drive begins at `start`: x, y [m], theta [rad].
     """
     segments = segments_of(recording, (), 0)
     if not segments:
         return None
+    if not len(recording.poses):
+        observations = segments[0].observations
+        begun = replace(observations, start=(*start, *observations.start[3:]))
+        segments[0] = replace(segments[0], observations=begun)
     values = {name: nominal.value(name) for name in ("wheel_radius", *PARAMETERS)}
     ready = predictors(segments)
     interval = interval_of(ready)

@@ -19,7 +19,7 @@ from cmr.estimation.candidates import SMALLEST, is_limit, is_rough, lanes_of, lo
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.search.screening import Score, Screening, screen, start_of
-from cmr.investigation.evidence import PARAMETERS, Beliefs
+from cmr.investigation.evidence import Beliefs
 from cmr.model.catalogue import CATALOGUE
 
 OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that is left is at most behind the best
@@ -110,7 +110,7 @@ def judge(
     before: Judgement | None = None,
 ) -> Judgement:
     """Weigh all explanations beside effects `named`, whose fit begins at `start`; `before` is the last judgement."""
-    free = (*PARAMETERS, *own_parameters(named))
+    free = (*problem.own, *own_parameters(named))
     known = _known(before, named)
     noise = _noise(problem, named, start, before)
     base = problem.fits([(start, free)], noise)[0]
@@ -130,12 +130,11 @@ def judge(
     return Judgement(problem, noise, base, tuple(named), tuple(explanations), screening)
 
 
-def ahead_since(judgement: Judgement, other: Explanation, time: float) -> float:
-    """Return by how much the likeliest explanation is ahead of another one by the data after `time` [s] alone."""
+def ahead_since(judgement: Judgement, other: Explanation, moment: float) -> float:
+    """Return by how much the likeliest explanation is ahead of another one by the data after a moment alone."""
     problem = judgement.problem
     white = problem.white(lanes_of([judgement.best.values, other.values]), judgement.noise)[: problem.rows_of_data]
-    later = problem.rows(problem.errors(judgement.base.values))[:, 0] > time
-    own, others = np.sum(white[later] ** 2, axis=0)
+    own, others = np.sum(white[problem.since(moment)] ** 2, axis=0)
     return float(others - own)
 
 
@@ -154,7 +153,7 @@ def _noise(problem: Beliefs, named: Sequence[str], start: Mapping[str, float], b
     Noise found beside a model that lacks something takes that for noise; found beside one that has too much it makes
     just that look likely. So each model is judged with the noise beside it, by its likelihood less its parameters'.
     """
-    free = (*PARAMETERS, *own_parameters(named))
+    free = (*problem.own, *own_parameters(named))
     first = screen(problem, start, free, named, None)
     models = [(NOTHING, dict(start))]
     if before is not None and before.named == tuple(named) and before.best.name != NOTHING:

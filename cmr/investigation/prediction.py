@@ -67,7 +67,10 @@ def carried_on(values: Values, situation: Situation) -> dict[str, float]:
 
 
 def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequence[Values]) -> list[Floats]:
-    """Return the path of each movement, and until the robot rests: x, y [m], shape (places, members, 2) each."""
+    """Return the path of each movement, and until the robot rests: x, y [m], theta, shape (places, members, 3) each.
+
+    Places follow one another by BETWEEN_PLACES, the first one so long from now.
+    """
     every = np.arange(BETWEEN_PLACES, 100.0, BETWEEN_PLACES)
     none = np.empty(0)
     drives = []
@@ -79,7 +82,7 @@ def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequenc
     lanes["wheel_radius"] = np.broadcast_to(lanes["wheel_radius"], len(ensemble)).copy()
     together = Drives.of(drives)
     innovations = Observer(lanes, FREE).observe_all(together)
-    places = -innovations.pose[:, :2].transpose(0, 2, 1)
+    places = -innovations.pose.transpose(0, 2, 1)
     return np.split(places, together.ends.pose[1:-1])
 
 
@@ -91,12 +94,19 @@ def changes(
     noise: Noise,
 ) -> list[Floats]:
     """Return what other `sets` (s) of values than the first change of the white errors, (n, s - 1), by movement."""
-    times = [_reading_times(situation, movement) for movement in movements]
-    drives = [
-        _observations(situation, movement, _steps(situation.busy + movement.seconds), *time, seen_first=True)
-        for movement, time in zip(movements, times, strict=True)
-    ]
-    lanes = [carried_on(values, situation) for values in sets]
+    drives = []
+    for movement in movements:
+        steps = _steps(situation.busy + movement.seconds)
+        times = (reading_times(interval, steps * STEP) for interval in situation.intervals)
+        drives.append(_observations(situation, movement, steps, *times, seen_first=True))
+    return changes_in(drives, [carried_on(values, situation) for values in sets], gains, noise)
+
+
+def changes_in(drives: Sequence[Observations], lanes: Sequence[Values], gains: Gains, noise: Noise) -> list[Floats]:
+    """Return what other `lanes` (s) of values than the first change of the white errors, (n, s - 1), by drive.
+
+    Of the `drives` only inputs and the times of readings count: their sensors read what the first lane would make them.
+    """
     free = Observer(lanes_of(lanes[:1]), FREE)
     read = [_read(one, free.observe(_unseen(one))) for one in drives]
     predictors = [Predictor(_segment(one)) for one in read]
@@ -117,14 +127,9 @@ def _without_sensors(values: Values) -> dict[str, float]:
     return {name: value for name, value in values.items() if name not in sensors}
 
 
-def _reading_times(situation: Situation, movement: Movement) -> tuple[Floats, Floats, Floats]:
-    """Return when wheels, gyro and poses are read [s from now]."""
-    seconds = _steps(situation.busy + movement.seconds) * STEP
-    wheel, gyro, pose = (
-        np.empty(0) if interval is None else np.arange(interval, seconds + 1e-9, interval)
-        for interval in situation.intervals
-    )
-    return wheel, gyro, pose
+def reading_times(interval: float | None, seconds: float) -> Floats:
+    """Return when a sensor is read [s] that reads every `interval` [s], None if it is missing."""
+    return np.empty(0) if interval is None else np.arange(interval, seconds + 1e-9, interval)
 
 
 def _observations(
@@ -139,15 +144,34 @@ def _observations(
 ) -> Observations:
     """Return a drive with this movement, in which all sensors read 0; `seen_first` says that it begins at a pose."""
     commands = _commands(situation, movement)
-    if seen_first:
-        pose = np.concatenate([[0.0, 0.0], pose])  # twice: a tracked point lies where the heading says
-    use = np.full(len(pose), FOLLOWED, np.uint8)
-    use[: 2 if seen_first else 0] = RESTART
-    return Observations(
+    empty = np.empty(0)
+    still = Observations(
         dt=STEP,
         steps=steps,
         commands=commands,
         start=situation.state,
+        wheel_time=empty,
+        wheel=np.empty((0, 2)),
+        wheel_use=np.empty((0, 2), np.uint8),
+        gyro_time=empty,
+        gyro=empty,
+        pose_time=empty,
+        pose=np.empty((0, 3)),
+        pose_use=np.empty(0, np.uint8),
+        time=situation.time,
+        turned=situation.turned,
+    )
+    return with_readings(still, wheel, gyro, pose, seen_first=seen_first)
+
+
+def with_readings(drive: Observations, wheel: Floats, gyro: Floats, pose: Floats, *, seen_first: bool) -> Observations:
+    """Return the drive with readings of 0 at these times [s]; `seen_first` says that it begins at a pose."""
+    if seen_first:
+        pose = np.concatenate([[0.0, 0.0], pose])  # twice: a tracked point lies where the heading says
+    use = np.full(len(pose), FOLLOWED, np.uint8)
+    use[: 2 if seen_first else 0] = RESTART
+    return replace(
+        drive,
         wheel_time=wheel,
         wheel=np.zeros((len(wheel), 2)),
         wheel_use=np.ones((len(wheel), 2), np.uint8),
@@ -156,8 +180,6 @@ def _observations(
         pose_time=pose,
         pose=np.zeros((len(pose), 3)),
         pose_use=use,
-        time=situation.time,
-        turned=situation.turned,
     )
 
 

@@ -16,6 +16,8 @@ from cmr.report.table import table
 
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
+IMITATED = "out of reach here: what is named imitates it, whatever is driven"
+REMAINS = "Something remains that no effect explains: errors of {signal} depend on {goes_with}."
 MOST_IN_A_LINE = 3  # explanations
 BAR = 8  # characters, of what is certain
 
@@ -57,6 +59,7 @@ def document(driving: Driving) -> dict[str, Any]:
         "excluded": excluded(driving),
         "out_of_reach": out_of_reach(driving),
         "parameters": _parameters(driving),
+        "unexplained": _unexplained(driving),
         "driven_seconds": driving.drove,
         "problem": driving.problem,
         "story": [
@@ -94,11 +97,27 @@ def sentences(driving: Driving) -> list[str]:
     result = [_cause(name, driving) for name in investigation.named]
     if not result and driving.decision is not None:
         result = ["No effect is named."]
+    result += _remains(driving)
     gone = excluded(driving)
     if gone:
         result.append(f"Excluded at sizes that matter: {', '.join(gone)}.")
     result += [f"{name}: {why}." for name, why in out_of_reach(driving).items()]
     return [*result, *([driving.problem] if driving.problem else [])]
+
+
+def _unexplained(driving: Driving) -> dict[str, Any]:
+    """Return what remains beside the names: the signal whose errors have structure, and what they depend on."""
+    left = driving.investigation.unexplained
+    return {"present": left.present, "signal": left.signal, "regressors": list(left.regressors), "share": left.share}
+
+
+def _remains(driving: Driving) -> list[str]:
+    """Return a sentence on what no effect explains; none where nothing remains."""
+    left = driving.investigation.unexplained
+    if not left.present:
+        return []
+    signal, goes_with = str(left.signal).replace("_", " "), " and ".join(left.regressors).replace("_", " ")
+    return [REMAINS.format(signal=signal, goes_with=goes_with)]
 
 
 def _cause(name: str, driving: Driving) -> str:
@@ -131,7 +150,11 @@ def out_of_reach(driving: Driving) -> dict[str, str]:
     if driving.decision is None:
         return {}
     hidden = driving.investigation.not_shown(driving.decision.known)
-    return {name: OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=driving.drove) for name in hidden}
+    imitated = driving.decision.known.imitated
+    return {
+        name: IMITATED if name in imitated else OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=driving.drove)
+        for name in hidden
+    }
 
 
 def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:

@@ -3,7 +3,7 @@
 import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 
 import numpy as np
@@ -76,6 +76,11 @@ class DrivenRobot:
         return dict(zip(KEPT, self._truth[-1], strict=True))
 
     @property
+    def place(self) -> Place:
+        """Where it truly is; its speed is not needed."""
+        return Place(self.state["x"], self.state["y"], self.state["theta"], 0.0)
+
+    @property
     def path(self) -> Floats:
         """The true places so far, (n, 2) [m]."""
         return np.array(self._truth)[:, :2]
@@ -134,11 +139,36 @@ class DrivenRobot:
         return [float(self._running.carried[PLACES[name]]) for name in KEPT]
 
 
+def without_poses(recording: Recording) -> Recording:
+    """Return what is recorded of a robot that no tracker sees."""
+    return replace(recording, poses=recording.poses.between(0, 0))
+
+
+class Estimate:
+    """Where a robot seems to be by its gyro and its wheels as they read: the gyro's bias turns it away."""
+
+    def __init__(self, driven: DrivenRobot) -> None:
+        self._driven, self._place, self._before = driven, driven.place, driven.state
+        self._time = driven.time
+
+    def place(self) -> Place:
+        """Return the place now."""
+        driven, before, now = self._driven, self._before, self._driven.state
+        p, seconds = driven.parameters, driven.time - self._time
+        turned = (1.0 + p.gyro_scale) * (now["theta"] - before["theta"]) + p.gyro_bias * seconds
+        way = 0.5 * p.wheel_radius * sum(now[side] - before[side] for side in ("phi_left", "phi_right"))
+        heading = self._place.theta + 0.5 * turned
+        x, y = self._place.x + way * math.cos(heading), self._place.y + way * math.sin(heading)
+        self._place = Place(x, y, self._place.theta + turned, 0.0)
+        self._before, self._time = now, driven.time
+        return self._place
+
+
 @dataclass(frozen=True)
 class InvestigatedCase:
     """What is hidden: `effects` of ordinary sizes times `size`, in the robot of this `seed`; how movements come.
 
-    A `messy` robot has six small effects, drawn by its seed, too.
+    A `messy` robot has six small effects, drawn by its seed, too. Of one that is `unseen` no poses are reported.
     """
 
     effects: tuple[str, ...] = ()
@@ -147,13 +177,15 @@ class InvestigatedCase:
     at_random: bool = False
     longest: float = 60.0
     messy: bool = False
+    unseen: bool = False
 
 
 @dataclass(frozen=True)
 class Outcome:
     """What came of it: names with the time [s of driving] at which each was found, and what would not have shown.
 
-    `within` [m] is how far the robot always was inside the floor's border, `ended` [s] when it was over.
+    `within` [m] is how far the robot always was inside the floor's border, `ended` [s] when it was over, `remains`
+    whether something remained that no effect explains.
     """
 
     named: Mapping[str, float]
@@ -163,6 +195,7 @@ class Outcome:
     within: float
     sizes: Mapping[str, float]
     problem: str = ""
+    remains: bool = False
 
 
 def investigated(
@@ -173,16 +206,17 @@ def investigated(
     It ends earlier, AFTER seconds of driving after an effect is named, if that effect is `until_named`.
     """
     driven, investigation, sizes = _hidden(case, fence)
-    driving = Driving(investigation, driven.recording, AtOnce())
+    recording = (lambda: without_poses(driven.recording())) if case.unseen else driven.recording
+    driving = Driving(investigation, recording, AtOnce())
+    estimate = Estimate(driven)
     driven.drive(0.0, 0.0, REST)
     named: dict[str, float] = {}
     steps = 0
     while not driving.finished and driven.time < LONGEST - 1.0:
         if until_named in named and driven.time - REST > named[until_named] + AFTER:
             break
-        state = driven.state
         now = int(utime(np.array([driven.time]))[0])
-        left, right = driving.command(now, Place(state["x"], state["y"], state["theta"], 0.0))
+        left, right = driving.command(now, estimate.place() if case.unseen else driven.place)
         driven.drive(left, right, PERIOD)
         for name in investigation.named:
             named.setdefault(name, driven.time - REST)
@@ -198,6 +232,7 @@ def investigated(
         within=_within(driven.path, fence),
         sizes=sizes,
         problem=driving.problem,
+        remains=investigation.unexplained.present,
     )
 
 

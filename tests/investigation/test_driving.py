@@ -1,6 +1,8 @@
 """The drive of an investigation: what comes late, near the border, or after an interruption ends in a rest."""
 
+import math
 import time
+from dataclasses import replace
 from functools import partial
 from threading import Event
 from types import SimpleNamespace
@@ -13,17 +15,21 @@ from cmr.geometry.obstacles import Geofence
 from cmr.investigation.driving import (
     INTERRUPTED,
     MOST_PAUSES,
+    MOST_PAUSES_UNSEEN,
     NEAR_THE_BORDER,
+    PAUSE,
     SPARE,
     AtOnce,
     Driving,
     InThread,
     Place,
     Planner,
+    Shift,
 )
-from cmr.investigation.engine import NO_ROOM, Planned
+from cmr.investigation.engine import NO_ROOM, UNSURE, Planned
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD, Movement, waiting
+from cmr.investigation.reckoning import SURE, Reckoned, put_down
 from cmr.recordings.signal import Floats
 from tests.investigation.planners import Never, Slow
 
@@ -36,9 +42,15 @@ FORWARD = Movement("forward", np.full((50, 2), 0.4))
 class Scripted:
     """An investigation that always chooses the same movement, or none; it counts its decisions."""
 
-    def __init__(self, movement: Movement | None, finished_after: int = 10**6, refused: str = "") -> None:
+    def __init__(
+        self,
+        movement: Movement | None,
+        finished_after: int = 10**6,
+        refused: str = "",
+        reckoned: Reckoned | None = None,
+    ) -> None:
         self.floor, self.decisions, self._movement = FLOOR, 0, movement
-        self._finished_after, self._refused = finished_after, refused
+        self._finished_after, self._refused, self._reckoned = finished_after, refused, reckoned
         self.waited = 0.0
 
     def opening(self, _x: float, _y: float, _theta: float) -> tuple[Movement, str]:
@@ -51,7 +63,9 @@ class Scripted:
         self.planned, self.least = planned, least
         over = self.decisions > self._finished_after
         choice = SimpleNamespace(movement=self._movement)
-        return SimpleNamespace(choice=choice, finished=over, sentence="" if self._movement else NO_ROOM)
+        none = NO_ROOM if self._reckoned is None else UNSURE
+        sentence = "" if self._movement else none
+        return SimpleNamespace(choice=choice, finished=over, sentence=sentence, reckoned=self._reckoned)
 
 
 def driving_of(investigation: Scripted, planner: Planner | None = None) -> Driving:
@@ -195,3 +209,32 @@ def test_it_ends_when_nothing_is_left_to_be_found_out() -> None:
     assert driving.finished
     assert driving.command(10**9, MIDDLE) == (0.0, 0.0)
     assert driving.problem == ""
+
+
+def test_a_place_of_one_frame_moves_in_another_as_it_did() -> None:
+    """A robot that went 0.3 m ahead in its own estimate did so from where it was reckoned to be."""
+    began, same = Place(0.4, -0.2, 1.0, 0.1), (1.0, 2.0, -0.5)
+    shift = Shift.between(began, same)
+    ahead = Place(0.4 + 0.3 * math.cos(1.0), -0.2 + 0.3 * math.sin(1.0), 1.2, 0.1)
+    x, y, theta, speed = (getattr(shift.of(ahead), name) for name in ("x", "y", "theta", "speed"))
+    assert (x, y) == pytest.approx((1.0 + 0.3 * math.cos(-0.5), 2.0 + 0.3 * math.sin(-0.5)))
+    assert (theta, speed) == pytest.approx((-0.3, 0.1))
+
+
+def test_a_place_that_is_only_reckoned_is_kept_further_inside() -> None:
+    """Where the robot may be 0.3 m off, it stops 0.3 m sooner; without a doubt it drives on there."""
+    down = put_down((0.7, 0.0, 0.0), 0.16, with_gyro=True)
+    unsure = replace(down, off=np.full_like(down.off, 0.3 / SURE / math.sqrt(down.off.size)))
+    for reckoned, rests in ((None, False), (down, False), (unsure, True)):
+        driving = driving_of(Scripted(FORWARD, reckoned=reckoned))
+        driven(driving, 3.0, Place(0.7, 0.0, 0.0, 0.0))
+        assert (driving.note == NEAR_THE_BORDER) == rests
+
+
+def test_a_drive_whose_place_is_too_unsure_ends_and_says_so() -> None:
+    """The doubt does not shrink while the robot stands: it does not try for long."""
+    down = put_down((0.0, 0.0, 0.0), 0.16, with_gyro=True)
+    driving = driving_of(Scripted(None, reckoned=down))
+    driven(driving, (MOST_PAUSES_UNSEEN + 2) * (PAUSE + 1.0) + 3.0)
+    assert driving.finished
+    assert driving.problem == UNSURE

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
+from cmr.investigation.choosing import told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.judging import NOTHING, ahead_since, judge
@@ -61,3 +62,13 @@ def test_what_was_found_holds_on_later_data_alone() -> None:
     whole, later, none = (ahead_since(judgement, nothing, time) for time in (0.0, 5.0, 1e3))
     assert whole > later > SURE
     assert none == 0.0
+
+
+def test_what_names_imitate_together_is_not_waited_for() -> None:
+    """Unequal motors look like unequal encoders beside wheels that are just as unequal: no drive distinguishes them."""
+    hidden = {"wheel_radius_asymmetry": 0.015, "motor_gain_asymmetry": 0.03}
+    problem = beliefs(hidden)
+    beside = told(judge(problem, tuple(hidden), {**ROBOT, **hidden}), problem.last)
+    alone = told(judge(problem, (), ROBOT), problem.last)
+    assert "encoder_asymmetry" in beside.imitated
+    assert not alone.imitated

@@ -1,0 +1,146 @@
+"""Name what is sure, one effect after the other, and take back what a better set of effects does not have."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cmr.estimation.candidates import locality
+from cmr.estimation.gains import COARSE
+from cmr.estimation.search.chance import tick_of
+from cmr.investigation.choosing import SAME
+from cmr.investigation.evidence import Beliefs
+from cmr.investigation.exchanging import evidence_beside, revision
+from cmr.investigation.judging import NOTHING, Explanation, Judgement, ahead_since, judge, own_parameters
+from cmr.model.catalogue import CATALOGUE
+
+ODDS = 1000.0  # at which an effect is named
+NAMED = 2.0 * math.log(ODDS)
+# Evidence that the data after the first suspicion must have of their own, as a share of the margin then, within bounds.
+CONFIRMED_SHARE, CONFIRMED = 0.1, (4.0, NAMED)
+LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters
+COARSE_TICKS = "encoder_quantisation"
+
+
+@dataclass
+class _Suspect:
+    """An effect that reached the odds first with this margin, by the data that arose until `moment`."""
+
+    name: str
+    margin: float
+    moment: float
+
+
+class Naming:
+    """What is found as data come in.
+
+    `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `judgement`
+    is the newest one.
+    """
+
+    def __init__(self) -> None:
+        self.found: tuple[str, ...] = ()
+        self.judgement: Judgement | None = None
+        self._suspect: _Suspect | None = None
+        self._doubted: frozenset[str] = frozenset()
+        self._wanted: frozenset[str] | None = None  # the set of effects that was better at the last decision
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects found that stand at the odds of a name, and are large enough to matter."""
+        return tuple(name for name in self.found if name not in self._doubted and self._matters(name))
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """The effects found that do not stand at the odds of a name any more."""
+        return tuple(name for name in self.found if name in self._doubted)
+
+    def _matters(self, name: str) -> bool:
+        if name == COARSE_TICKS or self.judgement is None:
+            return True
+        return self.judgement.is_large(name, self.judgement.base.values)
+
+    def judged(self, problem: Beliefs) -> Judgement:
+        """Return the judgement of all data, after adding to what is found what is sure enough."""
+        before = self.judgement
+        usable = {*problem.own, *own_parameters(_fitted(self.found))}
+        last = before.base.values if before else {}
+        start = {**problem.excitation.parameters, **{name: last[name] for name in usable if name in last}}
+        judgement = judge(problem, _fitted(self.found), start, before)
+        if tick_of(problem) > COARSE and COARSE_TICKS not in self.found:
+            self.found = (*self.found, COARSE_TICKS)
+        while (name := self._confirmed(judgement)) != NOTHING:
+            self.found = (*self.found, name)
+            self._suspect = None
+            judgement = judge(problem, _fitted(self.found), judgement.best.values)
+        self.judgement = self._revised(judgement)
+        return self.judgement
+
+    def _revised(self, judgement: Judgement) -> Judgement:
+        """Return the judgement beside another set of effects, if that was clearly better twice in a row.
+
+        What another set lacks that explains the data better, and what the data may do without, is doubted.
+        """
+        self._doubted = frozenset()
+        if not judgement.named:
+            self._wanted = None
+            return judgement
+        beside = evidence_beside(judgement)
+        self._doubted = frozenset(name for name, evidence in beside.items() if evidence < NAMED)
+        found = revision(judgement, beside)
+        before, self._wanted = self._wanted, frozenset(found.names) if found else None
+        if found is None:
+            return judgement
+        gone = {name for name in judgement.named if name not in found.names}
+        self._doubted |= gone
+        coming = [name for name in found.names if name not in judgement.named]
+        if self._wanted != before or (coming and found.lead < NAMED):
+            return judgement
+        self.found = (*(name for name in self.found if name not in gone), *coming)
+        self._wanted, self._suspect = None, None
+        return judge(judgement.problem, _fitted(self.found), found.values)
+
+    def _confirmed(self, judgement: Judgement) -> str:
+        """Return the effect that is sure now; NOTHING where none is."""
+        best, sure = judgement.best, margin(judgement)
+        if best.name == NOTHING or sure < NAMED:
+            self._suspect = None
+            return NOTHING
+        if self._suspect is None or self._suspect.name != best.name:
+            self._suspect = _Suspect(best.name, sure, judgement.problem.last)
+            return NOTHING
+        # One lost packet looks like backlash until the robot has driven on.
+        nothing, rival = judgement.of(NOTHING), _rivals(judgement)[0]
+        assert nothing is not None
+        least, most = CONFIRMED
+        needed = min(max(CONFIRMED_SHARE * self._suspect.margin, least), most)
+        allowed = max(CONFIRMED_SHARE * sure, least)  # a rival far behind may fit the newest data a little better
+        since = self._suspect.moment
+        is_confirmed = (
+            ahead_since(judgement, nothing, since) >= needed and ahead_since(judgement, rival, since) >= -allowed
+        )
+        return best.name if is_confirmed else NOTHING
+
+
+def margin(judgement: Judgement) -> float:
+    """Return by how much evidence the likeliest explanation is ahead of all that are not the same mathematics.
+
+    It is 0 at most while one of a place or a time, which has many parameters, explains the data nearly as well.
+    """
+    best, rivals = judgement.best, _rivals(judgement)
+    ahead = min((best.evidence - one.evidence for one in rivals), default=0.0)
+    close = any(_is_local(one) and one.fitted and best.drop - one.drop < LOCAL for one in rivals)
+    return min(ahead, 0.0) if close else ahead
+
+
+def _rivals(judgement: Judgement) -> list[Explanation]:
+    """Return the explanations beside the likeliest that are not the same mathematics, the nearest first."""
+    return [one for one in judgement.explanations[1:] if frozenset((judgement.best.name, one.name)) not in SAME]
+
+
+def _is_local(one: Explanation) -> bool:
+    return bool(one.name and locality(CATALOGUE[one.name]))
+
+
+def _fitted(named: Sequence[str]) -> tuple[str, ...]:
+    """Return the named effects that fits have."""
+    return tuple(name for name in named if name != COARSE_TICKS)

@@ -1,0 +1,151 @@
+"""Look at pieces of recordings one after the other, each time at the one that separates best what is left.
+
+Of a piece that was not looked at only its inputs are known: commands, or wheel speeds where none were recorded. What
+its sensors would tell is predicted as for a movement that a robot might drive.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from cmr.estimation.checks import looked_at
+from cmr.estimation.preparation import prepare
+from cmr.estimation.segments import segments_of
+from cmr.investigation.choosing import told, worth_of
+from cmr.investigation.evidence import Beliefs, prior_of_effects
+from cmr.investigation.judging import Judgement
+from cmr.investigation.naming import Naming
+from cmr.investigation.prediction import changes_in, reading_times, with_readings
+from cmr.model.observer.observer import Observations
+from cmr.parameters.file import ParameterFile
+from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS, Mask
+
+SHORTEST = 1.5  # s: with what is known beforehand of effects, less is enough than a diagnosis takes
+# Share by which parameters are off; robots that slip as they turn count with up to twice the width of their base.
+DOUBT = {"wheel_radius": 0.15, "k2_over_k3": 0.30, "k1": 0.15, "base_width": 1.0}
+MOST_PREDICTED = 120  # pieces whose information is predicted, drawn anew for each choice
+
+
+def inputs_of(piece: Recording) -> Recording:
+    """Return what drove the robot: the commands, or the wheels where none were recorded."""
+    hidden = ("gyro", "poses", "wheels") if len(piece.duty) else ("gyro", "poses")
+    return replace(piece, **{name: piece.signals[name].between(0, 0) for name in hidden})
+
+
+class PieceByPiece:
+    """Finds out what a robot's model gets wrong from pieces of recordings, and chooses the piece to look at next.
+
+    `inputs` are those of each piece, as `inputs_of` returns them; commanded speeds stand as duties in them
+    (`cmr.estimation.commanded_speeds.as_duties`). `nominal` gives at least wheel_radius. `left` are the numbers of the
+    pieces that were not looked at. Until the first ones can be judged, they are drawn at random; with `at_random` all
+    are.
+    """
+
+    def __init__(
+        self, inputs: Sequence[Recording], nominal: ParameterFile, *, seed: int = 0, at_random: bool = False
+    ) -> None:
+        self.left = list(range(len(inputs)))
+        self.naming = Naming()
+        self._inputs, self._nominal = list(inputs), nominal
+        self._random, self._at_random = np.random.default_rng(seed), at_random
+        self._looked_at: list[Recording] = []
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects found that stand at the odds of a name, and are large enough to matter."""
+        return self.naming.named
+
+    def look(self, number: int, piece: Recording) -> Judgement | None:
+        """Return the judgement of all pieces looked at, and of this one; None while they are too short to judge."""
+        self.left.remove(number)
+        self._looked_at.append(piece)
+        with threadpool_limits(1, "blas"):
+            problem = beliefs_of_pieces(self._looked_at, self._nominal)
+            return None if problem is None else self.naming.judged(problem)
+
+    def choose(self) -> int | None:
+        """Return the number of the piece to look at next; None where none is left."""
+        if not self.left:
+            return None
+        drawn = self._random.permutation(self.left)[:MOST_PREDICTED].tolist()
+        judgement = self.naming.judgement
+        if self._at_random or judgement is None:
+            return int(drawn[0])
+        with threadpool_limits(1, "blas"):
+            return self._best(drawn, judgement)
+
+    def _best(self, numbers: Sequence[int], judgement: Judgement) -> int:
+        """Return the number of the piece whose inputs promise most for its length."""
+        known = told(judgement, 0.0)
+        intervals = [self._interval(name) for name in ("wheels", "gyro", "poses")]
+        drives, of = [], []
+        for number in numbers:
+            for segment in segments_of(self._inputs[number], (), 0):
+                drives.append(_with_readings(segment.observations, intervals, known.sets[0]))
+                of.append(number)
+        if not drives:
+            return int(numbers[0])
+        told_by = changes_in(drives, known.sets, judgement.problem.gains, judgement.noise)
+        added = np.zeros((len(numbers), *known.information.shape))
+        seconds = np.zeros(len(numbers))
+        for number, drive, one in zip(of, drives, told_by, strict=True):
+            added[numbers.index(number)] += np.nan_to_num(one.T @ one)
+            seconds[numbers.index(number)] += drive.seconds
+        told_anything = seconds > 0.0
+        worth = worth_of(judgement, known, added, np.where(told_anything, seconds, 1.0))
+        return int(numbers[int(np.argmax(np.where(told_anything, worth, -1.0)))])
+
+    def _interval(self, name: str) -> float | None:
+        """Return the usual time [s] between readings in the pieces looked at; None where there are none."""
+        steps = [np.diff(piece.signals[name].utime) for piece in self._looked_at]
+        together = np.concatenate(steps) if steps else np.empty(0)
+        return float(np.median(together)) * SECONDS if len(together) else None
+
+
+class _Pieces(Beliefs):
+    """Beliefs in which data come in recording by recording: moments are how many recordings there were."""
+
+    @property
+    def last(self) -> float:
+        """How many pieces were looked at."""
+        return 1.0 + self.predictors[-1].segment.recording
+
+    def since(self, moment: float) -> Mask:
+        """Return which white errors of readings are of pieces that were looked at after so many, shape (n,)."""
+        return np.concatenate(
+            [
+                np.full(sum(map(len, predictor.times.values())), predictor.segment.recording >= moment)
+                for predictor in self.predictors
+            ]
+        )
+
+
+def beliefs_of_pieces(pieces: Sequence[Recording], nominal: ParameterFile) -> Beliefs | None:
+    """Return the problem of some pieces, checked like recordings for a diagnosis; None while they are too short.
+
+    `nominal` gives wheel_radius. The robot's own parameters are those that the pieces determine. Those that `nominal`
+    has are off by DOUBT.
+    """
+    ready = prepare(looked_at(pieces), nominal, shortest=SHORTEST)
+    if ready.problem is None or ready.base is None:
+        return None
+    problem, excitation = ready.problem, ready.problem.excitation
+    own = {
+        name: (nominal.value(name), DOUBT[name] * nominal.value(name)) for name in ready.base.names if nominal.has(name)
+    }
+    prior = own | prior_of_effects(excitation, excitation.extent)
+    return _Pieces(problem.predictors, problem.gains, excitation, prior, ready.base.names)
+
+
+def _with_readings(drive: Observations, intervals: Sequence[float | None], values: Mapping[str, float]) -> Observations:
+    """Return inputs as a drive on which sensors read at these `intervals` [s], None for one that is missing."""
+    wheel, gyro, pose = (reading_times(interval, drive.seconds) for interval in intervals)
+    if len(drive.given):
+        return with_readings(drive, np.empty(0), gyro, pose, seen_first=True)
+    # A piece that is cut out of a longer drive begins at about the speed that it is commanded.
+    speeds = drive.duty[0] / values["k1"]
+    begun = replace(drive, start=(0.0, 0.0, 0.0, float(speeds[0]), float(speeds[1])))
+    return with_readings(begun, wheel, gyro, pose, seen_first=True)
