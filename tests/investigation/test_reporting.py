@@ -43,7 +43,8 @@ class Investigating:
         choice = SimpleNamespace(movement=FORWARD, path=PATH, parted=("gyro_bias", ""))
         judgement = SimpleNamespace(probabilities=ODDS)
         over = self.decisions > 3
-        return SimpleNamespace(judgement=judgement, named=("deadband",), choice=choice, finished=over, sentence="")
+        told = {"judgement": judgement, "named": ("deadband",), "choice": choice, "reckoned": None}
+        return SimpleNamespace(**told, finished=over, sentence="")
 
 
 @pytest.fixture
