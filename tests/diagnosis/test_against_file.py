@@ -56,6 +56,7 @@ def test_the_robot_of_the_file_departs_in_nothing_and_is_delivered_as_the_file_h
     assert set(written.effects) == {"coulomb_friction", "gyro_scale"}
 
 
+@pytest.mark.further  # one that the file lacks is named
 @pytest.mark.slow
 def test_an_effect_of_the_file_that_has_another_size_is_named_with_both() -> None:
     true = robot().truth.parameters["coulomb_friction"]

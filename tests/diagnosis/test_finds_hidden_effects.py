@@ -28,10 +28,8 @@ SEED = 1000  # the problem's seeds are smaller
 EFFECTS = (
     "battery_sag",  # late commands: test_command_timing.py
     "backlash",  # dry friction: test_work.py
-    "surface_patch",
-    "pose_smoothing",
 )
-MORE_EFFECTS = ("deadband", "payload_change", "turn_slip", "pose_heading_offset")
+MORE_EFFECTS = ("surface_patch", "pose_smoothing", "deadband", "payload_change", "turn_slip", "pose_heading_offset")
 SINGLE = [Case((effect,), BEGINNING, SEED) for effect in EFFECTS]
 MORE = [Case((effect,), BEGINNING, SEED) for effect in MORE_EFFECTS]
 ON_RICH_DRIVES = [Case((effect,), RICH, SEED) for effect in ("coulomb_friction", *EFFECTS, *MORE_EFFECTS)]

@@ -1,13 +1,10 @@
 """Where nothing explains what remains, a law extends the model, or a generic term: only if it helps."""
 
 from functools import cache
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cmr.diagnosis.diagnose import diagnose
-from cmr.diagnosis.document import extended_file
 from cmr.diagnosis.result import LAW_FOUND, Diagnosis
 from cmr.estimation.checks import looked_at
 from cmr.estimation.gain import Gain
@@ -21,10 +18,6 @@ from cmr.estimation.search.selection import Search
 from cmr.estimation.unexplained.extending import BY_A_LAW, extended
 from cmr.estimation.unexplained.generic import extension, formula, improves
 from cmr.model.catalogue import CATALOGUE
-from cmr.parameters.file import load
-from cmr.parameters.following import ParameterFollower
-from cmr.world.behaviours import FigureEight
-from cmr.world.world import VirtualRobot, World
 from tests.hidden_effects import HiddenRecording, hidden_recording
 
 pytestmark = pytest.mark.slow
@@ -71,18 +64,6 @@ def test_a_law_extends_the_model_and_another_drive_is_predicted_better() -> None
     assert found.baseline is not None
     assert found.extended is not None
     assert found.extended.held_out_path_rmse < 0.7 * found.baseline.held_out_path_rmse
-
-
-def test_the_law_runs_in_a_world_as_it_is(tmp_path: Path) -> None:
-    path = tmp_path / "robot_0.yaml"
-    found = weak_in_reverse()
-    extended_file(found, {}).save(path)
-    assert found.laws.found[0].law.name in load(path).effects
-    world = World([VirtualRobot(7, FigureEight(start=0.0), parameters_of=0)], lambda n: ParameterFollower(n, path))
-    for turn in range(300):
-        world.advance(turn * 10_000)
-    (robot,) = world.robots()
-    assert np.hypot(robot.state.x, robot.state.y) > 0.1
 
 
 def test_a_robot_without_effects_gets_no_term_even_where_one_is_looked_for() -> None:

@@ -53,6 +53,7 @@ def test_poses_are_as_late_as_they_are_however_the_drive_is_cut(seconds: float, 
     assert latency.value == pytest.approx(0.22, abs=CERTAIN * latency.std + CLOCK)
 
 
+@pytest.mark.further  # the Husky itself: test_real_robots.py
 def test_travel_that_turning_costs_is_neither_distortion_nor_a_smaller_wheel() -> None:
     found = diagnose([in_pieces(driven({"travel_reduction_share": 0.2, "pose_offset": 0.1}, 2), 3.0)])
     assert {effect.name for effect in found.effects} == {"pose_offset", "travel_reduction"}

@@ -18,7 +18,11 @@ SEED = 1000
 MOST = {(): 123.0, ("coulomb_friction",): 241.0}
 
 
-@pytest.mark.parametrize("effects", MOST, ids=lambda effects: "-".join(effects) or "nothing")
+@pytest.mark.parametrize(
+    "effects",
+    [pytest.param((), marks=pytest.mark.further), ("coulomb_friction",)],
+    ids=lambda effects: "-".join(effects) or "nothing",
+)
 def test_the_observer_drives_few_candidates_through_a_log(
     effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:

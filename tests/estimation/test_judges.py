@@ -76,6 +76,7 @@ def test_a_pose_clock_that_runs_fast_is_named_and_no_latency_beside_it() -> None
     assert [one.name for one in diagnose(hidden.recording).effects] == ["clock_skew"]
 
 
+@pytest.mark.further  # exchanges: test_search.py
 @pytest.mark.slow
 def test_an_effect_that_came_in_an_exchange_has_its_rivals() -> None:
     """An encoder's scale beside unequal wheels: nothing tells it from the radius of both wheels."""

@@ -184,6 +184,7 @@ def test_where_robots_are_as_believed_all_teams_are_alike(laboratory: int, tmp_p
         assert time_to_goal(study, group, [laboratory]) == pytest.approx(real, abs=0.1)
 
 
+@pytest.mark.further  # scripts measure it; robots with a velocity controller are calibrated below
 @pytest.mark.slow
 def test_where_robots_have_no_other_imperfections_calibration_closes_the_gap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -203,6 +203,7 @@ def die() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.further  # a killed worker costs no run
 def test_a_run_that_kills_every_worker_is_given_up_in_the_end(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     cluster = client.cluster
     assert isinstance(cluster, LocalCluster)
