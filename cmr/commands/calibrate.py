@@ -201,7 +201,7 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
             if work.idle and calibrator.complete and calibrator.state == calibration_status_t.FITTING:
                 work.begin(calibrator.fit)
             elif work.idle and calibrator.tells_something and look.due():
-                work.begin(calibrator.look, calibrator.recording())
+                work.begin(calibrator.look, calibrator.recording(), while_driving=True)
             if calibrator.state in FINISHED and finished_at is None:
                 finished_at = time.monotonic()
                 _publish_result(calibrator, path, process)
@@ -229,11 +229,12 @@ class Work:
         """Whether nothing is being worked at."""
         return self._thread is None or not self._thread.is_alive()
 
-    def begin(self, work: Callable[..., object], *arguments: object) -> None:
-        """Begin a piece of work."""
+    def begin(self, work: Callable[..., object], *arguments: object, while_driving: bool = False) -> None:
+        """Begin a piece of work; one that is done while a robot is driven gives way to what drives it."""
 
         def run() -> None:
-            give_way()  # to the driver, the pilot and the simulator of the drive that goes on
+            if while_driving:  # else the drive waits for it, on a busy computer for minutes
+                give_way()
             work(*arguments)
 
         self._thread = threading.Thread(target=run, daemon=True)
