@@ -55,8 +55,6 @@ MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, 
 # Score to first order that a law must have where the diagnosis sees no structure in what is left, and nothing else says
 # that something is there: fitting it takes seconds.
 UNSEEN = 20.0
-# Share of what the effects explain that a law alone must explain, to first order, to be fitted in their place.
-WORTH = 0.3
 DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
 # And that a law of a sensor must add, which no free run shows. Its variables are of the model, which has followed the
 # readings with their noise: over a few centimetres, robots without any law added up to 20.
@@ -95,7 +93,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best > ANOTHER):
         return _answered(beside, beside.offer(promising), found, held_out)
     alone = without_names(problem, found, other)
-    if alone.gain < WORTH * sum(max(one.drop, 0.0) for one in effects):
+    if not alone.is_worth_it(effects):
         return _answered(beside, beside.offer(promising), found, held_out)
     law = alone.offer()  # something is there, as the effects say
     if isinstance(law, Refused) or beside.before is None:
