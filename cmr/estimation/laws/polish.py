@@ -162,7 +162,9 @@ def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candid
 
 
 def _within(law: Candidate, first: Candidate) -> bool:
-    """Return whether no constant is further from where it was at first than a law may go."""
+    """Return whether no constant is further from where it was at first than a law may go, and a place has a size."""
+    if law.constants.get("radius", 1.0) <= 0.0:
+        return False
     pairs = [(value, first.constants[name]) for name, value in law.constants.items() if name not in law.reach]
     return all(1.0 / FURTHEST < value / before < FURTHEST for value, before in pairs)
 

@@ -25,7 +25,7 @@ from cmr.estimation.laws.rivals import (
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Offer, Refused
+from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Offer, Refused, Scanned
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.selection import Search
@@ -52,11 +52,6 @@ UNSURE = "Other constants explain the errors as well, and say something else: th
 SERIES = "Two terms of the same variables stand for one formula that is not known."
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
-# Score to first order that a law must have where the diagnosis sees no structure in what is left, and nothing else says
-# that something is there: fitting it takes seconds.
-UNSEEN = 20.0
-# Share of what the effects explain that a law alone must explain, to first order, to be fitted in their place.
-WORTH = 0.3
 DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
 # And that a law of a sensor must add, which no free run shows. Its variables are of the model, which has followed the
 # readings with their noise: over a few centimetres, robots without any law added up to 20.
@@ -89,13 +84,13 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
-    promising = PROMISING if more else UNSEEN
     beside = beside_names(found, other)
+    promising = PROMISING if more else _least_unseen(beside)
     effects = effects_of(found)
     if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best > ANOTHER):
         return _answered(beside, beside.offer(promising), found, held_out)
     alone = without_names(problem, found, other)
-    if alone.gain < WORTH * sum(max(one.drop, 0.0) for one in effects):
+    if not alone.is_worth_it(effects):
         return _answered(beside, beside.offer(promising), found, held_out)
     law = alone.offer()  # something is there, as the effects say
     if isinstance(law, Refused) or beside.before is None:
@@ -219,9 +214,24 @@ def _matters(offer: Offer, gain: Gain) -> bool:
     No path shows a law of a sensor: what that sensor reads on data held out decides.
     """
     of_sensors = any(PLACES[law.place].of_sensors for law in offer.laws)
-    of_a_gyro = all(law.place == "gyro" for law in offer.laws)
-    decisive = OF_A_GYRO if of_a_gyro else OF_A_SENSOR if of_sensors else DECISIVE
-    return offer.held_out >= decisive or (not of_sensors and max(gain.signals.values(), default=1.0) >= LEAST_GAIN)
+    seen = not of_sensors and max(gain.signals.values(), default=1.0) >= LEAST_GAIN
+    return seen or offer.held_out >= _decisive(offer.laws)
+
+
+def _decisive(laws: Sequence[Candidate]) -> float:
+    """Return how much laws must add, in -2 log likelihood, to be there beyond doubt."""
+    if all(law.place == "gyro" for law in laws):
+        return OF_A_GYRO
+    return OF_A_SENSOR if any(PLACES[law.place].of_sensors for law in laws) else DECISIVE
+
+
+def _least_unseen(beside: Hypothesis) -> float:
+    """Return the score to first order that a law must have where the diagnosis sees no structure in what is left.
+
+    To fit it takes seconds, and one that scores less would hardly be decisive.
+    """
+    first = beside.first
+    return _decisive([first.scores[0].candidate]) if isinstance(first, Scanned) and first.scores else DECISIVE
 
 
 def _forget(laws: Sequence[Law]) -> None:

@@ -35,6 +35,9 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 
+# Share of what effects explain that a law alone must explain, to first order, to be fitted in their place.
+WORTH = 0.3
+
 
 class Rivalry(Enum):
     """How a law alone compares with names of effects."""
@@ -46,15 +49,14 @@ class Rivalry(Enum):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model that laws may extend: its data, how laws score beside it, the fit that is extended, its effects by name.
+    """A model that laws may extend: its data, how laws score beside it, and the fit that is extended.
 
-    `explained` is how much the effects explain.
+    `explained` is how much its effects explain.
     """
 
     data: Data
     first: Scanned | Refused
     fit: Fit
-    selected: tuple[str, ...]
     explained: float
 
     @property
@@ -62,10 +64,15 @@ class Hypothesis:
         """The best score of a law to first order."""
         return self.first.best if isinstance(self.first, Scanned) else -math.inf
 
-    @property
-    def gain(self) -> float:
-        """What the law of the best score explains to first order, whatever it costs."""
-        return self.first.scores[0].gain if isinstance(self.first, Scanned) and self.first.scores else 0.0
+    def is_worth_it(self, effects: Sequence[CandidateEffect]) -> bool:
+        """Return whether the best law may stand in place of effects: it explains a share of what they do.
+
+        All to first order: noise that was found without them hides a part of either.
+        """
+        if not isinstance(self.first, Scanned) or not self.first.scores:
+            return False
+        gains = self.first.catalogue.effects.gains
+        return self.first.scores[0].gain >= WORTH * sum(gains.get(one.effect.name, 0.0) for one in effects)
 
     @property
     def before(self) -> Polished | None:
@@ -76,7 +83,7 @@ class Hypothesis:
         """Return the law that stands beside the model, or why there is none; it must score as much to first order."""
         if isinstance(self.first, Refused):
             return self.first
-        return offered_of(self.first, self.selected, self.explained, promising)
+        return offered_of(self.first, self.explained, promising)
 
 
 def effects_of(found: Search) -> list[CandidateEffect]:
@@ -111,7 +118,7 @@ def _hypothesis(
 ) -> Hypothesis:
     model = Linearised.about(problem, about.values, about.names)
     data = Data.of(problem, model, other)
-    return Hypothesis(data, scanned(data, model), fit, tuple(names), explained)
+    return Hypothesis(data, scanned(data, model, names), fit, explained)
 
 
 def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Rivalry:

@@ -10,6 +10,7 @@ it is a law, or an approximation of something unknown.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -162,27 +163,36 @@ def offered(
     `named` is how much these explain: a law beside them must explain a share of it. A law that scores less than
     `promising` to first order is not fitted.
     """
-    first = scanned(data, model)
-    return first if isinstance(first, Refused) else offered_of(first, selected, named, promising)
+    first = scanned(data, model, selected)
+    return first if isinstance(first, Refused) else offered_of(first, named, promising)
 
 
 @dataclass(frozen=True)
 class Scanned:
-    """A model fitted without a law, what it leaves, and how laws score there to first order, the best first."""
+    """A model fitted without a law, what it leaves, and how laws score there to first order, the best first.
+
+    It has the effects `selected`.
+    """
 
     data: Data
     before: Polished
     rest: Rest
     scores: tuple[Score, ...]
+    selected: tuple[str, ...]
 
     @property
     def best(self) -> float:
         """The best score."""
         return self.scores[0].score if self.scores else -math.inf
 
+    @cached_property
+    def catalogue(self) -> Catalogued:
+        """What the catalogue has beside the model."""
+        return Catalogued(self.before.model, self.rest, self.selected)
 
-def scanned(data: Data, model: Linearised) -> Scanned | Refused:
-    """Score all laws beside a model, or say why none can be told."""
+
+def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned | Refused:
+    """Score all laws beside a model which has some effects `selected`, or say why none can be told."""
     if narrow(model):
         return Refused(NARROW, several=True)
     before = polished(model, (), data.fitted)
@@ -190,33 +200,32 @@ def scanned(data: Data, model: Linearised) -> Scanned | Refused:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
     foreseen = Foreseen(model, rest)
-    scores = scan(model, rest, foreseen.promising(candidates()))
-    return Scanned(data, before, rest, tuple(_with_local(foreseen, scores)))
+    scores = _with_local(foreseen, scan(model, rest, foreseen.promising(candidates())))
+    return Scanned(data, before, rest, tuple(scores), tuple(selected))
 
 
-def offered_of(first: Scanned, selected: Sequence[str], named: float, promising: float = PROMISING) -> Offer | Refused:
+def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Offer | Refused:
     """Return the law that stands beside a model where laws were scored; see `offered`."""
     before = first.before
     if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
-    fits = _fits(first, selected)
+    fits = _fits(first)
     if isinstance(fits, Refused):
         return replace(fits, before=before)
     found = _judged(first.data, before, fits, named)
     if isinstance(found, Offer) and found.left > ANOTHER:
-        found = _with_second(first.data, found, selected)
+        found = _with_second(first.data, found, first.selected)
     if isinstance(found, Offer) and found.left > found.score:
         return Refused("What is left beside the best formula is more than what it explains.", before, seen=found.after)
     return found
 
 
-def _fits(first: Scanned, selected: Sequence[str]) -> list[Polished] | Refused:
+def _fits(first: Scanned) -> list[Polished] | Refused:
     """Return the fits of the best laws of a scan, and of further ones that the noise without the best one brings.
 
     The best get better constants at last.
     """
-    data, model, rest = first.data, first.before.model, first.rest
-    known = Catalogued(model, rest, selected)
+    data, model, rest, known = first.data, first.before.model, first.rest, first.catalogue
     promising = _promising(first.scores, known)
     if not promising:
         return Refused("What formulas explain here, effects of the catalogue do as well.")
