@@ -22,7 +22,7 @@ INDEX = "index"  # column that numbers the elements of a message's arrays
 BRACKETS = re.compile(r"\[([^\[]*)\]?\s*$")  # at the end of a comment; a range in it may hold a bracket: (-pi, pi]
 NAMED = re.compile(r'\("(\w+)"\)')  # of: fraction of full drive ("duty")
 # Units as they stand first in the brackets of a comment; what else stands there is a range, a frame, or words.
-UNITS = ("rad/s^2", "rad/s", "s/rad", "rad", "deg C", "duty", "ticks", "us", "Hz", "m/s", "m", "A", "V")
+UNITS = ("rad/s^2", "rad/s", "s/rad", "rad", "deg C", "duty", "ticks", "us", "s", "Hz", "m/s", "m", "A", "V")
 SAME_UNIT = "same units"  # of X_std as of X
 ROBOTS = "origin"  # a field of those types that tell of many robots, each in one place of all arrays
 BYTES = "bytes"  # wire type, here, of an array of bytes: a picture, say, which is one value and no row of numbers

@@ -40,6 +40,7 @@ from cmr.world.loading import Loader
 from cmr.world.owners import Owners
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.refusals import refusals
+from cmr.world.telling import Telling
 from cmr.world.view import world_messages
 from cmr.world.world import MOST_STRANGERS, VirtualRobot, World
 
@@ -77,7 +78,7 @@ def main(arguments: list[str]) -> int:
             f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
         )
     cast = _cast(options.scenario) if options.scenario else None
-    world, loader = _world(options, cast)
+    world, loader, telling = _world(options, cast)
     scanner = _scanner(options, cast)
     check_bus(options.lcm_url)
     compile_first([MODEL, WORLD, BEHAVIOURS] if options.virtual or cast else [MODEL, WORLD])
@@ -103,7 +104,7 @@ def main(arguments: list[str]) -> int:
                 reported = world.utime
                 world.others.sent(reported)
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
-                process.publish_all(world.told())
+                process.publish_all(telling.told(reported))
             if scanner:
                 process.publish_all([(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)])
             process.publish_all((COMMAND_OWNER, report.robot_id, report) for report in owners.reports())
@@ -124,8 +125,8 @@ def _listen(process: Process, world: World) -> None:
             process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
 
 
-def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loader]:
-    """Return the world that the command line and the scenario describe, and what loads its models."""
+def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loader, Telling]:
+    """Return the world that the command line and the scenario describe, what loads its models, and what robots say."""
     files = dict(cast.files) if cast else {}
     population = _population(options)
     virtual = virtual_robots(options.virtual, _whose_parameters(options, population, files))
@@ -155,7 +156,7 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
         world.view.geofence = cast.geofence
         for robot_id, message in cast.waypoints:
             world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
-    return world, loader
+    return world, loader, Telling({robot.robot_id: robot.behaviour for robot in virtual})
 
 
 def _population(options: argparse.Namespace) -> list[Path]:

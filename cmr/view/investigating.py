@@ -39,14 +39,10 @@ def card(history: Sequence[Heard[status_t]]) -> str:
         return ""
     message = history[-1].message
     bars = bars_of(history)
-    left = _count(len(_probabilities(message)), "explanation")
     parts = [
         tag("h2", f"Investigation of robot {message.robot_id}: {message.driven:.0f} s driven"),
         *_named(message),
-        tag(
-            "p",
-            f"{left} left, {message.excluded} excluded, {message.not_shown} could not show yet",
-        ),
+        *_counts(message),
         *([tag("ul", *map(_bar, bars))] if bars else []),
         *(tag("p", sentence) for sentence in _doing(message)),
     ]
@@ -77,6 +73,14 @@ def _named(message: status_t) -> Iterator[Html]:
         yield tag("p", tag("strong", f"Named: {', '.join(names)}"))
 
 
+def _counts(message: status_t) -> Iterator[Html]:
+    """Yield how many explanations there are of each kind; nothing before the first decision."""
+    left = len(_probabilities(message))
+    if left:
+        words = "1 explanation" if left == 1 else f"{left} explanations"
+        yield tag("p", f"{words} left, {message.excluded} excluded, {message.not_shown} could not show yet")
+
+
 def _doing(message: status_t) -> Iterator[str]:
     """Yield what the robot does, and why."""
     if message.state == status_t.DRIVING:
@@ -86,10 +90,6 @@ def _doing(message: status_t) -> Iterator[str]:
         yield IN_WORDS.get(message.state, "")
     if message.message:
         yield message.message
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _probabilities(message: status_t) -> Mapping[str, float]:

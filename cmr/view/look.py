@@ -45,7 +45,7 @@ STYLE = f"""
 .cmr-legend {{ bottom: 34px; left: 8px; padding: 6px 10px; border-radius: 4px; pointer-events: none; }}
 .cmr-legend, .cmr-time {{ background: #ffffffd9; }}
 .cmr-legend i {{ display: inline-block; width: 14px; height: 10px; margin-right: 6px; border-radius: 2px; }}
-.cmr-investigation {{ position: fixed; top: 8px; left: 8px; z-index: 5; width: 27em; pointer-events: none; }}
+.cmr-investigation {{ position: fixed; top: 8px; left: 8px; z-index: 5; width: 29em; pointer-events: none; }}
 .cmr-investigation {{ font: 13px/1.4 sans-serif; color: #222; background: #ffffffe6; border-radius: 4px; }}
 .cmr-investigation {{ padding: 8px 12px; box-shadow: 0 1px 4px #0003; }}
 .cmr-investigation h2 {{ font-size: 14px; margin: 0 0 4px; }}

@@ -3,7 +3,7 @@
 It knows no bus: messages go in by `handle`, time passes by `advance`, robots come out of `robots`.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from types import MappingProxyType
@@ -14,7 +14,7 @@ from cmr.bus.estop import EmergencyStop
 from cmr.bus.gate import Gate
 from cmr.bus.message import Message
 from cmr.bus.possible import OUT_OF_REACH, is_out_of_reach
-from cmr.bus.streams import Stream, identify
+from cmr.bus.streams import identify
 from cmr.geometry.obstacles import Floats, Obstacles
 from cmr.model.body import wrap
 from cmr.model.motion import RobotState
@@ -109,9 +109,6 @@ class World:
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
-        own = [(robot.robot_id, robot.behaviour) for robot in virtual if isinstance(robot.behaviour, Behaviour)]
-        # Only those that have something to say: there may be thousands of robots.
-        self._telling = [each for each in own if type(each[1]).tell is not Behaviour.tell]
         self._absent = {
             robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
             for robot_id in {robot.parameters_of for robot in virtual}
@@ -212,12 +209,6 @@ class World:
             for robot_id, real in self._real.items():
                 self._begin_drive(robot_id, real, now)
             self._decide(now)
-
-    def told(self) -> Iterator[tuple[Stream[Message], int, Message]]:
-        """Yield what behaviours of virtual robots want published now, each with its stream and robot."""
-        for robot_id, behaviour in self._telling:
-            for stream, message in behaviour.tell(self.utime):
-                yield stream, robot_id, message
 
     def everybody(self) -> Robots:
         """Return all robots of the world as they are now; real robots not heard of lately are left out."""

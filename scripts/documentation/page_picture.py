@@ -24,8 +24,8 @@ PATIENCE = 120e3  # ms; without a graphics card the page takes its time
 MARGIN = 5  # pixels
 PANEL, TIME_BAR = 388, 26  # pixels: how wide the panel and how high the bar of time is
 FILMED = (900 + PANEL, 560 + TIME_BAR)
-SMALLER, COLOURS = 0.8, 48  # of a film: by how much it is smaller than the page, and how many colours it has
-AWAY = 400  # pixels of a wheel that is turned, so that a whole floor is seen
+SMALLER, COLOURS = 0.8, 128  # of a film: by how much it is smaller than the page, and how many colours it has
+AWAY = 150  # pixels of a wheel that is turned, so that a whole floor is seen
 MOVING, LAST = 1.5e3, 4.0  # ms until the scene is at another moment; s for which the last picture is shown
 READING, DRAWING = 8e3, 8e3  # ms until the log is read, and until the charts are drawn
 

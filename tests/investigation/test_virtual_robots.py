@@ -11,6 +11,7 @@ from cmr.msg import investigation_status_t
 from cmr.parameters.file import ParameterFile, Value
 from cmr.parameters.following import ParameterFollower
 from cmr.plant.parameters import TYPICAL
+from cmr.world.telling import Telling
 from cmr.world.world import VirtualRobot, World
 from tests.investigation.investigated import SQUARE
 
@@ -66,10 +67,10 @@ def test_a_virtual_robot_finds_what_its_parameters_have_beyond_the_four() -> Non
     behaviour = Investigate(longest=LONGEST)
     world = World([VirtualRobot(ROBOT, behaviour, ROBOT)], follower)
     world.view.geofence = SQUARE
-    told = []
+    telling, told = Telling({ROBOT: behaviour}), []
     for step in range(round(3e6 * LONGEST) // STEP):
         world.advance(BEGIN + step * STEP)
-        told += list(world.told())
+        told += list(telling.told(world.utime))
         if behaviour.finished:
             break
     assert behaviour.finished

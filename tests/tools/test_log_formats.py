@@ -30,6 +30,7 @@ WITHOUT_UNIT = {
     *("wanted", "once", "run", "name", "role", "command", "after", "files"),
     *("sha256", "yaml", "message", "process", "host", "parameters_sha256", "source", "reason"),
     *("camera", "width", "height", "jpeg"),
+    *("explanations", "named", "excluded", "not_shown", "movement", "first", "second", "members"),
 }
 Row = dict[str, Any]
 

@@ -61,6 +61,13 @@ def test_what_is_driven_and_why_is_said_in_the_states_words() -> None:
         assert "It stands." in words
 
 
+def test_before_the_first_decision_nothing_is_counted() -> None:
+    """In the opening there is nothing that could be left."""
+    words = card(investigated(reported(showing(three(NOW)), NOW, state=0, explanations="{}", excluded=0), 0))
+    assert " left" not in words
+    assert "Opening" in words
+
+
 def test_the_card_is_of_the_chosen_robot_or_of_one_that_is_investigated_and_is_gone_after_a_silence() -> None:
     """Where no robot is investigated there is none."""
     state = reported(reported(showing(three(NOW)), NOW, 5), NOW, 7)
