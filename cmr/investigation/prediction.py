@@ -109,7 +109,7 @@ def changes_in(drives: Sequence[Observations], lanes: Sequence[Values], gains: G
     """
     free = Observer(lanes_of(lanes[:1]), FREE)
     read = [_read(one, free.observe(_unseen(one))) for one in drives]
-    predictors = [Predictor(_segment(one)) for one in read]
+    predictors = [Predictor(_segment(one, number)) for number, one in enumerate(read)]
     batch = Batch(predictors)
     errors = batch.errors(Observer(lanes_of(lanes), gains))
     for every in errors.of.values():
@@ -206,8 +206,9 @@ def _read(observations: Observations, innovations: Innovations) -> Observations:
     return replace(observations, wheel=wheel, gyro=gyro, pose=pose)
 
 
-def _segment(observations: Observations) -> Segment:
-    return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, 0, np.empty((0, 2)))
+def _segment(observations: Observations, number: int) -> Segment:
+    """Return a drive as a recording of its own: one that went on with another would have its heat and charge."""
+    return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, number, np.empty((0, 2)))
 
 
 def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:
