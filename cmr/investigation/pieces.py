@@ -120,12 +120,16 @@ class PieceByPiece:
         return all(len(segment.observations.given) for segments in pieces.values() for segment in segments)
 
     def _unseen(self, pieces: Pieces) -> Problem:
-        """Return the problem of the nominal robot, of which nothing was measured."""
+        """Return the problem of the nominal robot with usual sensors, of which nothing was read."""
         typical = {name: float(getattr(TYPICAL, name)) for name in ("wheel_radius", *PARAMETERS)}
         known = {name: self._nominal.value(name) if self._nominal.has(name) else typical[name] for name in typical}
         gains = gains_at(USUAL_ANGLE, USUAL_POSE, USUAL_INTERVALS[0])
-        ready = predictors([segment for segments in pieces.values() for segment in segments])
-        return Problem(ready, gains, Excitation(known, turning=TURNING))
+        read = [
+            replace(segment, observations=_with_readings(segment.observations, USUAL_INTERVALS, known))
+            for segments in pieces.values()
+            for segment in segments
+        ]
+        return Problem(predictors(read), gains, Excitation(known, turning=TURNING))
 
     def _interval(self, name: str) -> float | None:
         """Return the usual time [s] between readings in the pieces looked at; None where there are none."""
