@@ -12,7 +12,7 @@ from cmr.investigation import separation
 from cmr.investigation.floor import Floor
 from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
 from cmr.investigation.movements import Movement, Random, candidates, towards
-from cmr.investigation.prediction import BETWEEN_PLACES, Situation, changes, paths
+from cmr.investigation.prediction import Situation, changes, paths, times_of
 from cmr.investigation.reckoning import Reckoned
 from cmr.investigation.separation import ENOUGH, ENOUGH_UNSEEN, LEAST_WEIGHT, Columns
 from cmr.model.catalogue import CATALOGUE, definition
@@ -135,7 +135,7 @@ def _doubts(reckoned: Reckoned | None, path: Floats) -> Floats | float:
     """Return how far from each place the robot may be [m], (n,); 0 where its poses are reported."""
     if reckoned is None:
         return 0.0
-    return reckoned.doubts(BETWEEN_PLACES * np.arange(1, len(path) + 1), path[:, 0])
+    return reckoned.doubts(times_of(path), path[:, 0])
 
 
 def ensemble(judgement: Judgement) -> list[dict[str, float]]:

@@ -48,8 +48,8 @@ Intervals = Sequence[float | None]  # s between readings of wheels, gyro and pos
 
 def inputs_of(piece: Recording) -> Recording:
     """Return what drove the robot: the commands, or the wheels where none were recorded."""
-    hidden = ("gyro", "poses", "wheels") if len(piece.duty) else ("gyro", "poses")
-    return replace(piece, **{name: piece.signals[name].between(0, 0) for name in hidden})
+    moved = replace(piece, gyro=piece.gyro.between(0, 0), poses=piece.poses.between(0, 0))
+    return replace(moved, wheels=piece.wheels.between(0, 0)) if len(piece.commands) else moved
 
 
 class PieceByPiece:
@@ -87,14 +87,14 @@ class PieceByPiece:
         """Return the number of the piece to look at next; None where none is left."""
         if not self.left:
             return None
-        drawn = self._random.permutation(self.left).tolist()
+        drawn: list[int] = self._random.permutation(self.left).tolist()
         judgement = self.naming.judgement
         if self._at_random or (judgement is None and self._looked_at):
-            return int(drawn[0])
+            return drawn[0]
         pieces = {number: segments_of(self._inputs[number], (), 0) for number in drawn[:MOST_PREDICTED]}
         pieces = {number: segments for number, segments in pieces.items() if segments}
         if not pieces:
-            return int(drawn[0])
+            return drawn[0]
         with threadpool_limits(1, "blas"):
             worth = self._first(pieces) if judgement is None else self._next(pieces, judgement)
             return list(pieces)[int(np.argmax(worth))]

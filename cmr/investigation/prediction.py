@@ -86,6 +86,11 @@ def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequenc
     return np.split(places, together.ends.pose[1:-1])
 
 
+def times_of(path: Floats) -> Floats:
+    """Return when the robot will be at each place of a path [s from now]."""
+    return np.arange(1.0, len(path) + 1.0) * BETWEEN_PLACES
+
+
 def changes(
     situation: Situation,
     movements: Sequence[Movement],
