@@ -113,11 +113,11 @@ class Investigation:
         self._at_random, self._calibrate = at_random, calibrate
         self._naming = Naming()
         self._looked_beyond: tuple[str, ...] = ()
-        self._start = (0.0, 0.0, 0.0)  # of the opening: x, y [m], theta [rad]
+        self._start: tuple[float, float, float] | None = None  # where the robot was put down: x, y [m], theta [rad]
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
         """Return the first movement of a robot at rest at this pose, and a sentence that says why it must not drive."""
-        self._start = (x, y, theta)
+        self._start = self._start or (x, y, theta)
         whole = Movement(OPENING, np.concatenate([one.duty for one in opening()]))
         with_waiting = Movement(OPENING, np.concatenate([whole.duty, waiting().duty]))
         nominal = {name: self.nominal.value(name) for name in OWN}
@@ -132,7 +132,7 @@ class Investigation:
         Of movements, those that take `least` [s] or longer are chosen from: in so long the next decision is made.
         """
         with threadpool_limits(1, "blas"):
-            problem = beliefs_of(recording, self.nominal, self.floor.extent, self._start)
+            problem = beliefs_of(recording, self.nominal, self.floor.extent, self._put_down)
             if problem is None:
                 return None
             here = None if len(recording.poses) else self._reckoned(recording)
@@ -159,7 +159,11 @@ class Investigation:
     def _reckoned(self, recording: Recording) -> Reckoned:
         """Return where the robot is by dead reckoning."""
         radius, width = self.nominal.value("wheel_radius"), self.nominal.value("base_width")
-        return reckoned(recording, self._start, radius, width)
+        return reckoned(recording, self._put_down, radius, width)
+
+    @property
+    def _put_down(self) -> tuple[float, float, float]:
+        return self._start or (0.0, 0.0, 0.0)
 
     @property
     def found(self) -> tuple[str, ...]:

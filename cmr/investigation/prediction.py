@@ -86,6 +86,11 @@ def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequenc
     return np.split(places, together.ends.pose[1:-1])
 
 
+def times_of(path: Floats) -> Floats:
+    """Return when the robot will be at each place of a path [s from now]."""
+    return np.arange(1.0, len(path) + 1.0) * BETWEEN_PLACES
+
+
 def changes(
     situation: Situation,
     movements: Sequence[Movement],
@@ -109,7 +114,7 @@ def changes_in(drives: Sequence[Observations], lanes: Sequence[Values], gains: G
     """
     free = Observer(lanes_of(lanes[:1]), FREE)
     read = [_read(one, free.observe(_unseen(one))) for one in drives]
-    predictors = [Predictor(_segment(one)) for one in read]
+    predictors = [Predictor(_segment(one, number)) for number, one in enumerate(read)]
     batch = Batch(predictors)
     errors = batch.errors(Observer(lanes_of(lanes), gains))
     for every in errors.of.values():
@@ -206,8 +211,9 @@ def _read(observations: Observations, innovations: Innovations) -> Observations:
     return replace(observations, wheel=wheel, gyro=gyro, pose=pose)
 
 
-def _segment(observations: Observations) -> Segment:
-    return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, 0, np.empty((0, 2)))
+def _segment(observations: Observations, number: int) -> Segment:
+    """Return a drive as a recording of its own: one that went on with another would have its heat and charge."""
+    return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, number, np.empty((0, 2)))
 
 
 def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:

@@ -58,10 +58,10 @@ def test_a_piece_that_shows_what_is_left_is_chosen_by_its_inputs(pieces: list[Re
     assert not reading.named
     chosen = []
     for _ in range(CHOSEN):
-        number = reading.choose()
-        assert number is not None
-        chosen.append(number)
-        reading.look(number, pieces[number])
+        best = reading.choose()
+        assert best is not None
+        chosen.append(best)
+        reading.look(best, pieces[best])
     assert set(SPINS) <= set(chosen)
     assert reading.named == ("gyro_scale",)
 

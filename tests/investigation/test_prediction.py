@@ -59,6 +59,15 @@ def test_movements_are_predicted_to_tell_of_what_they_excite() -> None:
     assert np.allclose([rest[bias], straight[bias]], spin[bias], rtol=0.05)
 
 
+def test_a_movement_tells_the_same_whatever_is_predicted_beside_it() -> None:
+    """Each begins with the battery and the motors as they are now, not as another candidate would leave them."""
+    sets = [ROBOT, {**ROBOT, "battery_drift": 0.03}, {**ROBOT, "motor_heating": 0.06}]
+    movements = [held(0.9, 0.9), held(0.4, 0.4)]
+    beside = changes(situation(), movements, sets, GAINS, noise())[1]
+    (alone,) = changes(situation(), movements[1:], sets, GAINS, noise())
+    assert np.allclose(beside, alone, rtol=1e-9, atol=1e-12)
+
+
 def test_paths_end_where_the_robot_comes_to_rest() -> None:
     """A robot that goes straight on ends ahead by what it rolled, and coasted: duty over k1, times the time."""
     (path,) = paths(situation(), [held(0.4, 0.4)], [ROBOT])

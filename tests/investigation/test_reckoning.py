@@ -9,7 +9,7 @@ from cmr.geometry.obstacles import Geofence
 from cmr.investigation.choosing import keeps_to
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD, candidates, opening, towards
-from cmr.investigation.prediction import BETWEEN_PLACES, Situation, paths
+from cmr.investigation.prediction import BETWEEN_PLACES, Situation, paths, times_of
 from cmr.investigation.reckoning import BIAS, HEADED, PLACED, ROLLED, SURE, Reckoned, put_down, reckoned
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
@@ -54,7 +54,7 @@ def test_the_way_back_takes_back_what_is_a_matter_of_the_way() -> None:
 def test_a_path_ahead_is_doubted_as_it_is_once_it_was_driven() -> None:
     """What is planned with is what it comes to."""
     begin = straight(down(), 0.5, 3.0)
-    time = np.arange(1, 41) * BETWEEN_PLACES
+    time: Floats = np.arange(1.0, 41.0) * BETWEEN_PLACES
     x, y, theta = begin.place
     ahead = 0.4 * time
     turning = theta + 0.8 * time
@@ -96,11 +96,10 @@ def driven_unseen(seed: int) -> tuple[Floats, float]:
         state = (*here.place, 0.0, 0.0)
         still = Situation(state, 0.0, (0.0, 0.0), none, 0.0, 0.0, 0.0, Limits(1e6, 1e6), (None,) * 3)
         drawn = [*candidates(random, 20), *towards(0.5, 0.7, random)]
-        seconds = np.arange(1, 200) * BETWEEN_PLACES
         movements = [
             movement
             for movement, path in zip(drawn, paths(still, drawn, [ROBOT]), strict=True)
-            if keeps_to(floor, path, here.doubts(seconds[: len(path)], path[:, 0]))
+            if keeps_to(floor, path, here.doubts(times_of(path), path[:, 0]))
         ][:1]
     return robot.path, worst
 
