@@ -112,7 +112,6 @@ class Investigation:
         self.longest, self.waited = longest, 0.0
         self._at_random, self._calibrate = at_random, calibrate
         self._naming = Naming()
-        self._looked_beyond: tuple[str, ...] = ()
         self._start: tuple[float, float, float] | None = None  # where the robot was put down: x, y [m], theta [rad]
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
@@ -139,7 +138,8 @@ class Investigation:
             judgement = self._naming.judged(problem)
             known = self._without_hope(told(judgement, problem.last), problem.last)
             over = self._is_over(judgement, known, problem.last)
-            self._look_beyond(judgement, over)
+            if over or self.named:
+                self.unexplained = unexplained_by(judgement)
             choice = Choice(None)
             if not over:
                 situation = _situation(judgement, recording, planned, self._limits)
@@ -149,12 +149,6 @@ class Investigation:
             self._note(judgement, choice)
             sentence = "" if over or choice.movement else NO_ROOM if here is None else UNSURE
             return Decision(judgement, known, self.named, choice, over, sentence, here)
-
-    def _look_beyond(self, judgement: Judgement, over: bool) -> None:
-        """Look at what no name explains: at the end, and whenever the names are others than before."""
-        if over or self.named != self._looked_beyond:
-            self._looked_beyond = self.named
-            self.unexplained = unexplained_by(judgement)
 
     def _reckoned(self, recording: Recording) -> Reckoned:
         """Return where the robot is by dead reckoning."""
