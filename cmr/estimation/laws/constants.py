@@ -48,4 +48,4 @@ def _said(model: Linearised, law: Candidate) -> Floats:
 
 def _shared(one: Floats, other: Floats) -> float:
     """Return the share of one course that another explains."""
-    return float((one @ other) ** 2 / max((one @ one) * (other @ other), 1e-300))
+    return float(one @ other) ** 2 / max(float(one @ one) * float(other @ other), 1e-300)

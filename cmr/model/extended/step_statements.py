@@ -152,7 +152,7 @@ _CORRECT = (
     "domega_first_SIDE = source_SIDE + FIRST * change_SIDE - rate * first_SIDE",
     "domega_second_SIDE = source_SIDE + SECOND * change_SIDE - rate * second_SIDE",
     "domega_end_SIDE = source_SIDE + change_SIDE - rate * after_SIDE",
-    # A wheel that friction reverses: at rest after the share `until` of the step, then stuck, or off the other way, with
+    # A wheel that friction reverses: at rest after the share `until` of the step, then stuck, or off the other way with
     # the `part` of its acceleration that friction leaves there. What this changes of its speed grows from then on: the
     # Gauss points get the straight line that is nearest to it. So friction that is nearly none changes nearly nothing.
     "reverses_SIDE = direction_SIDE * after_SIDE < 0.0",
