@@ -244,8 +244,8 @@ def test_constants_that_a_drive_does_not_determine_are_told_from_those_that_it_d
     reach = {"east": 0.4, "north": 0.4, "radius": 0.15}
     spot = Candidate("forward_speed", ("v", "disc(east, north, radius)"), 4, constants=constants, reach=reach)
     moment = Candidate("wheel_slip", ("psi", "step(t, moment)"), 4, "left", constants={"moment": 40.0})
-    for law, coefficient, loose in ((spot, -0.02, True), (spot, -0.5, False), (moment, -0.03, False)):
-        about = simulated(law, coefficient, 13)
+    for law, strength, loose in ((spot, -0.02, True), (spot, -0.5, False), (moment, -0.03, False)):
+        about = simulated(law, strength, 13)
         rest = rest_of(about, about.problem.found(about.errors))
         fit = polished(about, [with_best_constants(about, law, rest)])
         assert fit is not None
