@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.candidates import Excitation, Trial, is_rough, lanes_of, locality, size, trials
+from cmr.estimation.candidates import Trial, is_rough, lanes_of, locality, size, trials
 from cmr.estimation.gauss_newton import moves_of
 from cmr.estimation.prediction import Errors
 from cmr.investigation import separation
@@ -224,39 +224,21 @@ def _parted(names: Sequence[str], need: Floats, gained: Floats, weights: Floats)
 
 
 def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, float]], Columns]:
-    """Return the values whose errors are compared beside the judgement's best model; see `column_sets`."""
-    problem = judgement.problem
+    """Return the values whose errors are compared: the best model, its parameters moved, then effects switched on."""
+    problem, base = judgement.problem, dict(judgement.base.values)
     free = (*problem.own, *(n for n in own_parameters(judgement.named) if definition(n).switches))
-    # The size of a fit that explains nothing says nothing: what would have shown is a matter of usual sizes.
-    left = {one.name: one for one in judgement.left if one.name and one.fitted and one.evidence > 0.0}
-    rough = [name for name in left if is_rough(CATALOGUE[name]) or locality(CATALOGUE[name])]
-    as_fitted = {name: _own(CATALOGUE[name], left[name].values) for name in rough}
-    effects = [effect for effect in problem.effects if effect.name not in judgement.named]
-    return column_sets(dict(judgement.base.values), free, effects, problem.excitation, as_fitted=as_fitted, time=time)
-
-
-def column_sets(
-    base: Mapping[str, float],
-    free: Sequence[str],
-    effects: Sequence[Effect],
-    excitation: Excitation,
-    *,
-    as_fitted: Mapping[str, Mapping[str, float]],
-    time: float = 0.0,
-) -> tuple[list[dict[str, float]], Columns]:
-    """Return values whose errors are compared: the `base`, then `free` parameters moved, then effects switched on.
-
-    Effects have their usual sizes, those `as_fitted` these values; one of a time begins at `time` [s].
-    """
-    moves = moves_of(base, free, excitation)
-    sets = [{**base}, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
+    moves = moves_of(base, free, problem.excitation)
+    sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
     of: dict[str, tuple[int, ...]] = {}
-    for effect in effects:
-        if effect.beside:
+    # The size of a fit that explains nothing says nothing: what would have shown is a matter of usual sizes.
+    left = {one.name: one for one in judgement.left if one.fitted and one.evidence > 0.0}
+    for effect in problem.effects:
+        if effect.name in judgement.named or effect.beside:
             continue
-        own: list[Mapping[str, float]] = [trial.values for trial in _usual_trials(excitation, effect, time)]
-        if effect.name in as_fitted:
-            own = [as_fitted[effect.name]]
+        if effect.name in left and (is_rough(effect) or locality(effect)):
+            own: list[Mapping[str, float]] = [_own(effect, left[effect.name].values)]
+        else:
+            own = [trial.values for trial in _usual_trials(judgement, effect, time)]
         if own:
             of[effect.name] = tuple(range(len(sets) - 1, len(sets) - 1 + len(own)))
             sets += [{**base, **values} for values in own]
@@ -267,8 +249,9 @@ def _own(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
     return {parameter.name: values[parameter.name] for parameter in effect.parameters if parameter.name in values}
 
 
-def _usual_trials(excitation: Excitation, effect: Effect, time: float) -> list[Trial]:
+def _usual_trials(judgement: Judgement, effect: Effect, time: float) -> list[Trial]:
     """Return the trials of an effect at its usual size; one of a time begins now."""
+    excitation = judgement.problem.excitation
     result = []
     for trial in trials(excitation, [effect]):
         usual = [

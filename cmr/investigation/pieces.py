@@ -10,40 +10,23 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cmr.estimation.candidates import Excitation
 from cmr.estimation.checks import looked_at
-from cmr.estimation.gains import USUAL_ANGLE, USUAL_POSE, gains_at
-from cmr.estimation.noise import FOREIGN, Noise, SignalNoise
-from cmr.estimation.prediction import predictors
 from cmr.estimation.preparation import prepare
-from cmr.estimation.problem import Problem
-from cmr.estimation.segments import Segment, segments_of
-from cmr.geometry.manoeuvres import TYPICAL
-from cmr.investigation import separation
-from cmr.investigation.choosing import column_sets, told, worth_of
-from cmr.investigation.evidence import PARAMETERS, TURNING, Beliefs, prior_of_effects
+from cmr.estimation.segments import segments_of
+from cmr.investigation.choosing import told, worth_of
+from cmr.investigation.evidence import Beliefs, prior_of_effects
 from cmr.investigation.judging import Judgement
 from cmr.investigation.naming import Naming
 from cmr.investigation.prediction import changes_in, reading_times, with_readings
-from cmr.investigation.separation import ENOUGH
-from cmr.model.observer.observer import Gains, Observations
+from cmr.model.observer.observer import Observations
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
-from cmr.recordings.signal import SECONDS, Floats, Mask
+from cmr.recordings.signal import SECONDS, Mask
 
 SHORTEST = 1.5  # s: with what is known beforehand of effects, less is enough than a diagnosis takes
 # Share by which parameters are off; robots that slip as they turn count with up to twice the width of their base.
 DOUBT = {"wheel_radius": 0.15, "k2_over_k3": 0.30, "k1": 0.15, "base_width": 1.0}
-# Of sensors of which nothing was seen yet: s between readings of wheels, gyro and poses, and the size of their noise.
-USUAL_INTERVALS = (0.02, 0.02, 0.1)
-SIZES = {"yaw_rate": 0.01, "forward": 0.01, "sideways": 0.01, "heading": 0.01, "psi_left": 0.02, "psi_right": 0.02}
-USUAL_NOISE = Noise(
-    {name: SignalNoise(np.empty(0), np.zeros(len(FOREIGN)), (np.array([size]),)) for name, size in SIZES.items()}
-)
 MOST_PREDICTED = 120  # pieces whose information is predicted, drawn anew for each choice
-
-Pieces = Mapping[int, Sequence[Segment]]  # by their numbers
-Intervals = Sequence[float | None]  # s between readings of wheels, gyro and poses; None of a sensor that is missing
 
 
 def inputs_of(piece: Recording) -> Recording:
@@ -57,8 +40,8 @@ class PieceByPiece:
 
     `inputs` are those of each piece, as `inputs_of` returns them; commanded speeds stand as duties in them
     (`cmr.estimation.commanded_speeds.as_duties`). `nominal` gives at least wheel_radius. `left` are the numbers of the
-    pieces that were not looked at. The first one is that whose inputs show most effects of the nominal robot, by usual
-    sensors; with `at_random` all are drawn at random.
+    pieces that were not looked at. Until the first ones can be judged, they are drawn at random; with `at_random` all
+    are.
     """
 
     def __init__(
@@ -87,69 +70,39 @@ class PieceByPiece:
         """Return the number of the piece to look at next; None where none is left."""
         if not self.left:
             return None
-        drawn: list[int] = self._random.permutation(self.left).tolist()
+        drawn: list[int] = self._random.permutation(self.left)[:MOST_PREDICTED].tolist()
         judgement = self.naming.judgement
-        if self._at_random or (judgement is None and self._looked_at):
-            return drawn[0]
-        pieces = {number: segments_of(self._inputs[number], (), 0) for number in drawn[:MOST_PREDICTED]}
-        pieces = {number: segments for number, segments in pieces.items() if segments}
-        if not pieces:
+        if self._at_random or judgement is None:
             return drawn[0]
         with threadpool_limits(1, "blas"):
-            worth = self._first(pieces) if judgement is None else self._next(pieces, judgement)
-            return list(pieces)[int(np.argmax(worth))]
+            return self._best(drawn, judgement)
 
-    def _first(self, pieces: Pieces) -> Floats:
-        """Return what pieces are worth, (c,), before anything is known but the nominal robot."""
-        problem = self._unseen(pieces)
-        own = ("wheel_radius", "base_width") if self._rolls(pieces) else PARAMETERS
-        values = problem.excitation.parameters
-        sets, columns = column_sets(values, own, problem.effects, problem.excitation, as_fitted={})
-        added = _added(pieces, sets, USUAL_INTERVALS, problem.gains, USUAL_NOISE)
-        seen = separation.own(separation.projected(added, columns), columns)
-        return np.asarray(np.sum(1.0 - np.exp(-2.0 * seen / ENOUGH), axis=1) / _seconds(pieces))
-
-    def _next(self, pieces: Pieces, judgement: Judgement) -> Floats:
-        """Return what pieces are worth, (c,), for what the ones looked at leave open."""
+    def _best(self, numbers: Sequence[int], judgement: Judgement) -> int:
+        """Return the number of the piece whose inputs promise most for its length."""
         known = told(judgement, 0.0)
         intervals = [self._interval(name) for name in ("wheels", "gyro", "poses")]
-        added = _added(pieces, known.sets, intervals, judgement.problem.gains, judgement.noise)
-        return worth_of(judgement, known, added, _seconds(pieces))
-
-    def _rolls(self, pieces: Pieces) -> bool:
-        return all(len(segment.observations.given) for segments in pieces.values() for segment in segments)
-
-    def _unseen(self, pieces: Pieces) -> Problem:
-        """Return the problem of the nominal robot with usual sensors, of which nothing was read."""
-        typical = {name: float(getattr(TYPICAL, name)) for name in ("wheel_radius", *PARAMETERS)}
-        known = {name: self._nominal.value(name) if self._nominal.has(name) else typical[name] for name in typical}
-        gains = gains_at(USUAL_ANGLE, USUAL_POSE, USUAL_INTERVALS[0])
-        read = [
-            replace(segment, observations=_with_readings(segment.observations, USUAL_INTERVALS, known))
-            for segments in pieces.values()
-            for segment in segments
-        ]
-        return Problem(predictors(read), gains, Excitation(known, turning=TURNING))
+        drives, of = [], []
+        for number in numbers:
+            for segment in segments_of(self._inputs[number], (), 0):
+                drives.append(_with_readings(segment.observations, intervals, known.sets[0]))
+                of.append(number)
+        if not drives:
+            return int(numbers[0])
+        told_by = changes_in(drives, known.sets, judgement.problem.gains, judgement.noise)
+        added = np.zeros((len(numbers), *known.information.shape))
+        seconds = np.zeros(len(numbers))
+        for number, drive, one in zip(of, drives, told_by, strict=True):
+            added[numbers.index(number)] += np.nan_to_num(one.T @ one)
+            seconds[numbers.index(number)] += drive.seconds
+        told_anything = seconds > 0.0
+        worth = worth_of(judgement, known, added, np.where(told_anything, seconds, 1.0))
+        return int(numbers[int(np.argmax(np.where(told_anything, worth, -1.0)))])
 
     def _interval(self, name: str) -> float | None:
         """Return the usual time [s] between readings in the pieces looked at; None where there are none."""
         steps = [np.diff(piece.signals[name].utime) for piece in self._looked_at]
         together = np.concatenate(steps) if steps else np.empty(0)
         return float(np.median(together)) * SECONDS if len(together) else None
-
-
-def _seconds(pieces: Pieces) -> Floats:
-    """Return how long the pieces last [s], (c,)."""
-    return np.array([sum(one.observations.seconds for one in segments) for segments in pieces.values()])
-
-
-def _added(
-    pieces: Pieces, sets: Sequence[Mapping[str, float]], intervals: Intervals, gains: Gains, noise: Noise
-) -> Floats:
-    """Return the information (c, m, m) that each piece would add on m columns, those of `sets` but the first."""
-    drives = [[_with_readings(one.observations, intervals, sets[0]) for one in of] for of in pieces.values()]
-    told_by = iter(changes_in([drive for of in drives for drive in of], sets, gains, noise))
-    return np.stack([sum(np.nan_to_num(one.T @ one) for one in (next(told_by) for _ in of)) for of in drives])
 
 
 class _Pieces(Beliefs):
@@ -187,7 +140,7 @@ def beliefs_of_pieces(pieces: Sequence[Recording], nominal: ParameterFile) -> Be
     return _Pieces(problem.predictors, problem.gains, excitation, prior, ready.base.names)
 
 
-def _with_readings(drive: Observations, intervals: Intervals, values: Mapping[str, float]) -> Observations:
+def _with_readings(drive: Observations, intervals: Sequence[float | None], values: Mapping[str, float]) -> Observations:
     """Return inputs as a drive on which sensors read at these `intervals` [s], None for one that is missing."""
     wheel, gyro, pose = (reading_times(interval, drive.seconds) for interval in intervals)
     if len(drive.given):
