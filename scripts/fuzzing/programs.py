@@ -227,7 +227,7 @@ PROGRAMS = {
         lambda at: ["--lead", "--script", "ahead 3600", "--out", str(at / "lead")],
         _childless,
         ANYTHING,
-        more=("cmr/experiments/live/leading.py",),
+        more=("cmr/experiments/live/demonstrating.py",),
     ),
     "teleop": Program(
         "cmr.commands.by_hand.teleop",

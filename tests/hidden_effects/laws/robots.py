@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.model.catalogue import definition
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.cases import EIGHT, HELD_OUT, RICH, Case, Truth
 from tests.hidden_effects.hiding import HiddenRecording, recorded, truth_of
@@ -26,6 +25,7 @@ OF_STATE = frozenset(  # effects whose equations are formulas of the state
 # What may be hidden beside a kind: effects that are found alone, and act elsewhere than most kinds.
 BESIDE = ("motor_gain_asymmetry", "gyro_bias", "turn_slip", "wheel_radius_asymmetry", "coulomb_friction", "pose_offset")
 SMALL = 0.1  # of their usual size, in the set of effects that are too small to be named
+SHAPES = ("travel_reduction_saturation",)  # parameters that do not say how large an effect is
 EACH = 4  # robots with one of the catalogue's effects for so many seeds is one
 
 
@@ -125,9 +125,7 @@ def pair_of(law_case: LawCase) -> Pair:
 
 def _made_small(truth: Truth) -> Truth:
     """Return the truth with a small part of what it hides, in other respects as it was."""
-    parameters = {
-        name: SMALL * value if definition(name).switches else value for name, value in truth.parameters.items()
-    }
+    parameters = {name: value if name in SHAPES else SMALL * value for name, value in truth.parameters.items()}
     return replace(truth, parameters=parameters)
 
 
