@@ -189,7 +189,7 @@ class Investigation:
         """
         if time < LONG_ENOUGH:
             return known
-        most = (max(self.longest, time) / time) ** 3
+        most = (max(self.longest + self.waited, time) / time) ** 3
         late = frozenset(name for name in self.not_shown(known) if known.seen[name] * most < SEEN)
         return replace(known, hopeless=known.hopeless | late)
 

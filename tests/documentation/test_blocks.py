@@ -93,7 +93,6 @@ NOT_OURS = {
 }
 # Python that is no program by itself, and the test that has it.
 EXCERPTS = {
-    "docs/explanation/investigation.md": "needs pieces of a recording: tests/investigation/test_pieces.py",
     "docs/effects.md": "the equations of the catalogue: tests/model/test_effects_document.py",
     "docs/tutorials/unwritten_physics.md": "drives for a minute: tests/documentation/test_unwritten_physics.py",
     "docs/how_to/add_an_effect.md": "needs a package with an entry point: tests/model/test_effects.py",
