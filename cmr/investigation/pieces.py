@@ -26,7 +26,7 @@ from cmr.recordings.signal import SECONDS, Mask
 SHORTEST = 1.5  # s: with what is known beforehand of effects, less is enough than a diagnosis takes
 # Share by which parameters are off; robots that slip as they turn count with up to twice the width of their base.
 DOUBT = {"wheel_radius": 0.15, "k2_over_k3": 0.30, "k1": 0.15, "base_width": 1.0}
-MOST_PREDICTED = 120  # pieces whose information is predicted, drawn anew for each choice
+MOST_PREDICTED = 120  # pieces whose information is predicted; other ones are drawn at each choice
 
 
 def inputs_of(piece: Recording) -> Recording:

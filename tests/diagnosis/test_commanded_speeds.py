@@ -123,7 +123,7 @@ def test_a_limit_of_the_wheels_acceleration_is_not_taken_for_one_of_the_commands
     assert all(near(of[name], value) for name, value in truth.items())
 
 
-@pytest.mark.further  # limits are told so
+@pytest.mark.further  # the diagnosis reports limits in the same way
 def test_a_robot_that_counts_by_another_wheel_separation_is_told_so() -> None:
     other = SpeedRobot(command_base_width=0.67)
     found = diagnose(replace(driven(other, seed=4), parameters=SLOW.nominal))

@@ -22,7 +22,7 @@ class Never:
 
 
 class Slow(AtOnce):
-    """A planner that is ready when it was asked so many times, each time anew; each is a turn of the drive."""
+    """A planner that needs so many turns of the drive for each decision."""
 
     def __init__(self, turns: int) -> None:
         super().__init__()

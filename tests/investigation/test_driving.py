@@ -166,7 +166,7 @@ def test_an_opening_that_was_interrupted_begins_again() -> None:
 
 
 def test_at_the_end_nothing_is_decided_any_more() -> None:
-    """What is told of an investigation must not change while it is told."""
+    """What an investigation reports must not change while the report is made."""
     planner, began, ended = InThread(), Event(), Event()
 
     def decide() -> None:

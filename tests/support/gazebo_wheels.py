@@ -1,7 +1,7 @@
 """Two wheels under a body that slip as Gazebo's DiffDrive and WheelSlip systems have them, and nothing more of Gazebo.
 
 Written from the documentation of WheelSlip: a wheel that spins at w slips by C |r w| F / N under the force F, along
-itself and across, each with its own compliance C. DiffDrive turns the wheels at the speeds that it is told. The body's
+itself and across, each with its own compliance C. DiffDrive turns the wheels at the commanded speeds. The body's
 mass is over the axle; what else carries it slides.
 """
 
@@ -16,7 +16,7 @@ NAMES = ("slip_compliance_lateral", "slip_compliance_longitudinal", "wheel_norma
 
 
 class Wheel(NamedTuple):
-    """What WheelSlip is told of a wheel: two compliances, the load [N], the radius [m]."""
+    """The settings of a wheel in WheelSlip: two compliances, the load [N], the radius [m]."""
 
     lateral: float
     longitudinal: float

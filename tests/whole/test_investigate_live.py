@@ -1,9 +1,6 @@
 """cmr demo --investigate in real time: an emulated robot, driver, simulator, page and cmr-investigate on a bus."""
 
 import json
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +8,7 @@ import pytest
 from cmr.msg import investigation_status_t, process_status_t
 from cmr.parameters.file import load
 from cmr.recordings.events import LogReader
+from tests.support.demo import demonstrated
 from tests.whole.test_demo import processes_naming
 
 # CI drives the same in simulated time (tests/investigation/test_command.py).
@@ -24,13 +22,7 @@ HIDDEN = "wheel_radius_asymmetry"
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder of a demonstration, and what it said."""
     folder = tmp_path_factory.mktemp("demo") / "run"
-    command = [sys.executable, "-m", "cmr", "demo", "--investigate", "--seconds", "12", "--out", str(folder)]
-    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    try:
-        output, _ = demo.communicate(timeout=PATIENCE)
-    finally:
-        demo.send_signal(signal.SIGTERM)
-    assert demo.returncode == 0, output
+    output = demonstrated(folder, "--investigate", "--seconds", "12", patience=PATIENCE)
     return folder, output
 
 

@@ -1,4 +1,4 @@
-"""A pilot whose behaviour comes to an end is not started again: it would begin its drive anew, from wherever it is."""
+"""A pilot whose behaviour comes to an end is not started again: it would repeat its drive from wherever it is."""
 
 from pathlib import Path
 
