@@ -66,6 +66,7 @@ def test_a_law_extends_the_model_and_another_drive_is_predicted_better() -> None
     assert found.extended.held_out_path_rmse < 0.7 * found.baseline.held_out_path_rmse
 
 
+@pytest.mark.further  # test_finds_hidden_effects.py has robots without any
 def test_a_robot_without_effects_gets_no_term_even_where_one_is_looked_for() -> None:
     assert extension(*prepared("")) is None
 

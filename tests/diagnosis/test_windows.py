@@ -22,6 +22,7 @@ def test_a_late_gyro_beside_late_poses_is_not_slip(manoeuvre: str, seed: int) ->
         assert abs(estimate.value - hidden.truth.parameters[name]) < 3.0 * estimate.std
 
 
+@pytest.mark.further  # ten seconds; test_windowed_recordings.py diagnoses others
 def test_slip_that_a_late_gyro_explains_as_well_is_named_together_with_it() -> None:
     """To first order a late gyro explains a little less; only a fit shows that it explains the same."""
     hidden = hidden_recording(*LATE, manoeuvre=CONTROLLED_WINDOWS, seed=51)

@@ -75,6 +75,7 @@ def test_a_proof_is_a_page_beside_the_file(tmp_path: Path, capsys: pytest.Captur
 
 
 @pytest.mark.slow
+@pytest.mark.further  # test_mjcf.py has what is lost, and the test before this a proof
 def test_what_a_target_does_not_carry_departs_from_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mujoco")
     robot, out = saved(tmp_path, turn_slip=0.15), tmp_path / "robot.xml"

@@ -15,9 +15,11 @@ from cmr.exporting.robot import ExportedRobot
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
 from tests.exporting.exported_robots import PAPER, SPEEDS, robot_with
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 CREEP = 1e-3  # rad/s
+CARRIED = tuple(BY_TARGET[MJCF])
 needs_mujoco = pytest.mark.skipif(importlib.util.find_spec("mujoco") is None, reason="mujoco is not installed")
 
 
@@ -28,7 +30,11 @@ def proven(robot: ExportedRobot, folder: Path) -> Proof:
 
 
 @needs_mujoco
-@pytest.mark.parametrize("effects", [(), *((name,) for name in BY_TARGET[MJCF])], ids="+".join)
+@pytest.mark.parametrize(
+    "effects",
+    [(), *((name,) for name in CARRIED[::2]), *further(*(((name,),) for name in CARRIED[1::2]))],
+    ids="+".join,
+)
 def test_mujoco_drives_the_path_of_the_robot(effects: tuple[str, ...], tmp_path: Path) -> None:
     proof = proven(robot_with(effects), tmp_path)
     assert proof.lost == 0.0

@@ -23,7 +23,7 @@ from tests.exporting.exported_robots import (
 
 pytestmark = pytest.mark.slow
 
-SPANS = commands(60.0)
+SPANS = commands(30.0)
 SEED = 3
 DIFFERENT_ROBOTS = [(), *((name,) for name in CATALOGUE), *ROBOTS]
 

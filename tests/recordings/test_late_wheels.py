@@ -81,6 +81,7 @@ def test_slow_wheels_that_are_filtered_are_late_although_by_less_than_their_inte
     assert late.seconds == pytest.approx(0.03, abs=CERTAIN * late.std + STAMPS)
 
 
+@pytest.mark.further  # late poses have tests of their own
 def test_a_trackers_clock_that_is_ahead_is_reported_with_its_sign() -> None:
     """Without a gyro nobody knows whether the wheels are late; what the search found is what is reported."""
     recording = hidden_recording(manoeuvre=EIGHT, seed=3).recording

@@ -133,7 +133,7 @@ def _change_again_and_again(folder: Path, name: str, seconds: float) -> None:
 @pytest.mark.slow
 def test_while_several_write_a_reader_finds_a_whole_file_or_none(tmp_path: Path, file: StopFile) -> None:
     context = multiprocessing.get_context("spawn")
-    writers = [context.Process(target=_change_again_and_again, args=(tmp_path, f"writer {k}", 2.0)) for k in range(2)]
+    writers = [context.Process(target=_change_again_and_again, args=(tmp_path, f"writer {k}", 0.7)) for k in range(2)]
     for writer in writers:
         writer.start()
     found = []

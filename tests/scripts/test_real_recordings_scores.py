@@ -48,6 +48,7 @@ def test_the_maebot_rolls_where_lidar_sees_it(importer: Importer) -> None:
     assert ends_by_pieces.found < 0.0275
 
 
+@pytest.mark.further  # twelve seconds; other recordings are scored here
 def test_two_sessions_of_optiodom_give_its_authors_base_width_and_wheel_diameter(importer: Importer) -> None:
     scores = by_name(score_optiodom(importer, sessions=1))
     assert scores["base width, all runs"].found == pytest.approx(0.2009, rel=0.01)
