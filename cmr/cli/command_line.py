@@ -113,6 +113,16 @@ def add_robot(options: argparse.ArgumentParser) -> None:
     options.add_argument("--robot", type=parse_robot_id, default=configuration.robot(), metavar="N", help="robot id")
 
 
+def add_begin_with(options: argparse.ArgumentParser, meanwhile: str) -> None:
+    """Add the option that names the program with which robots begin; `meanwhile` says what they do until then."""
+    options.add_argument(
+        "--begin-with",
+        default="",
+        metavar="PROGRAM",
+        help=f"{meanwhile} until this program, such as cmr-run, reports on PROCESS_STATUS that it is ready",
+    )
+
+
 def add_nominal(options: argparse.ArgumentParser) -> None:
     """Add the option for the parameters with which an estimate begins."""
     options.add_argument(

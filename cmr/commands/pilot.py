@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from cmr.cli.command_line import add_robot, parser
+from cmr.cli.command_line import add_begin_with, add_robot, parser
 from cmr.cli.configuration import parameter_file
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, WORLD, compile_first
@@ -30,7 +30,7 @@ def main(arguments: list[str]) -> int:
         kind=options.command,
     )
     compile_first([WORLD, BEHAVIOURS])
-    return steer(pilot, behaviour, options)
+    return steer(pilot, behaviour, options, begin_with=options.begin_with)
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -52,6 +52,7 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
     )
+    add_begin_with(options, "the robot stands")
     add_limits(options)
     add_fence(options)
     return options

@@ -24,10 +24,12 @@ from cmr.experiments.scenario import Scenario, ScenarioError
 from cmr.experiments.scenario.reading import SHIPPED, path_of, shipped
 from cmr.experiments.team.metrics import UNITS
 from cmr.files import gone_before_and_after
+from cmr.msg import process_status_t
 from cmr.processes.children import Children
 from cmr.processes.job import CALIBRATOR, DIAGNOSER, EMULATOR, PILOT, SIM, Job
 from cmr.processes.requests import AGENT, is_this_host, short_name
 
+NAME = "cmr-run"
 HEARING_AGENTS, HEARING_RATE = 1.5, 20.0  # s, Hz
 # What processes have to be compiled for, by their role.
 TAKES = {
@@ -55,12 +57,12 @@ def main(arguments: list[str]) -> int:
     check_bus(url)
     _check_reach(scenario, resolve_url(url))
     first_use.compile_first(parts_to_compile(scenario, folder))
-    with Process("cmr-run", url, lives_now=True) as process:
+    with Process(NAME, url, lives_now=True) as process:
         try:
             prepared = prepare(scenario, folder)
         except OSError as error:
             raise CommandError(f"{folder}: cannot be written: {error.strerror}. Choose another with --out.") from error
-        ours, others = _by_host(jobs_of(prepared, folder, process.bus.url))
+        ours, others = _by_host(jobs_of(prepared, folder, process.bus.url, begin_with=NAME))
         _tell_others(_without_agents(process, others), folder)
         robots_end = gone_before_and_after(folder / STATE)
         with robots_end, Children(folder) as children, Progress(lines=True) as progress:
@@ -96,7 +98,7 @@ def _report(run: LiveRun, outcome: Outcome, began: float, folder: Path, progress
 def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr-run."""
     options = parser(
-        "cmr-run",
+        NAME,
         "Run a team experiment: start what its scenario names (drivers or emulators, cmr-sim, pilots, calibrator), "
         "start again what dies, record the log, show how it goes, and write a report. "
         "Processes are stopped in order, those that command motors first.\n\n"
@@ -182,6 +184,7 @@ def _without_agents(process: Process, others: list[Job]) -> list[Job]:
     until = time.monotonic() + HEARING_AGENTS
     process.subscribe(PROCESS_STATUS, every=True)
     for _ in process.loop(HEARING_RATE):
+        process.state = process_status_t.STARTING
         messages = [received.message_of(PROCESS_STATUS) for received in process.received()]
         heard |= {short_name(status.host) for status in messages if status is not None and status.process == AGENT}
         if time.monotonic() > until:

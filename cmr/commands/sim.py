@@ -18,6 +18,7 @@ from cmr.bus.streams import (
     MOTOR_FEEDBACK,
     PARAMETERS,
     POSE,
+    PROCESS_STATUS,
     RANGE_SCAN,
     ROBOT_STATE,
     WAYPOINTS,
@@ -35,6 +36,7 @@ from cmr.parameters.file import ParameterFileError
 from cmr.parameters.file import load as load_parameters
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.world.beginning import Beginning
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.owners import Owners
@@ -86,17 +88,21 @@ def main(arguments: list[str]) -> int:
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
     lateness = Lateness()
-    reported, owners = 0, Owners(world.virtual_ids)
+    reported, owners, beginning = 0, Owners(world.virtual_ids), Beginning(options.begin_with)
 
     def take(stamp: int, channel: str, message: Message, sender: int | None) -> None:
+        beginning.handle(stamp, channel, message)
         if owners.takes(channel, message, sender):
             world.handle(stamp, channel, message)
 
     with Process("cmr-sim", options.lcm_url) as process:
         _listen(process, world)
+        if not beginning.begun:
+            process.subscribe(PROCESS_STATUS, every=True)
         for utime in process.loop(rate_hz=STEP_RATE):
             world.turn(utime)
             process.dispatch_named(take)
+            world.begun = beginning.begun
             world.advance(utime)
             process.overruns = world.late_steps
             # A turn that follows closely upon a late one makes no step; what holds for a moment is published once.

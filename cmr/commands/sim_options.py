@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cmr.cli.command_line import parse_number, parse_robot_id, parser
+from cmr.cli.command_line import add_begin_with, parse_number, parse_robot_id, parser
 from cmr.cli.configuration import parameters
 from cmr.commands.robots import numbered
 from cmr.world.behaviours.help_text import help_text
@@ -34,6 +34,7 @@ def command_parser() -> argparse.ArgumentParser:
     options.add_argument(
         "--rate", type=_rate, default=50.0, metavar="HZ", help="how often WORLD_STATE is sent, 20 to 100"
     )
+    add_begin_with(options, "simulated robots stand")
     options.add_argument(
         "--split", action="store_true", help=f"split WORLD_STATE into messages of at most {PACKET} bytes"
     )

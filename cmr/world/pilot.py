@@ -66,6 +66,7 @@ class Pilot:
         self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
         self.parameters = parameters
         self.waiting_for = "the world"
+        self.begun = True  # while it is not, the robot stands, and nothing is waited for
         self.duties = (0.0, 0.0)  # that the last command stands for
         self.gate = Gate(pose_xyt_t)  # whose stamps are looked at by `_poses`
         self._keep_clear = keep_clear
@@ -234,6 +235,8 @@ class Pilot:
     def _drive(self, utime: int, me: Robot, model: RobotParameters) -> tuple[float, float]:
         """Return what the behaviour decides, as far as nothing is in the way."""
         self.waiting_for = ""
+        if not self.begun:
+            return 0.0, 0.0
         duties = self.behaviour.command(utime, me, self._world, model)
         if not all(map(math.isfinite, duties)):
             self.waiting_for = f"its behaviour to decide on numbers, not on {duties}"

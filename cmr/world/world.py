@@ -96,6 +96,7 @@ class World:
         self.gate = Gate(world_state_t)  # whose stamps `others` looks at
         self.parameters: dict[int, ParameterFollower] = {}
         self.others = Others(robot.robot_id for robot in virtual)
+        self.begun = True  # while it is not, simulated robots stand
         self.crowded = False  # whether more robots were heard of than are followed
         self._time = 0  # of the last turn [us]
         self.late_steps = 0  # made more than a step after they were due, or left out
@@ -173,12 +174,10 @@ class World:
             if duties is not None:
                 self._real[robot_id].commands.take(utime, *duties)
 
-    def poll_parameters(self) -> bool:
-        """Look for replaced parameter files; return whether any parameters changed. No robot's state does."""
-        changed = [robot_id for robot_id, follower in self.parameters.items() if follower.poll()]
-        for robot_id in changed:
+    def poll_parameters(self) -> None:
+        """Look for replaced parameter files. No robot's state changes."""
+        for robot_id in [robot_id for robot_id, follower in self.parameters.items() if follower.poll()]:
             self._take_over(robot_id)
-        return bool(changed)
 
     def advance(self, utime: int) -> None:
         """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step.
@@ -382,7 +381,7 @@ class World:
     def _decide(self, utime: int) -> None:
         """Command the simulated robots as their behaviours decide, and twins as their robots are."""
         robots = self._fleet.robots()
-        if not robots.robot_id:
+        if not (robots.robot_id and self.begun):
             return
         if self._deciding is None or self._deciding.robot_id is not robots.robot_id or self._models_changed:
             behaviours = {robot_id: robot.behaviour for robot_id, robot in self._virtual.items()}

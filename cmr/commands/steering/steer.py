@@ -20,6 +20,7 @@ from cmr.bus.streams import (
     MOTOR_FEEDBACK,
     PARAMETERS,
     POSE,
+    PROCESS_STATUS,
     WAYPOINTS,
     WORLD_STATE,
 )
@@ -29,6 +30,7 @@ from cmr.geometry.obstacles import FURTHEST, Geofence
 from cmr.model.command_kinds import KINDS
 from cmr.msg import process_status_t
 from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.world.beginning import Beginning
 from cmr.world.behaviours import AnyBehaviour
 from cmr.world.guarding import MARGIN
 from cmr.world.pilot import Pilot
@@ -43,14 +45,15 @@ def steer(
     options: argparse.Namespace,
     *,
     program: str = "cmr-pilot",
+    begin_with: str = "",
     hear: Callable[[Received], None] = lambda _received: None,
     tell: Callable[[], str] = lambda: "",
 ) -> int:
     """Steer a robot until its behaviour is finished; return the exit code of the process, named `program`.
 
-    `options` are those of `add_limits` and of a bus. What is received goes to `hear`, too, and what `tell` returns is
-    said on PROCESS_STATUS while nothing else is. Raises CommandError where somebody else took over, or the behaviour
-    ended with a problem.
+    `options` are those of `add_limits` and of a bus. Where `begin_with` names a program, the robot stands until that
+    one is ready. What is received goes to `hear`, too, and what `tell` returns is said on PROCESS_STATUS while nothing
+    else is. Raises CommandError where somebody else took over, or the behaviour ended with a problem.
     """
     pilot.prepare()
     confirmed = Event()
@@ -58,11 +61,15 @@ def steer(
     with Process(program, options.lcm_url) as process:
         _listen(process, pilot.robot_id)
         claim = Claim(program, pilot.robot_id, lambda: process.bus.sender, options.take_over)
+        beginning = Beginning(begin_with)
+        if not beginning.begun:
+            process.subscribe(PROCESS_STATUS, every=True)
         for utime in process.loop(rate_hz=RATE):
             pilot.turn(utime)
             for received in process.received():
                 hear(received)
-                _hand_over(received, pilot.handle, claim.handle)
+                _hand_over(received, pilot.handle, claim.handle, beginning.handle)
+            pilot.begun = beginning.begun
             pilot.parameters.poll()
             _confirm(pilot, confirmed)
             if claim.lost_to:

@@ -28,20 +28,24 @@ SIM_SCENARIO = "sim.yaml"
 STATE = "state"  # folder in which drivers of emulated robots keep an emergency stop: it ends with the run, as they do
 
 
-def jobs_of(scenario: Scenario, folder: Path, url: str) -> list[Job]:
-    """Return the processes of a scenario whose files lie in `folder`, on the bus at `url`."""
+def jobs_of(scenario: Scenario, folder: Path, url: str, begin_with: str = "") -> list[Job]:
+    """Return the processes of a scenario whose files lie in `folder`, on the bus at `url`.
+
+    Robots stand until the program `begin_with` is ready, if one is named.
+    """
     bus = ["--lcm-url", url]
+    moving = [*bus, "--begin-with", begin_with] if begin_with else bus
     recorder = [sys.executable, "-m", "cmr.experiments.live.recorder", str(folder / LOG), *bus]
     sim = [our_command("cmr-sim"), "--scenario", str(folder / SIM_SCENARIO), "--parameters", str(folder)]
-    sim += ["--rate", f"{scenario.rate:g}", *bus]
+    sim += ["--rate", f"{scenario.rate:g}", *moving]
     jobs = [Job("recorder", RECORDER, recorder, host=scenario.host), Job("sim", SIM, sim, host=scenario.host)]
     for robot in scenario.of_flesh:
-        jobs += _of_robot(robot, scenario, folder, bus)
+        jobs += _of_robot(robot, scenario, folder, bus, moving)
     return sorted(jobs, key=lambda job: START_ORDER.index(job.role))
 
 
-def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]) -> Iterator[Job]:
-    """Yield the processes of a real or emulated robot."""
+def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str], moving: list[str]) -> Iterator[Job]:
+    """Yield the processes of a real or emulated robot, with options of the bus, and of what moves it."""
     robot_id = robot.robot_id
     who = ["--robot", str(robot_id)]
     parameters = ["--parameters", str(folder / f"robot_{robot_id}.yaml")]
@@ -54,7 +58,7 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
         command += [str(folder / f"diagnosis_{robot_id}"), *bus]
         yield Job(f"diagnoser {robot_id}", DIAGNOSER, command, robot_id, host=scenario.host)
     if robot.behaviour is not None:
-        command = [our_command("cmr-pilot"), *who, "--behaviour", str(robot.behaviour), *parameters, *bus]
+        command = [our_command("cmr-pilot"), *who, "--behaviour", str(robot.behaviour), *parameters, *moving]
         if scenario.geofence is not None:
             corners = ",".join(f"{value!r}" for corner in scenario.geofence for value in corner)
             command.append(f"--geofence={corners}")

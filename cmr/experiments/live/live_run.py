@@ -165,6 +165,8 @@ class LiveRun:
         self._is_ready = True
         began = time.monotonic()
         self.watch.begin()
+        self._report_state()
+        self._process.publish_status()  # with which all begin
         for _utime in self._process.loop(RATE):
             self._seconds = time.monotonic() - began
             self._turn()
@@ -188,9 +190,13 @@ class LiveRun:
         self._supervise()
         if self._request.due():
             self._ask_agents(wanted=True)
+        self._report_state()
+
+    def _report_state(self) -> None:
+        """Report that the run is starting until all are ready, whatever happens; then, what is not running."""
         down = self.supervisor.down()
-        ready = process_status_t.RUNNING if self._is_ready else process_status_t.STARTING
-        self._process.state = process_status_t.DEGRADED if down else ready
+        begun = process_status_t.DEGRADED if down else process_status_t.RUNNING
+        self._process.state = begun if self._is_ready else process_status_t.STARTING
         self._process.message = f"Not running: {', '.join(down)}." if down else self._disk.shortage
 
     def _supervise(self) -> None:

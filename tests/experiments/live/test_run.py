@@ -22,7 +22,7 @@ from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.recorder import logs_in
 from cmr.experiments.scenario.reading import shipped
-from cmr.msg import estop_t
+from cmr.msg import estop_t, process_status_t, world_state_t
 from cmr.recordings.events import LogReader
 from tests.support.html_page import Page
 from tests.support.private_bus import private_url
@@ -31,14 +31,16 @@ pytestmark = pytest.mark.waits
 
 RUN = str(Path(sys.executable).parent / "cmr-run")
 PARAMETERS = shipped()["line"].parent / "parameters/robot_0.yaml"
+AT = 1.5  # m; where a robot starts that nobody sends on its way
 TEXT = f"""\
-about: Two robots
+about: Two robots, and one that begins by itself
 duration: 60
 parameters: {PARAMETERS}
 ends_when: waypoints_reached
 robots:
   - {{id: 10, kind: virtual, behaviour: "figure_eight,laps=0", waypoints: [[0.6, 0.0]]}}
   - {{id: 0, kind: emulated, start: [-0.6, 0.0], behaviour: "follow,leader=10,gap=0.5"}}
+  - {{id: 11, kind: virtual, start: [0.0, {AT}], behaviour: "figure_eight,size=0.3,speed=0.3,start=0"}}
 """
 
 
@@ -114,7 +116,7 @@ def report(run: tuple[Path, str]) -> dict[str, Any]:
 
 def test_it_ends_when_the_waypoints_are_reached(report: dict[str, Any]) -> None:
     assert report["ended_by"] == "all waypoints are reached"
-    follower, leader = report["robots"]
+    follower, leader, _ = report["robots"]
     assert leader["waypoints_left"] == 0
     assert leader["path"]["x"][-1] == pytest.approx(0.6, abs=0.16)
     assert follower["kind"] == "emulated"
@@ -134,6 +136,20 @@ def test_an_emergency_stop_is_told(report: dict[str, Any], run: tuple[Path, str]
     words = [event["words"] for event in report["events"]]
     assert words.index("ESTOP is engaged by test: try.") < words.index("ESTOP is released.")
     assert "ESTOP is released." in run[1]
+
+
+def test_nobody_drives_before_all_are_ready(run: tuple[Path, str]) -> None:
+    begun, moved = False, []
+    for received in LogReader(run[0] / "out/run.lcm"):
+        message = received.message
+        if isinstance(message, process_status_t) and message.process == "cmr-run":
+            begun = begun or message.state == process_status_t.RUNNING
+        elif isinstance(message, world_state_t) and 11 in list(message.robot_id):
+            y = message.y[list(message.robot_id).index(11)]
+            if abs(y - AT) > 0.01:
+                moved.append(begun)
+    assert moved
+    assert all(moved)
 
 
 def test_everything_was_recorded(run: tuple[Path, str]) -> None:
