@@ -66,7 +66,7 @@ def pid_of(folder: Path, command: str) -> int:
                 line = path.read_bytes().decode()
             except OSError:
                 continue
-            if command in line and str(folder) in line and "cmr-run" not in line:
+            if command in line and str(folder) in line and RUN not in line:
                 return int(path.parent.name)
         time.sleep(0.05)
     raise AssertionError(f"there is no {command}")
@@ -250,7 +250,7 @@ def test_a_behaviour_of_ones_own_is_found_in_the_folder_where_the_command_is_run
 
 
 def test_a_scenario_that_is_wrong_starts_nothing(tmp_path: Path) -> None:
-    (tmp_path / "bad.yaml").write_text(TEXT.replace("leader=10", "leader=11"))
+    (tmp_path / "bad.yaml").write_text(TEXT.replace("leader=10", "leader=12"))
     command = [RUN, str(tmp_path / "bad.yaml"), "--out", str(tmp_path / "out")]
     result = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False)
     assert result.returncode == 1

@@ -89,6 +89,9 @@ class Bus:
         if self.turns == 20:
             self.statuses = self.later
 
+    def publish_status(self) -> None:
+        self.published.append((PROCESS_STATUS.name, None))
+
     def publish(self, stream: Any, _message: Any, robot_id: int | None = None) -> None:
         self.published.append((stream.name, robot_id))
 
