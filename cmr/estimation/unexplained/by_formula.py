@@ -19,9 +19,16 @@ REGRESSORS = {
 
 
 def structure_of(fit: Polished) -> Unexplained:
-    """Return what the last law of a fit explains: the signal that has most of it, and what it goes with."""
+    """Return what the last law of a fit explains: the signal that has most of it, and what it goes with.
+
+    What other parameters of the model explain as well is not the law's.
+    """
     law = fit.laws[-1]
-    own = fit.columns[:, -len(fit.coefficients[-1]) :] @ np.array(fit.coefficients[-1])
+    columns = fit.columns * fit.mask[:, None]
+    first = columns.shape[1] - len(fit.coefficients[-1])
+    others = np.linalg.qr(columns[:, :first])[0]
+    own = columns[:, first:] @ np.array(fit.coefficients[-1])
+    own -= others @ (others.T @ own)
     after, before = (np.clip(white, -LARGE, LARGE) ** 2 for white in (fit.white, fit.white - own))
     drops, shares = {}, {}
     for name in seen_in(law.place):
