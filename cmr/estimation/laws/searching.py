@@ -40,8 +40,8 @@ BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise b
 SETTLED = 3  # best of these whose constants are found again,
 SHARE_TO_SETTLE = 0.5  # unless they lie further behind the best one than by this share of the way to the worst
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
-# The noise of the state that formulas are of: sign(w) imitates it where a robot drives straight on, and gained up to 225
-# in 56 robots that hid nothing.
+# Formulas of a noisy state imitate its noise: sign(w) does where a robot drives straight on, and gained up to 225 in 56
+# robots that hid nothing.
 SEEN = 300.0  # gain from which something is there, even where no formula holds
 INEXACT = 0.01  # share of a law's gain that the shape of its formula may leave: signs, for one, are smoothed
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
