@@ -188,7 +188,7 @@ class World:
     def advance(self, utime: int) -> None:
         """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step.
 
-        At most ten steps are made in one call: who was held up longer catches up in the next ones.
+        At most ten steps are made in one call: a world that was held up longer catches up in the next ones.
         Of many robots with behaviours of their own, each decides at every second, third, ... step (`deciding`).
         """
         self._time = utime

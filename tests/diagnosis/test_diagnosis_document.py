@@ -71,7 +71,8 @@ def written(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
 
 
 def test_the_reference_describes_every_field() -> None:
-    described = re.findall(r"`([\w.\[\]]+)`", (PROJECT / "docs/reference/diagnosis_json.md").read_text(encoding="utf-8"))
+    page = (PROJECT / "docs/reference/diagnosis_json.md").read_text(encoding="utf-8")
+    described = re.findall(r"`([\w.\[\]]+)`", page)
     assert set(document(DIAGNOSIS)) - set(described) == set()
 
 

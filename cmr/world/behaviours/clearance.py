@@ -19,7 +19,7 @@ REACTION = 0.15  # s until a robot follows its command: the time constant of its
 
 
 def view_needed(apart: float, speed: float, reaction: float) -> float:
-    """Return how far [m] who drives at `speed` [m/s] has to look so that centres stay `apart` [m].
+    """Return how far [m] a robot that drives at `speed` [m/s] has to look so that centres stay `apart` [m].
 
     It is rounded up, so that those who need about the same can share a search.
     """
@@ -51,7 +51,7 @@ def speed_before(dx, dy, along_x, along_y, speed_x, speed_y, clearance, reaction
 def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, float]:
     """Return the direction in which what is at (dx, dy) [m] is passed at a distance of `apart` [m], on our left or not.
 
-    Who is nearer than that already goes a little away from it.
+    A robot that is nearer than that already goes a little away from it.
     """
     away = max(math.sqrt(dx * dx + dy * dy), 1e-9)
     if away >= apart:

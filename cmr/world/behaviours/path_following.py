@@ -152,8 +152,8 @@ def stop_at_end(  # type: ignore[no-untyped-def]
 ) -> None:
     """Write the speeds [m/s], at most `fastest`, at which n robots can stop at the ends of their paths.
 
-    And whether each is far enough from there to go round what is in its way, which keeps it `apart` [m]. Who has
-    `arrived` [m] stands, and its path is forgotten.
+    And whether each is far enough from there to go round what is in its way, which keeps it `apart` [m]. A robot
+    that has `arrived` [m] stands, and its path is forgotten.
     """
     for k in range(len(row)):
         round_it[k] = remaining[k] > 2.0 * apart[k]
@@ -171,7 +171,7 @@ def keep_gaps(  # type: ignore[no-untyped-def]
     """Write the speeds [m/s], at most `fastest`, that take n robots to where they are `gap` [m] behind their leaders.
 
     Those are `length` [m] along their trails, of which `remaining` [m] remain, -1 where there is none. Speeds are
-    `rate` [1/s] times the distances; who is nearer than `dead_zone` [m] stands.
+    `rate` [1/s] times the distances; robots nearer than `dead_zone` [m] stand.
     """
     for k in range(len(row)):
         behind = length[k] - progress[row[k]] - gap[row[k]]

@@ -13,9 +13,9 @@ PER_DISTANCE = 2.0  # 1/s: speed for each metre that is missing ahead
 CATCHING_UP = 0.2  # m/s; the most that is driven faster or slower than the leader
 PER_ANGLE = 2.0  # 1/s: yaw rate for each radian that is missing
 PER_AREA = 6.0  # 1/m^2: yaw rate for each metre to the side, at a speed of 1 m/s
-FURTHEST = 0.5  # m from the wanted place; who is further away begins again from where it is
-LONGEST_PAUSE = 200_000.0  # us; so does who was not asked for so long: what its leader did meanwhile is not made up
-NEAR, TURNED = 0.02, 0.03  # m, rad; who is so near when the leader stands rests
+FURTHEST = 0.5  # m from the wanted place; a robot further away begins again from where it is
+LONGEST_PAUSE = 200_000.0  # us; so does one that was not asked for so long: it does not make up what it missed
+NEAR, TURNED = 0.02, 0.03  # m, rad; a robot that is so near when its leader stands rests
 SLOW, TURNS_SLOWLY = 0.005, 0.02  # m/s, rad/s; slower than both is to stand
 
 

@@ -1,6 +1,6 @@
 """A cell list: which points of the plane lie near which others, in a time that grows with their number.
 
-The plane is divided into square cells as large as the distance that counts as near, so that whoever is near a point is
+The plane is divided into square cells as large as the distance that counts as near, so that all points near a point are
 in its cell or in one of the eight around it. Cells are numbered row by row where there are few; otherwise they are
 hashed into some two bins for each point, so their number does not depend on how far apart points are. Points of
 different cells may share a bin: distances decide in the end.
