@@ -14,7 +14,7 @@ REPORT_PERIOD = 0.5  # s between reports while nothing changes; a change is repo
 class BusStop:
     """Holds the `gate` while the emergency stop is engaged, from the beginning if `keeper` found it engaged.
 
-    `news` are sentences on what happened, for the terminal; who reads them takes them out. Without a keeper a stop is
+    `news` are sentences on what happened, for the terminal; reading takes them out. Without a keeper a stop is
     forgotten when the process ends, as is right for a robot that ends with it. Times of day are us.
     """
 
@@ -80,7 +80,7 @@ class BusStop:
         return [make(estop_latch_t, utime=utime, **about, source=source, reason=reason)]
 
     def _objection(self, release: estop_t) -> str:
-        """Return why somebody may not release the stop; "" for who may.
+        """Return why somebody may not release the stop; "" if they may.
 
         This is the one place that decides it: where the bus has a key, a release must be signed, and is refused here.
         """

@@ -255,7 +255,7 @@ class GateProcess(LastGate):
         try:
             self.send(kind, data)
         except LineLost:
-            return  # whoever writes to the port will see it
+            return  # the next write to the port shows it
 
     def _start(self) -> None:
         """Start the process, if it does not run. Raises LineLost."""

@@ -115,6 +115,6 @@ class PortThread:
             self.port.close()
 
     def _end(self, failure: Exception) -> None:
-        """Work no more, and have everybody who asks know why."""
+        """Stop working, and give the reason to every caller."""
         self.failure = self.failure or failure
         self._stop.set()

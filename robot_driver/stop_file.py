@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 from cmr.bus.preflight import parse_udpm
 from cmr.files import why_not_writable, write_atomically, write_out_folder
 
-SYSTEM_FOLDER = Path("/var/lib/cmr")  # for who has no home
+SYSTEM_FOLDER = Path("/var/lib/cmr")  # for a user without a home
 LARGEST = 65_536  # bytes; a larger file is none of ours
 LITTER_AGE = 60.0  # s after which a temporary file belongs to nobody any more
 LONGEST_TEXT = 200  # characters of a name or a reason

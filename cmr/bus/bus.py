@@ -22,7 +22,7 @@ class Bus:
     if it listens; of WORLD_STATE, which is large, that is passed over.
     Where this computer has a key, all is signed, and nothing unsigned is taken but an emergency stop that is engaged.
     Nothing is listened to before the first `subscribe`: the kernel hands each message on the bus to every socket that
-    listens, at the cost of who sends, and LCM's thread takes it from there. A bus that is let go is closed.
+    listens, at the cost of the sender, and LCM's thread takes it from there. A bus that is let go is closed.
     Raises BusError when the bus cannot be used, KeyFileError when the key cannot.
     """
 
@@ -44,7 +44,7 @@ class Bus:
         return self._signer.sender
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable when something has arrived, for who waits for others, too."""
+        """Return the descriptor that becomes readable when something has arrived: to wait for it beside others."""
         return int(self._lcm.fileno())
 
     def subscribe(self, stream: Stream[Message], robot_id: int | None = None, *, every: bool = False) -> None:

@@ -43,10 +43,10 @@ SPOKEN_OF = 2_000_000  # us for which a refusal is spoken of
 class Gate:
     """Lets messages in. `turn` says what time it is, before messages are handed over; before the first, any stamp is.
 
-    `refused` counts by (channel, reason) what was not let in since the start. Who finds something else wrong with a
-    message says so to `refuse`. Stamps of the types in `stamps_of_all_times` are looked at elsewhere. With `replays`
-    also a log that is played again comes in: robots none of whose stamps were near the clock lately, at a time that a
-    clock can show.
+    `refused` counts by (channel, reason) what was not let in since the start. A caller that finds something else
+    wrong with a message says so to `refuse`. Stamps of the types in `stamps_of_all_times` are looked at elsewhere.
+    With `replays` also a log that is played again comes in: robots none of whose stamps were near the clock lately,
+    at a time that a clock can show.
     """
 
     def __init__(self, *stamps_of_all_times: type[Message], replays: bool = False) -> None:

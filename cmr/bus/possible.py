@@ -1,4 +1,4 @@
-"""What numbers in messages can be: whoever sends them, a message with others is refused, or loses the number.
+"""Which numbers messages may hold: a message with others is refused, or loses the number, whatever its sender.
 
 The one table of bounds, beside lcmtypes/: generous, as it holds for any robot of this kind, in any room or field.
 """

@@ -103,8 +103,8 @@ class Process:
         """Yield the time (us) at each turn of a steady loop until a signal comes.
 
         Between turns it listens to the bus; `received` hands over what came. A turn that begins more than one
-        period late counts as an overrun, and the lost turns are not made up. Who has something else to listen to, at
-        once, does so in `wait(seconds)`, which returns after that time at the latest.
+        period late counts as an overrun, and the lost turns are not made up. A process that has something
+        else to listen to at once does so in `wait(seconds)`, which returns after that time at the latest.
         """
         if self.state == process_status_t.STARTING:
             self.state = process_status_t.RUNNING
@@ -136,7 +136,7 @@ class Process:
     def dispatch(self, handle: Callable[[int, str, Message], object], *, gated: bool = False) -> None:
         """Hand what has arrived and passes the gate to `handle(utime, channel, message)`, oldest first.
 
-        Who is `gated` has a gate of his own, and takes everything.
+        A caller that is `gated` has a gate of its own, and takes everything.
         """
         for received in self.received():
             message = received.message if gated else self._gate.let_in(received.channel, received.message)

@@ -1,4 +1,4 @@
-"""Signatures: who has the key may send messages to robots and about them; what others send is refused.
+"""Signatures: programs that have the key may send messages to robots and about them; what others send is refused.
 
 A signature follows the encoded message, so whoever decodes the message passes it over; LCM's decoders do so in every
 language. It is keyed BLAKE2b (RFC 7693) over the channel, the message, who sent it, and when.

@@ -17,7 +17,7 @@ class StateTable:
     """Rows of robots, in the order in which they were first asked for; a robot keeps its row.
 
     `robot_id`, `origin` and `utime` [us], shape (room,), and `state`, shape (quantities, room), have an entry for each
-    row and are written to by who asked for the rows. Of rows that are new `utime` is NEVER and the state NaN.
+    row and are written to by the caller. Of rows that are new `utime` is NEVER and the state NaN.
     """
 
     def __init__(self, quantities: int) -> None:

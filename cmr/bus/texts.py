@@ -1,4 +1,4 @@
-"""The texts in messages, made plain where they come in from the bus: whoever shows them need not ask who wrote them."""
+"""The texts in messages, made plain where they come in from the bus: so they can be shown, whatever was sent."""
 
 from cmr.bus.message import Message
 from cmr.bus.streams import PARAMETERS, STREAMS

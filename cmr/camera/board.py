@@ -68,7 +68,7 @@ def save_tags(path: Path, numbers: Sequence[int], size: float, paper: str = "a4"
         raise BoardError(f"A tag of {size:g} m does not fit {paper} with white around it: {most:.3f} m at most.")
     with _pages(path) as save:
         for number in numbers:
-            # Upright as the tag is, so that whoever reads it knows which edge is its top.
+            # Upright as the tag is, so that its top edge is known.
             text = f"36h11, tag {number}\n\nblack square {1000.0 * size:.0f} mm\n(measure it)\n\n↑ top: ahead"
             _page(save, (wide, high), tag_cells(number), cell, text, upright=True)
 
@@ -103,7 +103,7 @@ def _page(
     axes.set_xlim(0.0, wide)
     axes.set_ylim(0.0, high)
     left, top = (wide - columns * cell) / 2.0, (high + rows * cell) / 2.0
-    for row, column in np.argwhere(cells == 0):  # vectors: whoever prints shall not smooth them
+    for row, column in np.argwhere(cells == 0):  # vectors: a printer shall not smooth them
         x, y = left + column * cell, top - (row + 1) * cell
         axes.fill(
             [x, x + cell, x + cell, x], [y, y, y + cell, y + cell], color="black", linewidth=0.0, antialiased=False

@@ -185,7 +185,7 @@ def add_json(options: argparse.ArgumentParser) -> None:
 def print_json(result: object, indent: int | None = 2) -> None:
     """Print a result for programs; what is not finite becomes null, which JSON has no numbers for.
 
-    Without `indent` it is one line, which is there at once for whoever reads.
+    Without `indent` it is one line, which a reader gets at once.
     """
     text = json.dumps(_finite(result), indent=indent, ensure_ascii=False, default=str)
     print(UNPRINTED.sub(lambda found: f"\\u{ord(found[0]):04x}", text), flush=indent is None)

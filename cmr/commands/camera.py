@@ -141,7 +141,7 @@ def _with_one_thread() -> None:
 
 
 def _check_files(options: argparse.Namespace) -> None:
-    """Raise CommandError where a file is missing that whoever begins has to make first."""
+    """Raise CommandError where a file is missing that has to be made first."""
     if not options.lens.exists():
         raise CommandError(f"There is no {options.lens}. 'cmr-camera calibrate' makes it from pictures of the board.")
     if not options.floor.exists():

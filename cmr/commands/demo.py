@@ -43,7 +43,7 @@ USUAL_FOLDER = "demo-run"
 GAP = 0.5  # m between one robot and the next
 # m, of the figure-eight: leader, robot and follower are 1.7 m long at 0.5 m/s, and must not meet at its crossing
 SIZE = 1.15
-FASTEST = 0.5  # m/s; who follows drives 0.6 m/s at most, and must catch up
+FASTEST = 0.5  # m/s; followers drive 0.6 m/s at most, and must catch up
 DRIVE = 60.0  # s, of which whole figure-eights come nearest
 # What the lab believed of its robot before: each wrong by a quarter to a third.
 NOMINAL = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.20}

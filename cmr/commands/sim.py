@@ -75,10 +75,7 @@ DEFAULT_PARAMETERS = Path(__file__).parents[1] / "experiments" / "scenario" / "s
 def main(arguments: list[str]) -> int:
     """Run cmr-sim."""
     options = parse(arguments)
-    if not options.parameters.is_dir():
-        raise CommandError(
-            f"{options.parameters} is no folder; --parameters names the folder of robot_<id>.yaml files."
-        )
+    _require_folder(options.parameters)
     cast = _cast(options.scenario) if options.scenario else None
     world, loader, telling = _world(options, cast)
     scanner = _scanner(options, cast)
@@ -111,13 +108,22 @@ def main(arguments: list[str]) -> int:
                 world.others.sent(reported)
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
                 process.publish_all(telling.told(reported))
-            if scanner:
-                process.publish_all([(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)])
+            process.publish_all(_scans(world, scanner))
             process.publish_all((COMMAND_OWNER, report.robot_id, report) for report in owners.reports())
             if check.due():
                 world.poll_parameters()
                 _announce(world, loader, process, lateness, owners)
         return process.exit_code
+
+
+def _require_folder(parameters: Path) -> None:
+    if not parameters.is_dir():
+        raise CommandError(f"{parameters} is no folder; --parameters names the folder of robot_<id>.yaml files.")
+
+
+def _scans(world: World, scanner: "Scanner | None") -> list[Outgoing]:
+    """Return the range scans that are due."""
+    return [(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)] if scanner else []
 
 
 def _listen(process: Process, world: World) -> None:

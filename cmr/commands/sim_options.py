@@ -1,4 +1,4 @@
-"""The command line of cmr-sim: who is in its world, what they move by, what stands there, and how it is published."""
+"""The command line of cmr-sim: robots in its world, what they move by, what stands there, and how it is published."""
 
 import argparse
 from collections.abc import Callable, Sequence

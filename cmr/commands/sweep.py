@@ -157,7 +157,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _add_workers(options: argparse.ArgumentParser) -> None:
-    """Add who does the runs: processes here, or the workers of a Dask scheduler."""
+    """Add where the runs are done: by processes here, or the workers of a Dask scheduler."""
     where = options.add_mutually_exclusive_group()
     where.add_argument(
         "--scheduler",

@@ -52,7 +52,7 @@ from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedE
 from cmr.estimation.search.cross_validation import alternatives
 from cmr.estimation.search.selection import Search
 from cmr.estimation.search.shifts import moved, shifts
-from cmr.estimation.search.trace import with_rivals
+from cmr.estimation.search.trace import Decision, with_rivals
 from cmr.estimation.unexplained.extending import Extended
 from cmr.estimation.unexplained.generic import formula
 from cmr.estimation.unexplained.result import GenericTerm, Unexplained, not_judged
@@ -105,16 +105,22 @@ def diagnose(
         progress=progress,
     )
     estimation = replace(with_given_baseline(estimation) if against else estimation, controller=controller)
-    robot_id = recordings[0].robot_id
     if estimation.whole is None:
-        return replace(_refused(robot_id, estimation.ready, tuple(sources)), against=against)
-    evidence = _evidence(estimation)
-    fitted = tuple(one.name for one in estimation.looked if not one.useless) if sources else ()
-    driver = _driver(recordings, estimation, evidence, nominal)
-    found = _diagnosis(robot_id, estimation, evidence, fitted, _lateness(estimation), driver)
+        return replace(_refused(recordings[0].robot_id, estimation.ready, tuple(sources)), against=against)
+    found = _found(recordings, estimation, nominal, named=bool(sources))
     if against is not None:
         return compared(found, estimation, nominal, against)
     return replace(found, notes=(*found.notes, *notes_on_nominal(nominal, found)))
+
+
+def _found(
+    recordings: Sequence[Recording], estimation: Estimation, nominal: ParameterFile, *, named: bool
+) -> Diagnosis:
+    """Return what was found in recordings that could be used; `named` says that they have names."""
+    evidence = _evidence(estimation)
+    fitted = tuple(one.name for one in estimation.looked if not one.useless) if named else ()
+    driver = _driver(recordings, estimation, evidence, nominal)
+    return _diagnosis(recordings[0].robot_id, estimation, evidence, fitted, driver)
 
 
 def _lateness(estimation: Estimation) -> dict[str, Lateness]:
@@ -179,7 +185,6 @@ def _diagnosis(
     estimation: Estimation,
     evidence: Evidence,
     sources: tuple[str, ...],
-    lateness: Mapping[str, Lateness],
     driver: Driver,
 ) -> Diagnosis:
     whole, measured, ready = estimation.whole, estimation.measured, estimation.ready
@@ -212,11 +217,15 @@ def _diagnosis(
         parameters=values_in_words_of(estimation.parameters, controller),
         sources=sources,
         samples=len(found.final.rest),
-        lateness=lateness,
-        decisions=with_rivals(
-            found.decisions, [(one.name, rival) for one in effects for rival in one.indistinguishable_from]
-        ),
+        lateness=_lateness(estimation),
+        decisions=_decisions(found, effects),
     )
+
+
+def _decisions(found: Search, effects: Sequence[NamedEffect]) -> tuple[Decision, ...]:
+    """Return the decisions of the search, with the effects that it could not distinguish from those it named."""
+    rivals = [(one.name, rival) for one in effects for rival in one.indistinguishable_from]
+    return with_rivals(found.decisions, rivals)
 
 
 def _fitted_models(estimation: Estimation) -> tuple[Fitted, Fitted]:

@@ -1,7 +1,7 @@
 """What a diagnosis leaves behind for programs: `diagnosis.json`, and the extended parameter file.
 
 Every field of the document is always there. A number that is not known, or not finite, is null; a list or mapping
-without content is empty.
+without content is empty. `docs/reference/diagnosis_json.md` describes the fields, and a test compares it with them.
 """
 
 import json
@@ -37,20 +37,6 @@ Document = dict[str, Any]
 def document(diagnosis: Diagnosis) -> Document:
     """Return the content of `diagnosis.json`.
 
-    Beyond the fields that schema 1 fixes there are: `sentence`, the verdict in words; `notes`; `nominal`, the robot as
-    it was given, and `gain_over_nominal`, that of the extended model over it; medians and errors of the heading beside
-    `held_out_path_rmse_m`; `unexplained.not_judged`, why no structure was looked for (its share is then null), or null;
-    `next_experiment`, what to drive next, and `not_visible`, all effects that would not show in these drives;
-    `candidates`, the effects that were tested and not named: their sizes, why not, the `measure` that decided with its
-    limit, and whether the effect is certain but `too_small_to_matter`; `sources` and `samples`, what was fitted;
-    `evidence.held_out`, the log-likelihood that an effect adds on data it was not fitted on; the `sentence` of each
-    data check; `command_lateness`, measured in each recording whose driver reports what it applied; `decisions`, the
-    steps of the search with the `measures` that decided; `laws`, formulas for physics that no entry of the catalogue
-    describes, with the answer on them, reasons and what they are not distinguished from; and `generic_term`, which
-    extends the model without naming a cause, or null. Its `shift` and those of all effects add up to the difference
-    between `baseline` and the fit with all of them. Parameters without a standard deviation were given, not fitted.
-    `against`, else null, is the parameter file whose robot is the baseline, and the parameters beside those of effects
-    that depart from it; `in_file` are the parameters of an effect there, empty where it lacks the effect.
     Raises KeyError for a parameter that the catalogue does not know.
     """
     return {

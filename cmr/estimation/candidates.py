@@ -36,7 +36,7 @@ LATE_POSES, FAR = "pose_latency", 2.0
 EVERYWHERE = 1e3  # m, radius of a place that holds all others
 # Velocity controllers accelerate more gently than motors could: in about a second to the top wheel speed. [duty/s]
 GENTLE = {"slew_limit": 1.0, "current_limit": 1.0}
-RANDOM = ("command_jitter", "command_loss")  # show in the spread, not in the mean
+RANDOM = tuple(name for name, effect in CATALOGUE.items() if effect.by_chance)
 NEVER_AHEAD = ("gyro_latency", "pose_latency")  # what a sensor reports ahead of its moment cannot be predicted
 SENSED = ("encoder_quantisation", "wheel_speed_latency")  # read off the ticks, and off the gyro beside the wheels
 # Stages of the model's step that end with the wheels' speeds; where these are given, they mean nothing.
@@ -49,18 +49,10 @@ DRIVING = frozenset(
 OF_WHEELS = (*DRIVING, "place", "encoder_time", "encoder")
 OF_PLACE = frozenset(("x", "y", "theta", "cosine", "sine"))  # where a robot is, and heads, in words of statements
 OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
-OF_ONE_FRAME = ("slope", "surface_patch", "pose_distortion")  # belong to places and headings of one frame
+OF_ONE_FRAME = tuple(name for name, effect in CATALOGUE.items() if effect.of_one_frame)
 AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # only wheels, or a gyro, distinguish it from late commands
 SLIP, SEEM_LATE = "longitudinal_slip", frozenset(("gyro_latency", "pose_latency"))
 AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # only commands distinguish it from the wheel radius itself
-# By so much must a rare effect explain more. Wheels differ in size more often than their encoders, which are numbers in
-# a data sheet, count wrongly: unequal motors look to the last bit like unequal encoders beside wheels that are just as
-# unequal. Wheels are unequal more often than a robot turns more easily to one side. Commands come late more often than
-# small motors have a lag of their own of 10 ms, and poses are late more often than smoothed.
-RARE: Mapping[str, float] = {
-    **{"encoder_scale": 20.0, "encoder_asymmetry": 20.0},
-    **{"turn_asymmetry": 12.0, "electrical_lag": 6.0, "pose_smoothing": 6.0},
-}
 # Of the typical size: standard deviation of what sizes may be. Other sizes must explain so much more.
 SPREAD, SPREAD_OF_RARE = 5.0, 1.0
 SURE = 3.0  # standard deviations
@@ -343,7 +335,7 @@ def step_of(name: str, value: float, excitation: Excitation) -> float:
 
 def rarity(effect: str) -> float:
     """Return how much more a rare effect must lower the sum of squares than another to be preferred to it."""
-    return RARE.get(effect, 0.0)
+    return CATALOGUE[effect].rarity if effect in CATALOGUE else 0.0
 
 
 def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
@@ -354,7 +346,7 @@ def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
     total = 0.0
     for effect in CATALOGUE.values():
         if can_be_small(effect) and excitation.departs(effect, values):
-            spread = SPREAD_OF_RARE if effect.name in RARE else SPREAD
+            spread = SPREAD_OF_RARE if effect.rarity else SPREAD
             usual = [(one.name, spread * size(one, excitation)) for one in effect.parameters]
             total += sum(
                 ((values.get(name, 0.0) - excitation.given.get(name, 0.0)) / most) ** 2 for name, most in usual

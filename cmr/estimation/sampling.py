@@ -158,6 +158,27 @@ def _copy(state, to):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def _propose(state, edges, anywhere, to):  # type: ignore[no-untyped-def]
+    """Write a neighbour of a set: one effect in or out, or both ends of an edge; the set itself if not `anywhere`."""
+    _copy(state, to)
+    effects = len(state)
+    move = np.random.randint(0, effects + len(edges)) if anywhere else -1
+    if move >= effects:
+        for end in range(2):
+            to[edges[move - effects, end]] ^= 1
+    elif move >= 0:
+        to[move] ^= 1
+
+
+@inlined
+def _swap(one, other, between):  # type: ignore[no-untyped-def]
+    """Swap two sets by way of a third."""
+    _copy(one, between)
+    _copy(other, one)
+    _copy(between, other)
+
+
+@inlined
 def _keep(sizes, on, drawn, count):  # type: ignore[no-untyped-def]
     sizes[:] = 0.0
     for i in range(count):
@@ -192,13 +213,7 @@ def _walk(  # type: ignore[no-untyped-def]
     tried, settled, highest = np.empty(effects, np.uint8), int(BURN_IN * steps), -np.inf
     for step in range(steps):
         for number in range(walks):
-            _copy(states[number], tried)
-            move = np.random.randint(0, effects + len(edges)) if step else -1
-            if move >= effects:
-                for end in range(2):
-                    tried[edges[move - effects, end]] ^= 1
-            elif move >= 0:
-                tried[move] ^= 1
+            _propose(states[number], edges, step > 0, tried)
             least = here[number] + np.log(np.random.random())
             there, count = _drawn_at(
                 least, beliefs[number], normal, pull, groups, one_sided, odds, tried, on, factor, solved, drawn
@@ -209,18 +224,14 @@ def _walk(  # type: ignore[no-untyped-def]
                 if number == 0:
                     _keep(sizes, on, drawn, count)
         cold = np.random.randint(0, walks - 1)
-        belief, hotter = beliefs[cold], beliefs[cold + 1]
+        belief, hot = beliefs[cold], beliefs[cold + 1]
         least = here[cold] + here[cold + 1] + np.log(np.random.random())
-        up, _ = _drawn_at(
-            -np.inf, hotter, normal, pull, groups, one_sided, odds, states[cold], on, factor, solved, drawn
-        )
+        up, _ = _drawn_at(-np.inf, hot, normal, pull, groups, one_sided, odds, states[cold], on, factor, solved, drawn)
         down, count = _drawn_at(
             least - up, belief, normal, pull, groups, one_sided, odds, states[cold + 1], on, factor, solved, drawn
         )
         if up + down > least:
-            _copy(states[cold], tried)
-            _copy(states[cold + 1], states[cold])
-            _copy(tried, states[cold + 1])
+            _swap(states[cold], states[cold + 1], tried)
             here[cold], here[cold + 1] = down, up
             if cold == 0:
                 _keep(sizes, on, drawn, count)

@@ -167,33 +167,26 @@ def _segment(
     use[held_up(wheels)] = 0
     pose = _stacked(poses)
     rolled = _rolled_of(recording, first, end, tick, steps) if len(recording.wheels) else np.empty((0, 2))
-    return Segment(
-        Observations(
-            dt=STEP,
-            steps=steps,
-            commands=_commands(recording.duty, first, end),
-            start=(*(pose[0].tolist() if len(pose) else (0.0, 0.0, 0.0)), *_start_speeds(wheels, first)),
-            wheel_time=_seconds(wheels, first),
-            wheel=angle,
-            wheel_use=use,
-            gyro_time=_seconds(gyro, first),
-            gyro=np.ascontiguousarray(gyro["yaw_rate"]),
-            pose_time=_seconds(poses, first),
-            pose=np.ascontiguousarray(pose),
-            pose_use=_pose_use(poses.utime, splits),
-            given=np.empty((0, 2)) if len(recording.duty) else rolled,
-            time=(first - beginning) * SECONDS,
-            kind=recording.command_kind,
-            turned=turned,
-        ),
-        doubt,
-        tick,
-        first,
-        number,
-        rolled,
-        piece=(piece := int(recording.pieces.number(np.array([first]))[0])),
-        piece_pose=_first_pose(recording, piece),
+    observations = Observations(
+        dt=STEP,
+        steps=steps,
+        commands=_commands(recording.duty, first, end),
+        start=(*(pose[0].tolist() if len(pose) else (0.0, 0.0, 0.0)), *_start_speeds(wheels, first)),
+        wheel_time=_seconds(wheels, first),
+        wheel=angle,
+        wheel_use=use,
+        gyro_time=_seconds(gyro, first),
+        gyro=np.ascontiguousarray(gyro["yaw_rate"]),
+        pose_time=_seconds(poses, first),
+        pose=np.ascontiguousarray(pose),
+        pose_use=_pose_use(poses.utime, splits),
+        given=np.empty((0, 2)) if len(recording.duty) else rolled,
+        time=(first - beginning) * SECONDS,
+        kind=recording.command_kind,
+        turned=turned,
     )
+    piece = int(recording.pieces.number(np.array([first]))[0])
+    return Segment(observations, doubt, tick, first, number, rolled, piece, _first_pose(recording, piece))
 
 
 def _stacked(poses: Signal) -> Floats:

@@ -44,6 +44,9 @@ class Effect:
     speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
     `{parameter_acceleration}` the acceleration from rest in rad/s^2.
     One with `lateness_of` a sensor, "poses" or "gyro", has one parameter: how much older [s] readings are.
+    `rarity` is how much more it must lower the sum of squares than another effect to be preferred to it.
+    One `by_chance` shows in the spread of readings, not in their mean. One `of_one_frame` belongs to places or headings
+    of one world frame: it does not show where each piece of a recording has a frame of its own.
     """
 
     name: str
@@ -60,6 +63,9 @@ class Effect:
     with_commands: tuple[str, ...] = KINDS
     cause_of_speed: str = ""
     lateness_of: str = ""
+    rarity: float = 0.0
+    by_chance: bool = False
+    of_one_frame: bool = False
 
     def __post_init__(self) -> None:
         groups = (*GROUPS, GENERIC, LAWS)

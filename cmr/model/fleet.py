@@ -145,7 +145,7 @@ class Fleet:
         self._effects = {name: np.append(v, np.full(more, _neutral(name))) for name, v in self._effects.items()}
 
     def _prepare(self) -> None:
-        """Find out who moves by which model, and compute what depends on parameters alone."""
+        """Find out which robots move by which model, and compute what depends on parameters alone."""
         n = self._count
         before, self._extended = self._extended, None
         if before:

@@ -17,7 +17,7 @@ class Versions:
         self._early: dict[tuple[str, int], int] = {}
 
     def is_outdated(self, message: parameters_t, now: int) -> bool:
-        """Return whether a newer version was asked about before: who says this one has not heard of it."""
+        """Return whether a newer version was asked about before: a sender that names this one has not heard of it."""
         version = self.of(message, now)
         if version < self._newest:
             return True

@@ -3,11 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from cmr.plant.beyond_sensors import Number, disturbed_pose, disturbed_rate, lost_counts
 from cmr.plant.parameters import Floats, PlantParameters
+
+Pose: TypeAlias = tuple[float, float, float]  # x, y [m], theta [rad]
 
 TURN = 2.0 * math.pi
 MISCOUNTING_SPEEDS = (6.0, 12.0)  # rad/s; between them an encoder begins to miss counts
@@ -187,6 +190,24 @@ def filtered_on(before: float, values: tuple[float, float], seconds: float, cons
     """Return what a filter shows that has shown `before`, while what it filters went along a line between `values`."""
     behind = constant * (values[1] - values[0]) / seconds  # in the end
     return values[1] - behind + (before - values[0] + behind) * math.exp(-seconds / constant)
+
+
+class PoseFilter:
+    """What a tracker's filter shows of poses that are seen one after the other: `filtered`, as time goes on."""
+
+    def __init__(self) -> None:
+        self._last: tuple[float, Pose, Pose] | None = None  # time [s], what was seen, what was shown
+
+    def shown(self, p: PlantParameters, time: float, pose: Pose) -> Pose:
+        """Return what is shown of a pose x, y, theta [m, m, rad] that is seen at `time` [s]."""
+        constant, shown = p.pose_smoothing, pose
+        if self._last is not None and constant > 0.0:
+            begin, old, before = self._last
+            pairs = zip(before, zip(old, pose, strict=True), strict=True)
+            x, y, theta = (filtered_on(one, values, time - begin, constant) for one, values in pairs)
+            shown = x, y, theta
+        self._last = time, pose, shown
+        return shown
 
 
 def correlated(time: Floats, memory: float, random: np.random.Generator) -> Floats:

@@ -7,7 +7,7 @@ from pathlib import Path
 RECORDER, EMULATOR, DRIVER, SIM = "recorder", "emulator", "driver", "sim"
 CALIBRATOR, DIAGNOSER, PILOT = "calibrator", "diagnoser", "pilot"
 START_ORDER = (RECORDER, EMULATOR, DRIVER, SIM, CALIBRATOR, DIAGNOSER, PILOT)
-# Those that command motors first, those that hold them next, and who writes it all down at last.
+# Those that command motors first, those that hold them next, and the recorder at last.
 STOP_ORDER = (PILOT, CALIBRATOR, DIAGNOSER, SIM, DRIVER, EMULATOR, RECORDER)
 
 CANNOT_WRITE = 74  # exit code of a recorder that cannot write any more; EX_IOERR of sysexits.h

@@ -1,6 +1,6 @@
 """What a person's hands ask for, whatever they hold, and up to which moment that is known.
 
-All sources keep one promise: who lets go, is unplugged, or is not heard any more, asks for nothing within SILENCE.
+All sources keep one promise: one that is let go, unplugged, or not heard any more asks for nothing within SILENCE.
 Terminal and page are asked again and again, and answer at once; what they say comes in order. So when the answer to a
 question is there, everything is known that they had to say before that question was sent: `Answers.as_of` is that
 moment. What is known as of longer ago than SILENCE moves no robot, wherever on the way messages are held up.

@@ -12,7 +12,7 @@ from cmr.teleop.gamepad import ABS_X, ABS_Y, BTN_SOUTH, BTN_TRIGGER, EV_KEY, EVE
 DEVICES = Path("/dev/input")
 AGAIN = 0.5  # s between two attempts to open a device that is not there
 MOST_READ = 64 * EVENT.size
-READ = 2 << 30  # of ioctl numbers: who asks reads
+READ = 2 << 30  # of ioctl numbers: the caller reads
 INPUT = ord("E") << 8  # and the event devices are asked
 KEY_BYTES = 96  # of the set of keys of a device
 AXIS = struct.Struct("6i")  # value, least, greatest, fuzz, flat, resolution

@@ -11,7 +11,7 @@ from cmr.model.parameters import RobotParameters
 from cmr.world.view import Robot
 
 MARGIN = 0.2  # m, and ...
-SPARE = 1.2  # ... times the way from the start: who drives again without eyes gets elsewhere
+SPARE = 1.2  # ... times the way from the start: a drive that is repeated without poses ends elsewhere
 LONGEST = 3000.0  # s
 
 

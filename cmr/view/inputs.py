@@ -51,7 +51,7 @@ def check_inputs(client: viser.ClientHandle, count_refused: Callable[[], None]) 
 
 
 def takes(handle: Any, value: object) -> bool:
-    """Return whether an input can be set to a value by who uses the page."""
+    """Return whether an input can be set to a value by a visitor of the page."""
     if handle.disabled:
         return False
     if isinstance(handle, viser.GuiButtonHandle):

@@ -89,8 +89,9 @@ BUSY = "Nothing was sent. Enter the token first, or wait until the other file is
 # The first function names what viser's labels stand beside, for screen readers and for cmrJump, which jumps to a time:
 # React notices what is written into its boxes only by this detour. What is for the whole window comes once, though each
 # page that a visitor gets has this script. A file that is dropped goes into the input of viser's own upload.
-# Viser keeps keys from who types, and the box of a list keeps the focus after a choice: Esc has to be the stop there,
-# too, unless it closes the list. In doubt it stops: any Esc within CLOSING of one that closed something does.
+# Viser keeps keys from a visitor who types, and the box of a list keeps the focus after a choice: Esc has to be the
+# stop there, too, unless it closes the list. In doubt it stops: so does any Esc within CLOSING of one that closed
+# something.
 SCRIPT = f"""
 document.title = '{TITLE}';
 document.querySelector('link[rel=icon]').href = this.dataset.icon;

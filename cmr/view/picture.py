@@ -27,7 +27,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 YELLOW = rgb(REAL_COLOUR)
 BLUE = (70, 140, 245)  # on which black digits can be read
 RED = (214, 40, 40)
-GREEN = (0, 158, 115)  # with these, all who see colours, if not red and green, know whose trail is whose
+GREEN = (0, 158, 115)  # people who confuse red and green can tell trails of these colours apart
 PURPLE, LILAC = (110, 40, 160), (190, 150, 220)  # where the likeliest robot would go, and where others would
 GREY = (180, 180, 210)  # of robots about which nothing has been heard for a moment
 COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}

@@ -92,11 +92,11 @@ class LiveShowing:
                 self.orders.figure_eight(utime, wish.value, place)
 
     def head(self) -> str:
-        """Return who is there, and whether the emergency stop is engaged."""
+        """Return which robots are there, and whether the emergency stop is engaged."""
         return words.sentence("LIVE · " + crowd(self.state)) + stop_line(self.orders)
 
     def message(self) -> str:
-        """Return who is there."""
+        """Return which robots are there."""
         return ""
 
 
@@ -142,7 +142,7 @@ class LogShowing:
             self._playback.jump(wish.value)
 
     def head(self) -> str:
-        """Return where the log is and who is there."""
+        """Return where the log is and which robots are there."""
         playback = self._playback
         known = "" if playback.index.complete else f" · {100 * playback.index.progress:.0f} % read"
         known += ", not yet what happened before this" if playback.is_guess else ""

@@ -25,7 +25,7 @@ NO_ROOM = Room(Obstacles.none(), None)  # of a log that a visitor opens nobody s
 
 
 class Visitor(NamedTuple):
-    """Who looks: the browser, what it may do, and how it sends files. They last as long as the connection."""
+    """A visitor: the browser, what it may do, and how it sends files. They last as long as the connection."""
 
     client: viser.ClientHandle
     permission: Permission

@@ -28,8 +28,8 @@ class Permission:
     """Whether one visitor has entered the token, without which nothing that he wishes is done.
 
     With `on_this_computer` the page is served to this computer alone: then everybody may stop the robots, and open and
-    play a log, without the token. `refused` counts what was wished without permission. `guesses` slows down who tries
-    wrong tokens from this `address`.
+    play a log, without the token. `refused` counts what was wished without permission. `guesses` slows down visitors
+    who try wrong tokens from this `address`.
     """
 
     def __init__(

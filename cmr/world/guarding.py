@@ -94,7 +94,7 @@ class _Doubts(NamedTuple):
 class PoseGuard:
     """Knows whether poses of the robot come (POSE_N): `missing` says what is wrong with them.
 
-    Robots that never had poses do without, unless `needed`. Who had them once needs them.
+    Robots that never had poses do without, unless `needed`. Robots that had them once need them.
     """
 
     def __init__(self, robot_id: int, *, needed: bool) -> None:

@@ -60,7 +60,7 @@ class Surroundings:
         self._velocities: tuple[float, Floats, Floats] | None = None
 
     def neighbours(self, radius: float) -> "Neighbours":
-        """Return for each robot those at most `radius` [m] away; found once for all who ask."""
+        """Return for each robot those at most `radius` [m] away; found once for all callers."""
         if radius not in self._neighbours:
             if radius not in self._near:
                 if len(self._near) >= MOST_RADII:

@@ -24,7 +24,7 @@ TWIN: int = robot_state_t.TWIN
 
 SEEN = 5  # fields of a state, x to psi_right, that `surroundings` has of each robot
 OLDEST = 1_000_000  # us; a robot of which nothing newer was heard is no longer in the world
-FURTHEST = 1e9  # m; whoever is further away is nowhere
+FURTHEST = 1e9  # m; robots further away are nowhere
 MOST_REMEMBERED = 500  # sets of robots whose numbers are kept as they are
 
 

@@ -65,6 +65,14 @@ class VirtualRobot:
         return Robot(0, self.robot_id, VIRTUAL, RobotState.at_rest(self.x, self.y, wrap(self.theta)))
 
 
+def _at_rest_by_parameters(virtual: Sequence[VirtualRobot]) -> dict[int, Robots]:
+    """Return the virtual robots where they start, by the robot whose parameters they move by."""
+    return {
+        robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
+        for robot_id in {robot.parameters_of for robot in virtual}
+    }
+
+
 class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
@@ -110,10 +118,7 @@ class World:
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
-        self._absent = {
-            robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
-            for robot_id in {robot.parameters_of for robot in virtual}
-        }
+        self._absent = _at_rest_by_parameters(virtual)
         self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
         radius = {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None}
@@ -182,7 +187,7 @@ class World:
     def advance(self, utime: int) -> None:
         """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step.
 
-        At most ten steps are made in one call: who was held up longer catches up in the next ones.
+        At most ten steps are made in one call: a world that was held up longer catches up in the next ones.
         Of many robots with behaviours of their own, each decides at every second, third, ... step (`deciding`).
         """
         self._time = utime

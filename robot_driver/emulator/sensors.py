@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from random import Random
 
-from cmr.plant.sensors import filtered_on, rate_seen, seen
+from cmr.plant.sensors import PoseFilter, rate_seen, seen
 from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.settings import Cameras, Settings
 
@@ -55,7 +55,7 @@ class MotionCapture:
         self._random = Random(f"{settings.seed} pose")
         self._cameras = settings.cameras
         self._start = plant.x, plant.y, plant.theta
-        self._last: tuple[float, Values, Values] | None = None  # time (s), what was seen, what the filter showed
+        self._filter = PoseFilter()
 
     def wake(self, time: float) -> Pose:
         """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
@@ -63,24 +63,13 @@ class MotionCapture:
         p, gauss = self._plant.parameters, self._random.gauss
         plant = self._plant
         robot = self._start if self._cameras.other_body else (plant.x, plant.y, plant.theta)
-        x, y, theta = self._filtered(time, seen(p, *robot, plant.v, plant.w))
+        x, y, theta = self._filter.shown(p, time, seen(p, *robot, plant.v, plant.w))
         x += self._position_noise * gauss(0.0, 1.0)
         y += self._position_noise * gauss(0.0, 1.0)
         theta += self._heading_noise * gauss(0.0, 1.0)
         ready = time + p.pose_latency
         # clock_skew: the cameras' clock shows (1 + e) t at time t.
         return Pose(ready * (1.0 + p.clock_skew), ready, *_shown(self._cameras, x, y, theta))
-
-    def _filtered(self, time: float, pose: Values) -> Values:
-        """Return what the cameras' filter shows of a pose seen at `time` (s)."""
-        constant, shown = self._plant.parameters.pose_smoothing, pose
-        if self._last is not None and constant > 0.0:
-            begin, old, before = self._last
-            pairs = zip(before, zip(old, pose, strict=True), strict=True)
-            x, y, theta = (filtered_on(one, values, time - begin, constant) for one, values in pairs)
-            shown = x, y, theta
-        self._last = time, pose, shown
-        return shown
 
 
 def _shown(cameras: Cameras, x: float, y: float, theta: float) -> Values:

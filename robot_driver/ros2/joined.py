@@ -9,7 +9,7 @@ from cmr.bus.process import Process
 
 
 class Wake:
-    """Wakes up, from any thread, who waits for its descriptor."""
+    """Wakes up, from any thread, the thread that waits for its descriptor."""
 
     def __init__(self) -> None:
         self._read, self._write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
@@ -19,8 +19,8 @@ class Wake:
         return self._read
 
     def __call__(self) -> None:
-        """Wake up who waits."""
-        with suppress(BlockingIOError):  # full: who waits wakes up anyway
+        """Wake up the thread that waits."""
+        with suppress(BlockingIOError):  # full: that thread wakes up anyway
             os.write(self._write, b"!")
 
     def has_come(self) -> bool:

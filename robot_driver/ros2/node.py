@@ -78,7 +78,7 @@ class Node:
     def hear(
         self, topic: str, kind: str, take: Callable[[Ros, int], object], *, reliable: bool, latched: bool = False
     ) -> None:
-        """Have `take(message, arrival)` called for each message, by whoever empties `arrived`."""
+        """Have `take(message, arrival)` called for each message, by the thread that empties `arrived`."""
 
         def arrived(message: Ros) -> None:
             if len(self._waiting) >= MOST_WAITING:

@@ -38,7 +38,7 @@ class SimulatedBus:
         return inbox
 
     def publish(self, stream: Stream[Message], message: Message, robot_id: int) -> None:
-        """Send a message to all who listen and to the log."""
+        """Send a message to all subscribers and to the log."""
         channel = self._channels.get((stream.name, robot_id))
         if channel is None:
             channel = stream.channel(robot_id if stream.per_robot else None)

@@ -39,7 +39,7 @@ class _Thread:
 
 
 class SimulatedHost(Host):
-    """The computer that an emulated robot is plugged into; who makes it is its first thread.
+    """The computer that an emulated robot is plugged into; the thread that makes it is its first.
 
     The robot is given by `plug_in`, with what is at the other end of each port, by path.
     """
@@ -55,7 +55,7 @@ class SimulatedHost(Host):
         self._order = itertools.count(1)
         self._running = _Thread("main", seed)
         self._threads = [self._running]
-        self._following = self._running  # who goes on first, while time passes
+        self._following = self._running  # the threads that go on first, while time passes
         self._failures: list[BaseException] = []
 
     def plug_in(self, robot: RobotInTime, adapters: dict[str, UsbAdapter | OwnUsb]) -> None:

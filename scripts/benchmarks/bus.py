@@ -56,7 +56,7 @@ def _send_and_receive(url: str, robots: int) -> tuple[int, list[int]]:
 
 def send(url: str, robots: int, count: int) -> None:
     """Send so many messages of so many robots at RATE, each stamped when it is sent."""
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the receiver is kept on one core; who sends is elsewhere
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the receiver is kept on one core; the sender is elsewhere
     bus = Bus(url)
     columns = np.random.default_rng(0).standard_normal((len(RobotState._fields), robots))
     world = Robots(tuple(range(robots)), (VIRTUAL,) * robots, RobotState(*columns))

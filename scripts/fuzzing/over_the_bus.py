@@ -1,4 +1,4 @@
-"""All processes of a robot on a bus of their own that is flooded with messages: who dies, hangs or grows?"""
+"""All processes of a robot on a bus of their own that is flooded with messages: does any die, hang or grow?"""
 
 import os
 import signal
@@ -36,7 +36,7 @@ DUTY, DRIVEN, AT_REST = 0.3, 1.0, 0.05  # duty, and wheel speeds [rad/s] at whic
 STOPPED_WITHIN = 1.5  # s after the last command
 FLOODED = 250.0  # messages a second on the open bus; each of the others is sent a fifth
 PAGE = os.sysconf("SC_PAGE_SIZE")
-ORDERLY = {"pilot": "took over robot", "calibrate": ""}  # who may end, and what its last words then say
+ORDERLY = {"pilot": "took over robot", "calibrate": ""}  # those that may end, and what their last words then say
 WIDTH, EXAMPLES = 300, 8
 
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 import time
@@ -25,6 +26,7 @@ from cmr.msg import process_status_t
 from cmr.parameters.file import ParameterFileError, load, sha256_of
 from cmr.recordings.faults.findings import Finding
 from tests.support.made_up_diagnosis import BAD, DIAGNOSIS, REFITTED, TOO_SMALL
+from tests.support.project import PROJECT
 
 Seen = Callable[[str, Any], bool]  # channel, message
 
@@ -66,6 +68,12 @@ def written(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads(path.read_text(), parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
     assert [entry.name for entry in path.parent.iterdir()] == ["diagnosis.json"]
     return content
+
+
+def test_the_reference_describes_every_field() -> None:
+    page = (PROJECT / "docs/reference/diagnosis_json.md").read_text(encoding="utf-8")
+    described = re.findall(r"`([\w.\[\]]+)`", page)
+    assert set(document(DIAGNOSIS)) - set(described) == set()
 
 
 def assert_holds(content: dict[str, Any], expected: dict[str, Any]) -> None:

@@ -55,7 +55,7 @@ def figure_of(panels: Sequence[Panel], title: str, logs: int) -> "Figure":
 def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> None:
     """Draw the panels into a figure. With several logs colours distinguish the logs, else the fields.
 
-    No more points are drawn than can be seen; who looks more closely at a part of the time sees all of it.
+    No more points are drawn than can be seen; a closer look at a part of the time shows all of it.
     """
     heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
     grid = figure.add_gridspec(len(panels), 1, height_ratios=heights)

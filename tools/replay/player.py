@@ -8,7 +8,7 @@ from cmr.recordings.events import Event
 
 SLOWEST = 0.1
 LADDER = (SLOWEST, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, math.inf)  # what faster and slower go through
-LONGEST_CATCH_UP = 0.5  # s; who was held up for longer, as by Ctrl-Z, sends no burst of all that he missed
+LONGEST_CATCH_UP = 0.5  # s; a player that was held up for longer, as by Ctrl-Z, sends no burst of all that it missed
 BATCH = 500  # messages sent or passed over in one go, so that keys are heard meanwhile
 
 

@@ -1,4 +1,4 @@
-"""cmr-spy: who says what on the bus, how often, how evenly, and with which values.
+"""cmr-spy: the messages on the bus by channel: how often they come, how evenly, and with which values.
 
 Usage: cmr-spy
 """

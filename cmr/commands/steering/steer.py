@@ -87,7 +87,7 @@ def steer(
 
 
 def _hand_over(received: Received, *handlers: Callable[[int, str, Message], object]) -> None:
-    """Give a message to all who handle it."""
+    """Give a message to all its handlers."""
     for handle in handlers:
         handle(received.message.utime, received.channel, received.message)
 
@@ -103,7 +103,7 @@ def _listen(process: Process, robot: int) -> None:
     process.subscribe(PARAMETERS, robot)
     process.subscribe(WAYPOINTS, robot)
     process.subscribe(COMMAND_OWNER, robot)
-    process.subscribe(INVESTIGATION_STATUS, robot, every=True)  # its own: who records what is heard records it, too
+    process.subscribe(INVESTIGATION_STATUS, robot, every=True)  # its own: a recorder of what is received has it, too
 
 
 def _confirm(pilot: Pilot, confirmed: Event) -> None:

@@ -208,6 +208,15 @@ def read_pose(  # type: ignore[no-untyped-def]
         body[TURNED, i] -= followed_theta * error_theta
 
 
+@inlined
+def roll_wheels(left, right, course, shares, then, at_end, response, numbers):  # type: ignore[no-untyped-def]
+    """Let both wheels roll on for a step whose motion begins as the row `then` and ends as the row `at_end`."""
+    free = may_roll(then[PSI_LEFT], at_end[PSI_LEFT], numbers[HOLDS])
+    roll_on(left, course, shares[LEFT], shares[LEFT_ENCODER], free, numbers[DT], response)
+    free = may_roll(then[PSI_RIGHT], at_end[PSI_RIGHT], numbers[HOLDS])
+    roll_on(right, course, shares[RIGHT], shares[RIGHT_ENCODER], free, numbers[DT], response)
+
+
 @compiled(
     "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], u1[::1],"
     "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
@@ -229,10 +238,7 @@ def follow_traces(  # type: ignore[no-untyped-def]
     for step in range(steps):
         course, then, at_end, now = courses[step], motion[step], motion[step + 1], (step + 1) * dt
         if numbers[ROLLING] > 0.0:
-            free = may_roll(then[PSI_LEFT], at_end[PSI_LEFT], numbers[HOLDS])
-            roll_on(left, course, shares[LEFT], shares[LEFT_ENCODER], free, dt, response)
-            free = may_roll(then[PSI_RIGHT], at_end[PSI_RIGHT], numbers[HOLDS])
-            roll_on(right, course, shares[RIGHT], shares[RIGHT_ENCODER], free, dt, response)
+            roll_wheels(left, right, course, shares, then, at_end, response, numbers)
         follow_wheels(body, left, right, course, shares, then, at_end, numbers)
         # The mean over the step is known; within it the yaw rate grows as from the step before.
         while gyro < len(gyro_time) and gyro_time[gyro] <= now + EARLY * dt:

@@ -169,6 +169,15 @@ def back_from_pose(forward, sideways, heading, body, pulled, theta, now, restart
         pulled[LATENESS, i] -= turning * turned + speed * ahead
 
 
+@inlined
+def back_through_both(left, right, pulled, then, at_end, response, numbers):  # type: ignore[no-untyped-def]
+    """Transpose `roll_wheels`."""
+    free = may_roll(then[PSI_RIGHT], at_end[PSI_RIGHT], numbers[HOLDS])
+    back_through_wheels(right, pulled, RIGHT, RIGHT_ENCODER, free, numbers[DT], response)
+    free = may_roll(then[PSI_LEFT], at_end[PSI_LEFT], numbers[HOLDS])
+    back_through_wheels(left, pulled, LEFT, LEFT_ENCODER, free, numbers[DT], response)
+
+
 @compiled(
     "void(f8[:, ::1], f8[::1], f8[::1], u1[:, ::1], f8[::1], f8[::1], f8[::1], u1[::1], f8[:, :, ::1],"
     "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
@@ -179,7 +188,7 @@ def follow_back(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Transpose `follow_traces`: follow vectors over the errors from the end to the beginning."""
     steps, lanes = result.shape[0], result.shape[2]
-    dt, response, holds = numbers[DT], response_of(numbers[DT], numbers[SLOWING]), numbers[HOLDS]
+    dt, response = numbers[DT], response_of(numbers[DT], numbers[SLOWING])
     turning = numbers[RADIUS] / numbers[WIDTH]
     left, right, body = np.zeros((4, lanes)), np.zeros((4, lanes)), np.zeros((5, lanes))
     wheel, gyro, pose = len(wheel_time), len(gyro_time), len(pose_time)
@@ -210,7 +219,4 @@ def follow_back(  # type: ignore[no-untyped-def]
             if gyro_time[gyro] <= now + EARLY * dt:
                 back_from_gyro(of_gyro[gyro], body, pulled, 1.0 - (now - gyro_time[gyro]) / dt)
         back_through_body(body, left, right, pulled, then, at_end, numbers)
-        free = may_roll(then[PSI_RIGHT], at_end[PSI_RIGHT], holds)
-        back_through_wheels(right, pulled, RIGHT, RIGHT_ENCODER, free, dt, response)
-        free = may_roll(then[PSI_LEFT], at_end[PSI_LEFT], holds)
-        back_through_wheels(left, pulled, LEFT, LEFT_ENCODER, free, dt, response)
+        back_through_both(left, right, pulled, then, at_end, response, numbers)

@@ -54,7 +54,7 @@ class Task:
 
 
 def tasks_of(numbers: Sequence[int], preparations: Sequence[str] = PREPARATIONS) -> list[Task]:
-    """Return what there is to do for so many numbers, what takes longest at last: who stops before has the rest."""
+    """Return the tasks of these numbers. Those that take longest come last: a study that is stopped has the rest."""
     chosen = sorted(preparations, key=lambda name: name == DIAGNOSED)
     return [Task(group, number) for group in (REAL_A, REAL_B, *chosen) for number in numbers]
 

@@ -69,7 +69,7 @@ class Leading(Demonstration):
         return not self._watch.missing() and running == driven
 
     def _summary(self) -> str:
-        """Return how far who drove, and how near two came."""
+        """Return how far each robot drove, and how near two of them came."""
         ways = dict(zip(self._watch.ids.tolist(), self._watch.distance.tolist(), strict=True))
         led = ways.pop(LEADER)
         followed = ", ".join(f"robot {robot_id} {way:.2f} m" for robot_id, way in sorted(ways.items()))

@@ -1,6 +1,6 @@
 """Workers for many runs: processes of this computer, or a Dask cluster that is there already.
 
-Each worker is one process with one thread. Who dies is replaced, and what it was at is done again elsewhere.
+Each worker is one process with one thread. A worker that dies is replaced, and its run is repeated by another.
 """
 
 import logging

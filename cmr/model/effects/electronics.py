@@ -34,6 +34,7 @@ COMMAND_JITTER = Effect(
     needs="commands that change often",
     shows_in="the spread of wheel speeds after changes of the command, not their mean alone",
     confused_with={"command_delay": "multisine: a delay leaves no spread", "command_loss": "multisine"},
+    by_chance=True,
 )
 
 COMMAND_LOSS = Effect(
@@ -45,6 +46,7 @@ COMMAND_LOSS = Effect(
     needs="commands that change often",
     shows_in="single late changes of the wheel speed",
     confused_with={"command_jitter": "multisine"},
+    by_chance=True,
 )
 
 TURN_RATE_LIMIT = Effect(
@@ -168,6 +170,7 @@ ELECTRICAL_LAG = Effect(
     needs="commands that change often",
     shows_in="wheel speeds after changes of the command",
     confused_with={"command_delay": "reversals", "slew_limit": "reversals of different size"},
+    rarity=6.0,  # commands come late more often than small motors have a lag of their own of 10 ms
 )
 
 BATTERY_SAG = Effect(

@@ -19,6 +19,7 @@ SLOPE = Effect(
     ),
     needs="driving in all directions",
     shows_in="wheel speeds against heading",
+    of_one_frame=True,
 )
 
 WHEEL_RADIUS_SCALE = Effect(
@@ -112,6 +113,7 @@ TURN_ASYMMETRY = Effect(
     needs="turns both ways",
     shows_in="yaw, clockwise against counter-clockwise",
     confused_with={"wheel_radius_asymmetry": "spins", "turn_slip": "spins at several rates"},
+    rarity=12.0,  # wheels are unequal more often
 )
 
 SURFACE_CHANGE = Effect(
@@ -168,6 +170,7 @@ SURFACE_PATCH = Effect(
     needs="crossing the place from several sides",
     shows_in="wheel speeds and yaw at one place",
     confused_with={"slope": "cross it from several sides", "deadband": "cross it from several sides"},
+    of_one_frame=True,
 )
 
 TURN_SLIP = Effect(

@@ -20,6 +20,7 @@ ENCODER_SCALE = Effect(
     needs="any motion, and commands or a pose from outside",
     shows_in="encoders against commands and pose",
     confused_with={"wheel_radius_scale": "none: the same mathematics, unless commands were recorded"},
+    rarity=20.0,  # a number of its data sheet; wheels differ in size more often
 )
 
 ENCODER_ASYMMETRY = Effect(
@@ -46,6 +47,8 @@ ENCODER_ASYMMETRY = Effect(
         "motor_gain_asymmetry": "none: the same mathematics beside unequal wheels; turn both wheels by hand and "
         "compare their ticks",
     },
+    # Encoders are numbers of a data sheet. Beside wheels that are just as unequal, unequal motors look the same.
+    rarity=20.0,
 )
 
 ENCODER_QUANTISATION = Effect(
@@ -179,6 +182,7 @@ POSE_SMOOTHING = Effect(
     shows_in="the pose, late and to the inside of turns; it looks like late poses and smaller wheels",
     confused_with={"pose_latency": "faster turns", "wheel_radius_scale": "longer straight runs"},
     beside="pose_latency",
+    rarity=6.0,  # poses are late more often than smoothed
 )
 
 POSE_OFFSET = Effect(
@@ -232,6 +236,7 @@ POSE_DISTORTION = Effect(
     needs="a large area",
     shows_in="the pose against place",
     confused_with={"wheel_radius_scale": "a larger area"},
+    of_one_frame=True,
 )
 
 EFFECTS = (

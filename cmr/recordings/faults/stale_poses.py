@@ -1,6 +1,6 @@
 """Find first poses of pieces that are older than their piece.
 
-Who cuts a table of rows into pieces gets in the first row of each the pose that was held there, measured before the
+Where a table of rows is cut into pieces, the first row of each has the pose that was held there, measured before the
 piece began. From that pose to the second the robot has gone further than it can have in the time between. This shows
 in pieces that begin at a steady speed, however late the localisation is, and also where it is set to zero there.
 """

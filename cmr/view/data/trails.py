@@ -9,8 +9,8 @@ from cmr.view.data.robots import Floats, Integers, Robots
 
 PERIOD = 250_000  # us between the points of a trail
 LONGEST = 60_000_000  # us that are kept
-LEAST_STEP = 0.002  # m; who stands still draws nothing
-LARGEST_STEP = 1.0  # m in a period; who goes further was put somewhere else
+LEAST_STEP = 0.002  # m; a robot that stands still draws nothing
+LARGEST_STEP = 1.0  # m in a period; a robot that goes further was put somewhere else
 MOST_PIECES = 4000  # shown; with more the oldest go first, as browsers draw thick lines slowly
 
 

@@ -86,7 +86,7 @@ class Beside(Protocol):
 
 
 class Door(NamedTuple):
-    """Looks at who comes to an address, and counts who is sent away."""
+    """Looks at visitors of an address, and counts those that are sent away."""
 
     address: Address
     refusals: Refusals
@@ -217,7 +217,7 @@ def _connections(refusals: Refusals, beside: Sequence[Beside]) -> type[ServerCon
 
 
 def address_of(connection: ServerConnection | None) -> str:
-    """Return the address of who is at the other end; empty where nobody is any more."""
+    """Return the address at the other end; empty where nobody is there any more."""
     try:
         return str(connection.remote_address[0]) if connection is not None else ""
     except (ConnectionClosed, TypeError, IndexError):

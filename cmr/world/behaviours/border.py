@@ -72,7 +72,7 @@ def stop_before(
 ) -> None:
     """Lower how fast n robots may go along their headings [m/s], so that they stop `clearance` [m] before the border.
 
-    `corners` (2, m) may be none. Robots do nothing for `reaction` [s] and then brake with BRAKING. Who is outside may
+    `corners` (2, m) may be none. Robots do nothing for `reaction` [s] and then brake with BRAKING. Robots outside may
     only go towards the border.
     """
     if not corners.shape[1]:

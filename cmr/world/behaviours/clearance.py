@@ -19,7 +19,7 @@ REACTION = 0.15  # s until a robot follows its command: the time constant of its
 
 
 def view_needed(apart: float, speed: float, reaction: float) -> float:
-    """Return how far [m] who drives at `speed` [m/s] has to look so that centres stay `apart` [m].
+    """Return how far [m] a robot that drives at `speed` [m/s] has to look so that centres stay `apart` [m].
 
     It is rounded up, so that those who need about the same can share a search.
     """
@@ -51,7 +51,7 @@ def speed_before(dx, dy, along_x, along_y, speed_x, speed_y, clearance, reaction
 def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, float]:
     """Return the direction in which what is at (dx, dy) [m] is passed at a distance of `apart` [m], on our left or not.
 
-    Who is nearer than that already goes a little away from it.
+    A robot that is nearer than that already goes a little away from it.
     """
     away = max(math.sqrt(dx * dx + dy * dy), 1e-9)
     if away >= apart:
@@ -63,6 +63,24 @@ def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, floa
     if left:
         sine = -sine
     return (dx * cosine - dy * sine) / away, (dy * cosine + dx * sine) / away
+
+
+@inlined
+def _see_robots(things, near, start, end, i, x, y, speed_x, speed_y, apart):  # type: ignore[no-untyped-def]
+    """Write the neighbours of robot `i`, near[start:end], to `things`; it stays `apart` [m] from each."""
+    for n in range(end - start):
+        j = near[start + n]
+        things[n, 0], things[n, 1], things[n, 2], things[n, 3] = x[j] - x[i], y[j] - y[i], speed_x[j], speed_y[j]
+        things[n, 4] = apart
+
+
+@inlined
+def _see_discs(things, first, discs, x, y, radius, clearance):  # type: ignore[no-untyped-def]
+    """Write discs, as a robot at (x, y) [m] of this radius [m] sees them, to `things` from the row `first` on."""
+    for n in range(discs.shape[1]):
+        m = first + n
+        things[m, 0], things[m, 1], things[m, 2], things[m, 3] = discs[0, n] - x, discs[1, n] - y, 0.0, 0.0
+        things[m, 4] = discs[2, n] + radius + clearance
 
 
 @inlined
@@ -80,29 +98,27 @@ def _first_in_way(things, count, along_x, along_y, reaction, fastest):  # type: 
     return slowest, blocking
 
 
+@inlined
+def _on_the_right(things, blocking, robots, sine, cosine):  # type: ignore[no-untyped-def]
+    """Return the direction in which a robot that is turned to (cosine, sine) goes round what blocks it.
+
+    The first `robots` of the things are robots: each is passed with it on the left. A disc is passed on that side to
+    which the robot is turned already.
+    """
+    dx, dy, apart = things[blocking, 0], things[blocking, 1], things[blocking, 4]
+    left = blocking < robots or dx * sine - dy * cosine <= 0.0
+    return tangent(dx, dy, WIDE * apart, left)
+
+
 @compiled(
     "void(i8[::1], f8[::1], i8[::1], i4[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], b1[::1],"
     " f8[::1], f8, f8, f8[::1], f8[::1], f8[::1], f8[::1])"
 )
 def keep_clear(  # type: ignore[no-untyped-def]
-    me: Indices,
-    theta: Floats,
-    start: Indices,
-    near,
-    x: Floats,
-    y: Floats,
-    speed_x: Floats,
-    speed_y: Floats,
-    discs: Floats,
-    round_it,
-    radius: Floats,
-    clearance: float,
-    reaction: float,
-    target_x: Floats,
-    target_y: Floats,
-    speed: Floats,
-    forward: Floats,
-):
+    me: Indices, theta: Floats, start: Indices, near, x: Floats, y: Floats, speed_x: Floats, speed_y: Floats,
+    discs: Floats, round_it, radius: Floats, clearance: float, reaction: float,
+    target_x: Floats, target_y: Floats, speed: Floats, forward: Floats,
+):  # fmt: skip
     """Lower the speeds [m/s] of n robots that head for targets [m] to where each can stop before what is in its way.
 
     `me` (n,) are their places in `x`, `y`, `speed_x`, `speed_y`, which hold everybody, `theta` [rad] their headings;
@@ -125,21 +141,12 @@ def keep_clear(  # type: ignore[no-untyped-def]
         distance = math.sqrt(dx * dx + dy * dy)
         if count == 0 or distance < 1e-9 or wanted <= 0.0:
             continue
-        for n in range(robots):
-            j = near[start[i] + n]
-            things[n, 0], things[n, 1], things[n, 2], things[n, 3] = x[j] - x[i], y[j] - y[i], speed_x[j], speed_y[j]
-            things[n, 4] = 2.0 * radius[k] + clearance
-        for n in range(discs.shape[1]):
-            m = robots + n
-            things[m, 0], things[m, 1], things[m, 2], things[m, 3] = discs[0, n] - x[i], discs[1, n] - y[i], 0.0, 0.0
-            things[m, 4] = discs[2, n] + radius[k] + clearance
+        _see_robots(things, near, start[i], start[i + 1], i, x, y, speed_x, speed_y, 2.0 * radius[k] + clearance)
+        _see_discs(things, robots, discs, x[i], y[i], radius[k], clearance)
         sine, cosine = sincos(theta[k])
         speed[k], blocking = _first_in_way(things, count, dx / distance, dy / distance, reaction, wanted)
         if blocking >= 0 and round_it[k]:
-            dx, dy, apart = things[blocking, 0], things[blocking, 1], things[blocking, 4]
-            # Another robot is passed with it on the left.
-            left = blocking < robots or dx * sine - dy * cosine <= 0.0
-            along_x, along_y = tangent(dx, dy, WIDE * apart, left)
+            along_x, along_y = _on_the_right(things, blocking, robots, sine, cosine)
             speed[k], _ = _first_in_way(things, count, along_x, along_y, reaction, wanted)
             target_x[k], target_y[k] = x[i] + distance * along_x, y[i] + distance * along_y
         forward[k], _ = _first_in_way(things, count, cosine, sine, reaction, wanted)

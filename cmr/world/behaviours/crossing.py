@@ -24,15 +24,15 @@ STOP_SHORT = 0.06  # m before a line; motors take their time
 REACTION = 0.2  # s until a robot follows its command
 TOWARDS = 0.5  # cosine: a robot that we do not drive heads for the middle if it is turned to it by less than 60 degrees
 RIGHT = 0.5  # cosine of the angle about the right-hand side from which one has to be yielded to
-TURN = 5_000_000  # us; who does not use its turn for so long comes last
-PATIENCE = 15_000_000  # us; who waits for longer goes before those on its right
+TURN = 5_000_000  # us; a robot that does not use its turn for so long comes last
+PATIENCE = 15_000_000  # us; a robot that waits for longer goes before those on its right
 NOBODY = -1
 
 Waiting: TypeAlias = tuple[int, float, float]  # id of a robot that waits, and where it is from the middle [m]
 
 
 class Crossing:
-    """A crossing about (at_x, at_y) [m] with its line `zone` [m] from there; it remembers who came when."""
+    """A crossing about (at_x, at_y) [m] with its line `zone` [m] from there; it remembers when each robot came."""
 
     def __init__(self, at_x: float, at_y: float, zone: float, *, by_right: bool) -> None:
         self.at_x, self.at_y, self.zone, self.core = at_x, at_y, zone, zone - RING
@@ -110,7 +110,7 @@ class Crossing:
         first = min(robot_ids, key=lambda robot_id: (self._came[robot_id], robot_id))
         if not self._by_right or utime - self._came[first] > PATIENCE:
             return first
-        # The right of who comes from (x, y) is (-y, x): turned by a quarter, as the heading is (-x, -y).
+        # The right of a robot that comes from (x, y) is (-y, x): turned by a quarter, as the heading is (-x, -y).
         _, x, y = np.array(waiting).T
         away = np.hypot(x, y)
         from_right = np.greater(np.outer(-y, x) + np.outer(x, y), RIGHT * np.outer(away, away))

@@ -20,7 +20,7 @@ class Formation(Seeker):
 
     `shape` is line (abreast), column (behind one another), wedge or circle; neighbours are `spacing` [m] apart. It
     turns with the leader; without one it faces `heading` [rad]. Places go by `members`, robot ids as in
-    `members=0:11:12`, or by the ids of those that share this description; who leaves keeps its place. In cmr-pilot
+    `members=0:11:12`, or by the ids of those that share this description; one that leaves keeps its place. In cmr-pilot
     name the members, so that the real robot and cmr-sim agree. Robots stand while the leader is not in the world.
     """
 
@@ -65,7 +65,7 @@ class Formation(Seeker):
         return list(self.members) or sorted(self.memory.robot_ids)
 
     def _places_by_row(self) -> Floats:
-        """Return the place of each robot of the memory, ahead and to the left [m]; NaN for who is no member."""
+        """Return the place of each robot of the memory, ahead and to the left [m]; NaN for those that are not in it."""
         team = self._team()
         places = places_of(self.shape, self.spacing, len(team), with_leader=self.leader != NO_LEADER)
         rank = {robot_id: number for number, robot_id in enumerate(team)}

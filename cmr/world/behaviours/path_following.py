@@ -21,20 +21,10 @@ ASIDE = 0.001  # m; a point of a trail so near to the line between its neighbour
     "f8[::1], f8[::1], f8, f8[::1], i8[::1], f8[::1], f8[::1], f8[::1])"
 )
 def pursue(
-    row: Indices,
-    points: Floats,
-    count: Indices,
-    length: Floats,
-    around: Floats,
-    x: Floats,
-    y: Floats,
-    look_ahead: float,
-    progress: Floats,
-    piece: Indices,
-    target_x: Floats,
-    target_y: Floats,
-    remaining: Floats,
-) -> None:
+    row: Indices, points: Floats, count: Indices, length: Floats, around: Floats,
+    x: Floats, y: Floats, look_ahead: float, progress: Floats, piece: Indices,
+    target_x: Floats, target_y: Floats, remaining: Floats,
+) -> None:  # fmt: skip
     """Move the progress of n robots at (x, y) [m] on to the points of their paths nearest to them, never back.
 
     Robot k is on the path `row[k]` of Paths; there in `progress` and `piece` are its progress [m] and the piece of path
@@ -54,16 +44,13 @@ def pursue(
             target_x[k], target_y[k] = _point_at(around, r, TARGET, reached + look_ahead)
         else:
             last = count[r] - 1
-            best, reached = _nearest(points, r, last, x[k], y[k], progress[r], piece[r])
-            piece[r] = best
-            ahead = best
-            while ahead < last and points[r, ahead + 1, ALONG] < reached + look_ahead:
-                ahead += 1
+            piece[r], reached = _nearest(points, r, last, x[k], y[k], progress[r], piece[r])
+            ahead = _piece_at(points, r, last, piece[r], reached + look_ahead)
             if ahead < last:
                 target_x[k], target_y[k] = _point_at(points, r, ahead, reached + look_ahead)
             else:
                 target_x[k], target_y[k] = points[r, last, X], points[r, last, Y]
-            _remember(points, r, last, best, ahead, around)
+            _remember(points, r, last, piece[r], ahead, around)
         progress[r] = reached
         remaining[k] = length[r] - reached
 
@@ -81,6 +68,15 @@ def _nearest_of(points, r, i, x, y, progress):  # type: ignore[no-untyped-def]
     share = min(max(share, 0.0, (progress - begin) / span), 1.0)
     ex, ey = points[r, i, X] + share * dx - x, points[r, i, Y] + share * dy - y
     return begin + share * span, ex * ex + ey * ey
+
+
+@inlined
+def _piece_at(points, r, last, piece, along):  # type: ignore[no-untyped-def]
+    """Return the piece of path `r`, from `piece` on, on which it is `along` [m] long; `last` where it is shorter."""
+    i = piece
+    while i < last and points[r, i + 1, ALONG] < along:
+        i += 1
+    return i
 
 
 @inlined
@@ -156,8 +152,8 @@ def stop_at_end(  # type: ignore[no-untyped-def]
 ) -> None:
     """Write the speeds [m/s], at most `fastest`, at which n robots can stop at the ends of their paths.
 
-    And whether each is far enough from there to go round what is in its way, which keeps it `apart` [m]. Who has
-    `arrived` [m] stands, and its path is forgotten.
+    And whether each is far enough from there to go round what is in its way, which keeps it `apart` [m]. A robot
+    that has `arrived` [m] stands, and its path is forgotten.
     """
     for k in range(len(row)):
         round_it[k] = remaining[k] > 2.0 * apart[k]
@@ -175,7 +171,7 @@ def keep_gaps(  # type: ignore[no-untyped-def]
     """Write the speeds [m/s], at most `fastest`, that take n robots to where they are `gap` [m] behind their leaders.
 
     Those are `length` [m] along their trails, of which `remaining` [m] remain, -1 where there is none. Speeds are
-    `rate` [1/s] times the distances; who is nearer than `dead_zone` [m] stands.
+    `rate` [1/s] times the distances; robots nearer than `dead_zone` [m] stand.
     """
     for k in range(len(row)):
         behind = length[k] - progress[row[k]] - gap[row[k]]
@@ -221,25 +217,39 @@ def _end_at(points, r, last, x, y):  # type: ignore[no-untyped-def]
     return along
 
 
+@inlined
+def _begin_at(points, r, x, y, count, length, around, progress, piece):  # type: ignore[no-untyped-def]
+    """Begin a path at (x, y) [m]."""
+    points[r, 0, X], points[r, 0, Y], points[r, 0, ALONG] = x, y, 0.0
+    count[r], piece[r], progress[r], length[r], around[r, 0, ALONE] = 1, 0, 0.0, 0.0, 0.0
+
+
+@inlined
+def _drop_behind(points, r, last, piece):  # type: ignore[no-untyped-def]
+    """Drop the points of a path before `piece`; return which one is the last now."""
+    for i in range(piece, last + 1):
+        for what in range(points.shape[2]):  # a slice would take seconds to compile
+            points[r, i - piece, what] = points[r, i, what]
+    return last - piece
+
+
+@inlined
+def _go_on_to(points, r, new, x, y, along, piece, around):  # type: ignore[no-untyped-def]
+    """Add the point (x, y) [m], up to which a path is `along` [m] long, as its point `new`."""
+    points[r, new, X], points[r, new, Y], points[r, new, ALONG] = x, y, along
+    look_around(points, r, new - 1, new)
+    around[r, 0, ALONE] = min(around[r, 0, ALONE], points[r, piece, ALONE])
+
+
 @compiled(
     "i8(i8[::1], i8[::1], f8[:, :, ::1], i8[::1], f8[::1], f8[:, :, ::1],"
     "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1])"
 )
 def trail(
-    row: Indices,
-    leader: Indices,
-    points: Floats,
-    count: Indices,
-    length: Floats,
-    around: Floats,
-    all_x: Floats,
-    all_y: Floats,
-    x: Floats,
-    y: Floats,
-    progress: Floats,
-    piece: Indices,
-    up_to_leader: Floats,
-) -> int:
+    row: Indices, leader: Indices, points: Floats, count: Indices, length: Floats, around: Floats,
+    all_x: Floats, all_y: Floats, x: Floats, y: Floats, progress: Floats,
+    piece: Indices, up_to_leader: Floats,
+) -> int:  # fmt: skip
     """Let the trails of n followers at (x, y) [m] grow to where their leaders are; return the most points of any.
 
     Follower k keeps its trail in the path `row[k]`; `leader[k]` is its leader's place among everybody at (all_x,
@@ -254,8 +264,7 @@ def trail(
             up_to_leader[k] = 0.0
             continue
         if count[r] == 0:
-            points[r, 0, X], points[r, 0, Y], points[r, 0, ALONG] = x[k], y[k], 0.0
-            count[r], piece[r], progress[r], length[r], around[r, 0, ALONE] = 1, 0, 0.0, 0.0, 0.0
+            _begin_at(points, r, x[k], y[k], count, length, around, progress, piece)
         last = count[r] - 1
         dx, dy = all_x[j] - points[r, last, X], all_y[j] - points[r, last, Y]
         step = math.sqrt(dx * dx + dy * dy)
@@ -268,17 +277,10 @@ def trail(
             most = max(most, last + 1 - piece[r])
             continue
         if last + 1 == room:
-            behind = piece[r]
-            for i in range(behind, room):
-                for what in range(points.shape[2]):  # a slice would take seconds to compile
-                    points[r, i - behind, what] = points[r, i, what]
-            last, piece[r] = last - behind, 0
+            last, piece[r] = _drop_behind(points, r, last, piece[r]), 0
         if last + 1 < room:
-            new = last + 1
-            points[r, new, X], points[r, new, Y], points[r, new, ALONG] = all_x[j], all_y[j], up_to_leader[k]
-            look_around(points, r, last, new)
-            around[r, 0, ALONE] = min(around[r, 0, ALONE], points[r, piece[r], ALONE])
-            last, length[r] = new, up_to_leader[k]
+            last, length[r] = last + 1, up_to_leader[k]
+            _go_on_to(points, r, last, all_x[j], all_y[j], length[r], piece[r], around)
         count[r] = last + 1
         most = max(most, last + 1 - piece[r])
     return most

@@ -44,7 +44,7 @@ class RightOfWay(Waypoints):
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
         """Return points on the paths; speeds of those who have to wait end at the lines where they wait."""
         goals = super().goals(utime, team, me, world)
-        goals.round_it[:] = False  # whoever is in the way will go
+        goals.round_it[:] = False  # robots in the way will go
         inward = self._heads_in(team, goals)
         around = world.surroundings()
         free = self._crossing.free_for(utime, around, team.place, inward)

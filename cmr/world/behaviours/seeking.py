@@ -18,7 +18,7 @@ border = LazyModule("cmr.world.behaviours.border")
 clearance = LazyModule("cmr.world.behaviours.clearance")
 steering = LazyModule("cmr.world.behaviours.steering")
 ACCELERATION = 0.5  # m/s^2
-LONGEST_TURN = 0.1  # s; who decided longer ago gathers no more speed than in this time
+LONGEST_TURN = 0.1  # s; a robot that decided longer ago gathers no more speed than in this time
 CLEARANCE = 0.05  # m between the bodies of robots
 LOOK_AHEAD = 0.15  # m along a path to the point that is headed for
 

@@ -4,7 +4,7 @@ Source of the control law: Kanayama, Kimura, Miyazaki and Noguchi, A stable trac
 mobile robot, ICRA 1990. The heading is corrected at a rate of its own here, so that turns on the spot are tracked, too.
 """
 
-from cmr.model.compiled import compiled
+from cmr.model.compiled import compiled, inlined
 from cmr.model.elementary import sincos
 from cmr.world.behaviours.steering import LARGEST_DUTY
 from cmr.world.behaviours.team import Floats, Indices
@@ -13,35 +13,44 @@ PER_DISTANCE = 2.0  # 1/s: speed for each metre that is missing ahead
 CATCHING_UP = 0.2  # m/s; the most that is driven faster or slower than the leader
 PER_ANGLE = 2.0  # 1/s: yaw rate for each radian that is missing
 PER_AREA = 6.0  # 1/m^2: yaw rate for each metre to the side, at a speed of 1 m/s
-FURTHEST = 0.5  # m from the wanted place; who is further away begins again from where it is
-LONGEST_PAUSE = 200_000.0  # us; so does who was not asked for so long: what its leader did meanwhile is not made up
-NEAR, TURNED = 0.02, 0.03  # m, rad; who is so near when the leader stands rests
+FURTHEST = 0.5  # m from the wanted place; a robot further away begins again from where it is
+LONGEST_PAUSE = 200_000.0  # us; so does one that was not asked for so long: it does not make up what it missed
+NEAR, TURNED = 0.02, 0.03  # m, rad; a robot that is so near when its leader stands rests
 SLOW, TURNS_SLOWLY = 0.005, 0.02  # m/s, rad/s; slower than both is to stand
+
+
+@inlined
+def _wanted_from(x, y, leader_x, leader_y, turn, shift_x, shift_y):  # type: ignore[no-untyped-def]
+    """Return the way [m] from (x, y) to where the leader's place, turned and shifted, wants the robot."""
+    sine, cosine = sincos(turn)
+    return shift_x + cosine * leader_x - sine * leader_y - x, shift_y + sine * leader_x + cosine * leader_y - y
+
+
+@inlined
+def _begin_here(r, x, y, theta, leader_x, leader_y, leader_theta, turn, shift_x, shift_y):  # type: ignore[no-untyped-def]
+    """Let the leader's pose, turned and shifted, be the robot's own."""
+    turn[r] = theta - leader_theta
+    sine, cosine = sincos(turn[r])
+    shift_x[r] = x - (cosine * leader_x - sine * leader_y)
+    shift_y[r] = y - (sine * leader_x + cosine * leader_y)
+
+
+@inlined
+def _duties(forward, half, per_speed):  # type: ignore[no-untyped-def]
+    """Return the duties of both sides for a speed and half the difference between the sides [m/s], within bounds."""
+    left, right = (forward - half) * per_speed, (forward + half) * per_speed
+    excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
+    return left / excess, right / excess
 
 
 @compiled("void(f8, " + ", ".join(["i8[::1]"] * 2 + ["f8[::1]"] * 17) + ")")
 def track(
-    utime: float,
-    row: Indices,
-    leader: Indices,
-    all_x: Floats,
-    all_y: Floats,
-    all_theta: Floats,
-    psi_left: Floats,
-    psi_right: Floats,
-    x: Floats,
-    y: Floats,
-    theta: Floats,
-    wheel_radius: Floats,
-    k1: Floats,
-    base_width: Floats,
-    tracked: Floats,
-    turn: Floats,
-    shift_x: Floats,
-    shift_y: Floats,
-    duty_left: Floats,
-    duty_right: Floats,
-) -> None:
+    utime: float, row: Indices, leader: Indices,
+    all_x: Floats, all_y: Floats, all_theta: Floats, psi_left: Floats, psi_right: Floats,
+    x: Floats, y: Floats, theta: Floats, wheel_radius: Floats, k1: Floats, base_width: Floats,
+    tracked: Floats, turn: Floats, shift_x: Floats, shift_y: Floats,
+    duty_left: Floats, duty_right: Floats,
+) -> None:  # fmt: skip
     """Write the duties at `utime` [us] of n robots at poses [m, m, rad] that do as their leaders do.
 
     `leader[k]` is the place of robot k's leader in the arrays of everybody, poses and wheel speeds [rad/s]; -1 where
@@ -54,16 +63,11 @@ def track(
         if j < 0:
             tracked[r] = 0.0
             continue
-        sine, cosine = sincos(turn[r])
-        dx = shift_x[r] + cosine * all_x[j] - sine * all_y[j] - x[k]
-        dy = shift_y[r] + sine * all_x[j] + cosine * all_y[j] - y[k]
+        dx, dy = _wanted_from(x[k], y[k], all_x[j], all_y[j], turn[r], shift_x[r], shift_y[r])
         goes_on = tracked[r] > 0.0 and abs(utime - tracked[r]) <= LONGEST_PAUSE
         tracked[r] = utime
         if not (goes_on and dx * dx + dy * dy <= FURTHEST * FURTHEST):  # also where one of them is no number
-            turn[r] = theta[k] - all_theta[j]
-            sine, cosine = sincos(turn[r])
-            shift_x[r] = x[k] - (cosine * all_x[j] - sine * all_y[j])
-            shift_y[r] = y[k] - (sine * all_x[j] + cosine * all_y[j])
+            _begin_here(r, x[k], y[k], theta[k], all_x[j], all_y[j], all_theta[j], turn, shift_x, shift_y)
             dx = dy = 0.0
         sine, cosine = sincos(theta[k])
         ahead, aside = cosine * dx + sine * dy, cosine * dy - sine * dx
@@ -75,7 +79,4 @@ def track(
             continue
         forward = speed * cosine + min(max(PER_DISTANCE * ahead, -CATCHING_UP), CATCHING_UP)
         half = 0.5 * base_width[k] * (yaw_rate + speed * PER_AREA * aside + PER_ANGLE * sine)
-        per_speed = k1[k] / wheel_radius[k]
-        left, right = (forward - half) * per_speed, (forward + half) * per_speed
-        excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
-        duty_left[k], duty_right[k] = left / excess, right / excess
+        duty_left[k], duty_right[k] = _duties(forward, half, k1[k] / wheel_radius[k])

@@ -1,6 +1,6 @@
 """A cell list: which points of the plane lie near which others, in a time that grows with their number.
 
-The plane is divided into square cells as large as the distance that counts as near, so that whoever is near a point is
+The plane is divided into square cells as large as the distance that counts as near, so that all points near a point are
 in its cell or in one of the eight around it. Cells are numbered row by row where there are few; otherwise they are
 hashed into some two bins for each point, so their number does not depend on how far apart points are. Points of
 different cells may share a bin: distances decide in the end.
@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model.compiled import compiled
+from cmr.model.compiled import compiled, inlined
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -88,6 +88,34 @@ def _try_around(x, y, nearest, code, begin, members, shift, ahead, span, first, 
     return found
 
 
+@inlined
+def _extent(x, y):  # type: ignore[no-untyped-def]
+    """Return the smallest and the largest x, and the smallest and the largest y, of points [m]."""
+    left, right, bottom, top = x[0], x[0], y[0], y[0]
+    for i in range(len(x)):
+        left, right, bottom, top = min(left, x[i]), max(right, x[i]), min(bottom, y[i]), max(top, y[i])
+    return left, right, bottom, top
+
+
+@inlined
+def _sorted_by_bin(code, shift, bins):  # type: ignore[no-untyped-def]
+    """Return where each bin begins (bins + 1,), and the points bin by bin (n,): a counting sort."""
+    begin = np.zeros(bins + 1, np.int32)
+    for i in range(len(code)):
+        begin[np.int64(code[i] >> shift)] += 1
+    total: int | np.integer = 0
+    for b in range(bins):
+        total += begin[b]
+        begin[b] = total
+    begin[bins] = len(code)
+    members = np.empty(len(code), np.int32)
+    for i in range(len(code) - 1, -1, -1):
+        own = np.int64(code[i] >> shift)
+        begin[own] -= 1
+        members[begin[own]] = i
+    return begin, members
+
+
 @compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
 def _binned(x: Floats, y: Floats, reach: float) -> Bins:
     """Sort points into bins.
@@ -97,9 +125,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Bins:
     point's own, and how many bins follow one another from each of those on.
     """
     n = len(x)
-    left, right, bottom, top = x[0], x[0], y[0], y[0]
-    for i in range(n):
-        left, right, bottom, top = min(left, x[i]), max(right, x[i]), min(bottom, y[i]), max(top, y[i])
+    left, right, bottom, top = _extent(x, y)
     width, height = right - left, top - bottom
     per_side = 1.0 / max(reach * SLACK, width / MOST_COLUMNS, height / MOST_COLUMNS, SMALLEST)
     columns, rows = np.floor(width * per_side) + 3.0, np.floor(height * per_side) + 3.0
@@ -116,19 +142,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Bins:
         # A column and a row are left free all around, so that none of the cells looked at lies beyond the others.
         across, up = np.int64((x[i] - left) * per_side) + 1, np.int64((y[i] - bottom) * per_side) + 1
         code[i] = np.uint64(across) * column + np.uint64(up) * row
-    begin = np.zeros((1 << bits) + 1, np.int32)
-    for i in range(n):
-        begin[np.int64(code[i] >> shift)] += 1
-    total: int | np.integer = 0
-    for b in range(1 << bits):
-        total += begin[b]
-        begin[b] = total
-    begin[1 << bits] = n
-    members = np.empty(n, np.int32)
-    for i in range(n - 1, -1, -1):
-        own = np.int64(code[i] >> shift)
-        begin[own] -= 1
-        members[begin[own]] = i
+    begin, members = _sorted_by_bin(code, shift, 1 << bits)
     if hashed:
         ahead: Codes = np.array([np.uint64(0), column, row - column, row, row + column])
     else:

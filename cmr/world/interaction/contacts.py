@@ -4,7 +4,7 @@ Places. Each of two overlapping robots gives way by half along the line of centr
 do not give way at all. All pairs push from the same places at once, each by a share of one over the larger number of
 pairs that its two robots are in, so neither the order of robots nor that of pairs matters (Jacobi's method), and what
 one robot gives way the other does, too: their common centre stays. Sweeps are repeated until nobody overlaps by more
-than TOLERANCE. After the push of a sweep, who overlaps an obstacle is put back to its border.
+than TOLERANCE. After the push of a sweep, robots that overlap an obstacle are put back to its border.
 
 Speeds. A robot whose speed v along its heading h takes it towards what it touches (normal n, away from it) faster than
 that gives way (at b) loses (|v h.n| - b) |h.n| of it: all of it head-on, little where it slides along. Of several
@@ -28,14 +28,14 @@ Pairs = NDArray[np.int32]  # (2, n): indices of the one and of the other
 
 TOLERANCE = 1e-4  # m of overlap that is left
 MOST_SWEEPS = 40
-SKIN = 2.0  # of the largest radius: who is nearer than that to touching is in the lists
+SKIN = 2.0  # of the largest radius: robots that are nearer than that to touching are in the lists
 LARGEST_PUSH = 0.125  # of the skin: nobody is put further in one step: the lists hold, and nobody flies
 FURTHEST = 1e12  # m; robots beyond, or nowhere, touch nobody
 GOLDEN_ANGLE = 2.399963229728653  # rad; the directions in which robots part that stand in one place
 
 
 class Contacts:
-    """Resolves the contacts of a fleet, step after step. `touched` holds by robot who was changed in the last step."""
+    """Resolves the contacts of a fleet, step after step. `touched` says which robots the last step changed."""
 
     def __init__(self, obstacles: Obstacles) -> None:
         x, y, radius = obstacles.discs
@@ -49,7 +49,7 @@ class Contacts:
         self._fixed_places: Floats = np.zeros((2, 0))
 
     def resolve(self, state: Floats, radius: Floats, wheel_radius: Floats, standing: Floats) -> bool:
-        """Part who overlaps, in place; return whether anybody was changed.
+        """Part robots that overlap, in place; return whether anybody was changed.
 
         `state` (5, n) has rows x, y [m], theta [rad], psi_left and psi_right [rad/s]; `radius` and `wheel_radius`
         (n,) [m] are the same arrays at each step until they change. A radius of 0 touches nobody. `standing` (3, m)
@@ -190,7 +190,7 @@ def _moved(now, before):  # type: ignore[no-untyped-def]
 
 @compiled("b1(f8[:, :], f8[::1], f8[::1], f8[:, ::1], i4[:, ::1], i4[:, ::1], f8[::1], u1[::1])")
 def _slowed(state, radius, wheel_radius, fixed, pairs, obstacles, loss, touched):  # type: ignore[no-untyped-def]
-    """Find what share of its speed each robot loses, and who touches; return whether anybody does."""
+    """Find what share of its speed each robot loses, and which robots touch; return whether any do."""
     anybody = False
     for k in range(pairs.shape[1]):
         i, j = pairs[0, k], pairs[1, k]
@@ -269,7 +269,7 @@ def _push(state, radius, pairs, push, number, overlapping, touched):  # type: ig
 
 @compiled("f8(f8[:, :], f8[::1], f8[:, ::1], i4[:, ::1], u1[::1])")
 def _put_back(state, radius, fixed, obstacles, touched):  # type: ignore[no-untyped-def]
-    """Put who overlaps an obstacle back to its border; return by how much [m] the worst of them did."""
+    """Put robots that overlap an obstacle back to its border; return the largest overlap [m]."""
     worst = 0.0
     for k in range(obstacles.shape[1]):
         i, f = obstacles[0, k], obstacles[1, k]

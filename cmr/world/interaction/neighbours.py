@@ -13,7 +13,7 @@ from cmr.world.interaction.cells import close_pairs
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Lists: TypeAlias = tuple[NDArray[np.int64], Indices]  # `start` and `index` of Neighbours
-SKIN = 0.25  # m; who is so much further away than the radius is listed
+SKIN = 0.25  # m; robots that are at most so much further away than the radius are listed, too
 LISTS_HOLD = 0.49 * SKIN  # m; until somebody has moved further, with something left for rounding
 FURTHEST = 1e12  # m; positions further from the origin, and larger radii, are mistakes
 
@@ -156,7 +156,7 @@ def _listed(first: Indices, second: Indices, n: int) -> Lists:
         mixed[filled[i]], mixed[filled[j]] = j, i
         filled[i] += 1
         filled[j] += 1
-    # Who is i's neighbour has i for a neighbour: going through all i in order, each list is filled in order.
+    # Each neighbour of i has i for a neighbour: going through all i in order, each list is filled in order.
     for i in range(n):
         filled[i] = start[i]
     for i in range(n):

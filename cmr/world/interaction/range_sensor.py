@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST_RAYS = 10_000
-ROUNDING = 1e-9  # rays; who ends exactly on a ray is met by it
+ROUNDING = 1e-9  # rays; a body that ends exactly on a ray is met by it
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def _scan(pose, own, discs, walls, first, step, reach, ranges):  # type: ignore[
     for d in range(count):
         if discs[2, d] > widest:
             widest = discs[2, d]
-    x, y = np.zeros(count + len(own)), np.zeros(count + len(own))  # who is nowhere is looked at there, and not met
+    x, y = np.zeros(count + len(own)), np.zeros(count + len(own))  # robots that are nowhere stay here, and are not met
     for points, start in ((discs, 0), (pose, count)):
         for k in range(points.shape[1]):
             if math.isfinite(points[0, k]) and math.isfinite(points[1, k]):
