@@ -40,7 +40,8 @@ def test_a_program_that_comes_later_is_reported_and_does_not_stop_this_one() -> 
     elsewhere.look(100.0 + FIRST_LOOK)
     heard.robots = {1}
     elsewhere.look(110.0)
-    assert (elsewhere.others, elsewhere.yielded) == ({1}, set())
+    assert elsewhere.others == {1}
+    assert elsewhere.yielded == set()
     assert elsewhere.problem() == "Another program publishes poses of robot 1: only one may."
 
 
