@@ -130,7 +130,7 @@ def _options(arguments: list[str]) -> tuple[argparse.Namespace, Settings]:
     result = command_parser()
     options = parsed_with_settings(result, arguments)
     if options.port is None:
-        result.error("--port or --settings is needed: cmr-driver --list-devices shows which there are")
+        result.error("--port is needed (or --settings, which has it): cmr-driver --list-devices shows which there are")
     try:
         connection = made_of(Connection, options)
     except ValueError as error:
