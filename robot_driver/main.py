@@ -4,7 +4,6 @@ import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from cmr.bus.process import Process
 from cmr.bus.streams import COMMAND_CLAIM, COMMAND_OWNER, ESTOP, ESTOP_LATCH, MOTOR_COMMAND, PARAMETERS
@@ -15,7 +14,7 @@ from cmr.msg import process_status_t
 from robot_driver.driver import Driver
 from robot_driver.listing import Rates, describe
 from robot_driver.serial_port import PortLost, available_ports
-from robot_driver.settings import Settings, options_in
+from robot_driver.settings import Settings, add_settings, parsed_with_settings
 from robot_driver.stop_file import StopFile, state_folder
 
 LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
@@ -107,12 +106,7 @@ def command_parser() -> argparse.ArgumentParser:
         help="show serial ports and what answers there, at --baud or the rates usual for each kind; nothing moves; "
         "takes at most 10 s a port",
     )
-    result.add_argument(
-        "--settings",
-        type=Path,
-        metavar="FILE",
-        help="options as cmr bringup has written them; others given here count instead",
-    )
+    add_settings(result)
     add_robot(result)
     add_options(result, Settings)
     return result
@@ -121,9 +115,7 @@ def command_parser() -> argparse.ArgumentParser:
 def _options(arguments: list[str]) -> tuple[argparse.Namespace, Settings | None]:
     """Return what was asked for, and the robot's settings, None where devices are to be listed."""
     result = command_parser()
-    options = result.parse_args(arguments)
-    if options.settings is not None:
-        options = result.parse_args([*options_in(options.settings), *arguments])
+    options = parsed_with_settings(result, arguments)
     if options.list_devices:
         return options, None
     if options.port is None:

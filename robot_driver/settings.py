@@ -1,5 +1,6 @@
 """What a robot is made of and where it is plugged in: the options of cmr-driver, and `driver:` in a scenario."""
 
+import argparse
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
@@ -116,6 +117,22 @@ def content_of(path: Path) -> dict[str, object]:
     if unknown:
         raise CommandError(f"{path}: the driver has no setting {min(map(str, unknown))!r}.")
     return content
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Let a command take the options of cmr-driver from a file."""
+    parser.add_argument(
+        "--settings",
+        type=Path,
+        metavar="FILE",
+        help="options as cmr bringup has written them; others given here count instead",
+    )
+
+
+def parsed_with_settings(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
+    """Return what was asked for, with the options of the settings file where one is named. Raises CommandError."""
+    options = parser.parse_args(arguments)
+    return options if options.settings is None else parser.parse_args([*options_in(options.settings), *arguments])
 
 
 def options_in(path: Path) -> list[str]:

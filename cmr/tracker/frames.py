@@ -1,15 +1,19 @@
 """What a tracker measured at one moment, and the poses of robots in the plane that follow from it."""
 
 import math
+from itertools import compress
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.tracker.profile import Carried, Frame, Profile
+from cmr.tracker.profile import Profile
 
 Floats: TypeAlias = NDArray[np.float64]
 ZERO = 1e-6  # length of a quaternion that is none
+TURN = 2.0 * math.pi  # rad
+# Of the squares of a quaternion's x, y, z, w: their sum, the cosine of the tilt, that of the heading in the plane.
+SUMS = np.array([[1.0, -1.0, 1.0], [1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0]])
 
 
 class Sample(NamedTuple):
@@ -43,65 +47,62 @@ class Plane:
 
     def __init__(self, profile: Profile) -> None:
         self.wrong: dict[int, str] = {}
-        self._metres = profile.tracker.metres
-        self._y_is_up = profile.tracker.up == "y"
         self._upright = math.cos(profile.limits.tilt)
-        self._frame: Frame = profile.frame
+        self._y_is_up = profile.tracker.up == "y"
+        frame, metres = profile.frame, profile.tracker.metres
+        c, s = math.cos(frame.theta), math.sin(frame.theta)
+        flat = np.array([[c, s], [-s, c], [0.0, 0.0]]) * metres
+        self._to_world = flat[[0, 2, 1]] * [[1.0], [1.0], [-1.0]] if self._y_is_up else flat
+        self._origin = np.array([frame.x, frame.y])
+        self._frame_theta = frame.theta
         self._robots = {carried.body: (robot_id, carried) for robot_id, carried in profile.robots.items()}
-        self._names: tuple[str, ...] = ()
-        self._chosen: list[tuple[int, Carried]] = []
-        self._rows = np.zeros(0, int)
-        self._twice: list[int] = []
+        self._choose(())
 
     def poses(self, sample: Sample) -> list[Planar]:
         """Return the robots in a sample whose poses are numbers, and which stand upright."""
         if sample.names != self._names:
             self._choose(sample.names)
         self.wrong = dict.fromkeys(self._twice, "two bodies have its name")
-        if not self._chosen:
+        if not self._ids:
             return []
-        x, y, theta, upright = self._flattened(sample.positions[self._rows], sample.quaternions[self._rows])
-        poses = []
-        for row, (robot_id, carried) in enumerate(self._chosen):
-            if not upright[row] >= self._upright:  # NaN, too
-                self.wrong[robot_id] = "its body is tilted" if math.isfinite(upright[row]) else "its pose is no number"
-                continue
-            heading = theta[row] - carried.theta
-            c, s = math.cos(heading), math.sin(heading)
-            poses.append(
-                Planar(
-                    robot_id,
-                    x[row] - c * carried.x + s * carried.y,
-                    y[row] - s * carried.x - c * carried.y,
-                    math.remainder(heading, 2.0 * math.pi),
-                )
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            x, y, theta, upright = self._flattened(sample.positions[self._rows], sample.quaternions[self._rows])
+        poses = list(map(Planar, self._ids, x.tolist(), y.tolist(), theta.tolist()))
+        is_upright = upright >= self._upright  # not where it is NaN
+        if is_upright.all():
+            return poses
+        for row in np.flatnonzero(~is_upright).tolist():
+            self.wrong[self._ids[row]] = (
+                "its body is tilted" if math.isfinite(upright[row]) else "its pose is no number"
             )
-        return poses
+        return list(compress(poses, is_upright.tolist()))
 
     def _choose(self, names: tuple[str, ...]) -> None:
-        """Note which rows of samples with these names are robots."""
+        """Note which rows of samples with these names are robots, and how the robots carry their bodies."""
         self._names = names
         rows = [row for row, name in enumerate(names) if name in self._robots]
         twice = {names[row] for row in rows if names.count(names[row]) > 1}
         rows = [row for row in rows if names[row] not in twice]
+        chosen = [self._robots[names[row]] for row in rows]
         self._rows = np.array(rows, int)
-        self._chosen = [self._robots[names[row]] for row in rows]
+        self._ids = [robot_id for robot_id, _ in chosen]
+        self._carried = np.array([[one.x, one.y, one.theta] for _, one in chosen]).reshape(-1, 3).T
         self._twice = [self._robots[name][0] for name in twice]
 
-    def _flattened(
-        self, positions: Floats, quaternions: Floats
-    ) -> tuple[list[float], list[float], list[float], list[float]]:
-        """Return x, y, heading of bodies in the world, and the cosines of their tilts; NaN where they are unknown."""
-        px, py, pz = positions.T * self._metres
-        qx, qy, qz, qw = quaternions.T
+    def _flattened(self, positions: Floats, quaternions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return x, y, heading of robots in the world, and the cosines of their tilts; NaN where they are unknown.
+
+        `positions` (n, 3) and `quaternions` (n, 4) are those of their bodies, in the tracker's axes and unit.
+        """
         if self._y_is_up:  # a quarter turn about x, which brings y up
-            py, qy, qz = -pz, -qz, qy
-        size = qx * qx + qy * qy + qz * qz + qw * qw
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            upright = np.where(size > ZERO, (qw * qw + qz * qz - qx * qx - qy * qy) / size, np.nan)
-            upright = np.where(np.isfinite(px + py), upright, np.nan)
-            yaw = np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
-            c, s = math.cos(self._frame.theta), math.sin(self._frame.theta)
-            x, y = self._frame.x + c * px - s * py, self._frame.y + s * px + c * py
-        theta = yaw + self._frame.theta
-        return x.tolist(), y.tolist(), theta.tolist(), upright.tolist()
+            quaternions = quaternions[:, [0, 2, 1, 3]] * [1.0, -1.0, 1.0, 1.0]
+        size, up, ahead = ((quaternions * quaternions) @ SUMS).T
+        qx, qy, qz, qw = quaternions.T
+        body_x, body_y = (positions @ self._to_world + self._origin).T
+        is_known = (size > ZERO) & np.isfinite(body_x + body_y)
+        upright = np.where(is_known, up / size, np.nan)
+        x, y, turn = self._carried
+        heading = np.arctan2(2.0 * (qw * qz + qx * qy), ahead) + (self._frame_theta - turn)
+        c, s = np.cos(heading), np.sin(heading)
+        theta = heading - TURN * np.rint(heading / TURN)
+        return body_x - c * x + s * y, body_y - s * x - c * y, theta, upright

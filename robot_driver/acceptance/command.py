@@ -18,7 +18,7 @@ from robot_driver.acceptance.report import Report
 from robot_driver.acceptance.running import LONG, SHORT
 from robot_driver.guided import Guide, Terminal, no_or_yes
 from robot_driver.serial_port import PortLost
-from robot_driver.settings import Connection, Settings
+from robot_driver.settings import Connection, Settings, add_settings, parsed_with_settings
 
 LARGEST_DUTY = 0.2
 PAGE = "robot_driver.acceptance.page"  # not in the driver's package for robots
@@ -31,7 +31,8 @@ wheels turn with 10 % duty. Any key ends everything, and so does ESTOP.
 The report says for each promise whether it held, with figures: DIR/acceptance.json, and DIR/acceptance.html where CMR
 is installed with pages."""
 EXAMPLE = (
-    "cmr accept --port /dev/serial/by-id/usb-Basicmicro_RoboClaw-if00 --out acceptance\n"
+    "cmr accept --settings robot_0_driver.yaml\n"
+    "  cmr accept --port /dev/serial/by-id/usb-Basicmicro_RoboClaw-if00 --out acceptance\n"
     "  cmr accept --port /dev/ttyACM0 --short --promise 6 --promise 18"
 )
 LIFTED = (
@@ -90,6 +91,7 @@ def write(report: Report, folder: Path) -> list[Path]:
 def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr accept."""
     result = parser("cmr accept", DESCRIPTION, EXAMPLE)
+    add_settings(result)
     add_robot(result)
     add_options(result, Connection)
     result.add_argument("--out", type=Path, default=Path("acceptance"), metavar="DIR", help="folder for the report")
@@ -126,9 +128,9 @@ def _duty(text: str) -> float:
 def _options(arguments: list[str]) -> tuple[argparse.Namespace, Settings]:
     """Return what was asked for, and the robot's settings."""
     result = command_parser()
-    options = result.parse_args(arguments)
+    options = parsed_with_settings(result, arguments)
     if options.port is None:
-        result.error("--port is needed: cmr-driver --list-devices shows which there are")
+        result.error("--port is needed (or --settings, which has it): cmr-driver --list-devices shows which there are")
     try:
         connection = made_of(Connection, options)
     except ValueError as error:

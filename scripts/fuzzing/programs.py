@@ -144,10 +144,18 @@ def _own(folder: Path) -> str:
     return str(folder / "robot_0.yaml")
 
 
+def _in_doubt(_stage: Stage) -> None:
+    """Have robot 0 look as if it may have been confused with another one, so that wheels and gyro are listened to."""
+    module: Any = importlib.import_module("cmr.tracker.supervisor")
+    module.Supervisor.in_doubt = lambda _self: {0}
+
+
 def _tracker(folder: Path) -> str:
     """Write a profile of a tracker that does not answer."""
     path = folder / "tracker.yaml"
-    path.write_text("schema: 1\ntracker: {type: vrpn, server: 127.0.0.1, port: 9}\nrobots: {0: {body: a}}\n")
+    path.write_text(
+        "schema: 1\ntracker: {type: vrpn, server: 127.0.0.1, port: 9}\nrobots: {0: {body: a, wheel_radius: 0.05}}\n"
+    )
     return str(path)
 
 
@@ -234,11 +242,7 @@ PROGRAMS = {
         lambda at: ["--parameters", _own(at), "--script", "ahead 3600"],
         may_end="took over robot",
     ),
-    "tracker": Program(
-        "cmr.tracker.command",
-        lambda at: ["--profile", _tracker(at)],
-        more=("cmr/tracker/elsewhere.py",),
-    ),
+    "tracker": Program("cmr.tracker.command", lambda at: ["--profile", _tracker(at)], _in_doubt),
     "ros2": Program(
         "robot_driver.ros2.command",
         lambda at: [

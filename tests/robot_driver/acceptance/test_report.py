@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from cmr.cli.errors import CommandError
 from robot_driver.acceptance import command
 from robot_driver.acceptance.findings import PROMISES, Finding
 from robot_driver.acceptance.report import Report
+from robot_driver.bringup.known import Known
+from robot_driver.settings import parsed_with_settings
 
 REPORT = Report(
     device="USB Roboclaw <2x15a>",
@@ -70,3 +73,16 @@ def test_the_command_line_is_refused_with_what_can_be_given(
     with pytest.raises(SystemExit):
         command.main(arguments)
     assert reason in capsys.readouterr().err
+
+
+def test_options_that_bringup_has_written_are_taken_and_others_beside_them_count(tmp_path: Path) -> None:
+    path = tmp_path / "robot_0_driver.yaml"
+    known = Known({"port": "/dev/motor", "controller": "roboteq", "swap": True, "rate": 50.0}, ["ticks"], {})
+    known.save(path)
+    arguments = ["--settings", str(path), "--rate", "80"]
+    with pytest.raises(CommandError, match="cmr bringup has still to decide ticks"):
+        command.main(arguments)
+    known.decide("ticks")
+    known.save(path)
+    options = parsed_with_settings(command.command_parser(), arguments)
+    assert (options.port, options.controller, options.swap, options.rate) == ("/dev/motor", "roboteq", True, 80.0)

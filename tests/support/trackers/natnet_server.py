@@ -5,6 +5,7 @@ The format is that of NatNet SDK 4.1, samples/PythonClient/NatNetClient.py, from
 
 import socket
 import struct
+import time
 from contextlib import suppress
 
 from tests.support.trackers.frame import Body, Emitted
@@ -36,6 +37,7 @@ class NatNetServer:
         self.data_port = data_port or _free_port()
         self.names: list[str] = []
         self.clients: dict[tuple[str, int], None] = {}
+        self.handed_over = 0.0  # s, time of the day; when the last frame was given to the system to send
 
     def poll(self) -> None:
         """Answer requests."""
@@ -57,6 +59,7 @@ class NatNetServer:
         self.poll()
         payload = self._frame(frame)
         packet = struct.pack("<HH", 7, len(payload)) + payload
+        self.handed_over = time.time()
         if self.group is not None:
             self.data.sendto(packet, (self.group, self.data_port))
         else:

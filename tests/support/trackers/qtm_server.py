@@ -6,6 +6,7 @@ The format is that of Qualisys' "QTM Real-time Server Protocol Documentation", f
 import math
 import socket
 import struct
+import time
 from contextlib import suppress
 
 from tests.support.trackers.frame import Body, Emitted
@@ -25,6 +26,7 @@ class QtmServer:
         self.names: list[str] = []
         self.began: float | None = None
         self.clients: list[_Client] = []
+        self.handed_over = 0.0  # s, time of the day; when the last frame was given to the system to send
 
     def poll(self) -> None:
         """Take new clients, and answer commands."""
@@ -50,6 +52,7 @@ class QtmServer:
         for client in self.clients:
             if client.components:
                 packet = self._frame(frame, client.components)
+                self.handed_over = time.time()
                 if client.udp_port:
                     self.udp.sendto(packet, (client.address, client.udp_port))
                 else:

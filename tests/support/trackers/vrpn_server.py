@@ -6,6 +6,7 @@ by a UDP datagram with its address to be connected to.
 
 import socket
 import struct
+import time
 from contextlib import suppress
 
 from tests.support.trackers.frame import Emitted
@@ -28,6 +29,7 @@ class VrpnServer:
         self.lobs.setblocking(False)
         self.names: list[str] = []  # which a client of VRPN learns with the first pose of each body
         self.clients: list[_Client] = []
+        self.handed_over = 0.0  # s, time of the day; when the last frame was given to the system to send
 
     def poll(self) -> None:
         """Take new clients, and answer pings."""
@@ -54,6 +56,7 @@ class VrpnServer:
                     sender = client.sender(body.name)
                     pose = struct.pack(">ii3d4d", 0, 0, body.x, body.y, body.z, *body.quaternion)
                     out += client.pending() + message(stamp, sender, POSE, pose)
+            self.handed_over = time.time()
             client.write(out)
 
     def close(self) -> None:
