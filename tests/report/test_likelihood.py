@@ -13,4 +13,4 @@ def test_a_bar_is_as_long_as_the_logarithm_and_says_its_number() -> None:
 
 def test_what_is_nearly_sure_is_said_by_its_odds() -> None:
     """A name takes 1000 : 1: what has less must not read as certain."""
-    assert [odds(p) for p in (0.99, 0.996, 0.999, 1.0)] == ["99 %", "249 : 1", "999 : 1", "1000000 : 1"]
+    assert [odds(p) for p in (0.99, 0.996, 0.999, 1.0)] == ["99 %", "249 : 1", "999 : 1", "over 10000 : 1"]
