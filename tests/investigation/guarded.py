@@ -38,6 +38,7 @@ class Guarded:
     """What came of a drive: the `effect` that nobody knew of, how far [m] it kept `within` the floor, `movements`."""
 
     effect: str
+    seconds: float
     within: float
     movements: int
 
@@ -59,7 +60,7 @@ def guarded(seed: int) -> Guarded:
         driven.drive(left, right, PERIOD)
     for _ in range(50):
         driven.drive(0.0, 0.0, PERIOD)
-    return Guarded(effect, within(driven.path, floor), guard.chosen)
+    return Guarded(effect, round(driven.time, 2), within(driven.path, floor), guard.chosen)
 
 
 class _Guard:
