@@ -17,7 +17,7 @@ from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Indic
 from cmr.model.compiled import compiled
 from cmr.model.observer.drives import ends_of
 from cmr.model.observer.observer import MOTION
-from cmr.recordings.signal import Floats
+from cmr.recordings.signal import Floats, Mask
 
 # The past of a signal in spans of growing length [samples]: few numbers reach back far (Corsi, J. Financial
 # Econometrics 7, 2009: heterogeneous autoregression).
@@ -255,25 +255,23 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
 def nonnegative(normal: Floats, right: Floats) -> Floats:
     """Return the x (n,) of x >= 0 for which x N x / 2 - x r is least; N (n, n) is positive definite, r (n,).
 
-    All choices of unknowns that are zero are tried, of two or three: those of as many unknowns at once. SciPy's `nnls`
-    does for many unknowns what this does for few, but to import it takes longer than many a fit.
+    All choices of unknowns that are zero are tried at once, of two or three. SciPy's `nnls` does for many unknowns what
+    this does for few, but to import it takes longer than many a fit.
     """
-    best, least = np.zeros(len(right)), 0.0
-    for choices in _choices(len(right)):
-        pulls = right[choices]
-        parts = np.linalg.solve(normal[choices[:, :, None], choices[:, None, :]], pulls[:, :, None])[:, :, 0]
-        values = -0.5 * np.sum(parts * pulls, axis=1)
-        for free, part, value in zip(choices, parts, values, strict=True):
-            if value < least and np.all(part >= 0.0):
-                best, least = np.zeros(len(right)), value
-                best[free] = part
-    return best
+    free = _choices(len(right))
+    systems = np.where(free[:, :, None] & free[:, None, :], normal, np.eye(len(right)))
+    pulls = np.where(free, right, 0.0)
+    parts = np.linalg.solve(systems, pulls[:, :, None])[:, :, 0]
+    values = np.where(np.all(parts >= 0.0, axis=1), -0.5 * np.sum(parts * pulls, axis=1), np.inf)
+    best = int(np.argmin(values))
+    return np.asarray(parts[best]) if values[best] < 0.0 else np.zeros(len(right))
 
 
 @cache
-def _choices(count: int) -> tuple[Indices, ...]:
-    """Return all choices of one, of two, ... of so many unknowns, each of shape (choices, unknowns)."""
-    return tuple(np.array(list(combinations(range(count), size))) for size in range(1, count + 1))
+def _choices(count: int) -> Mask:
+    """Return all choices of one, of two, ... of so many unknowns as rows, (choices, unknowns)."""
+    chosen = [one for size in range(1, count + 1) for one in combinations(range(count), size)]
+    return np.array([[number in one for number in range(count)] for one in chosen])
 
 
 def _sizes(name: str, batch: Batch, errors: Errors) -> Floats:

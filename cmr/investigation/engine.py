@@ -42,7 +42,10 @@ UNSURE = "Without poses, the robot's place is too unsure for any movement: it ma
 
 @dataclass(frozen=True)
 class Step:
-    """One decision of the story: when [s since the drive began], what was likeliest, how sure, and what was chosen."""
+    """One decision of the story: when [s since the drive began], what was likeliest, how sure, and what was chosen.
+
+    `held_back` says why the likeliest effect is not named, whatever its odds.
+    """
 
     time: float
     named: tuple[str, ...]
@@ -50,13 +53,15 @@ class Step:
     movement: str
     seconds: float
     parted: tuple[str, str]
+    held_back: str = ""
 
 
 @dataclass
 class Decision:
     """What came of looking at the data: effects `named`, the movement to drive next, None when it is over, and why.
 
-    `reckoned` is where the robot was then by dead reckoning, None where its poses are reported.
+    `held_back` says why the likeliest effect is not among them, whatever its odds. `reckoned` is where the robot was
+    then by dead reckoning, None where its poses are reported.
     """
 
     judgement: Judgement
@@ -66,6 +71,7 @@ class Decision:
     finished: bool
     sentence: str = ""
     reckoned: Reckoned | None = None
+    held_back: str = ""
 
 
 @dataclass
@@ -148,7 +154,7 @@ class Investigation:
                 choice = choose(judgement, known, situation, self.floor, self._random, self._at_random, least, here)
             self._note(judgement, choice)
             sentence = "" if over or choice.movement else NO_ROOM if here is None else UNSURE
-            return Decision(judgement, known, self.named, choice, over, sentence, here)
+            return Decision(judgement, known, self.named, choice, over, sentence, here, self._naming.held_back)
 
     def _reckoned(self, recording: Recording) -> Reckoned:
         """Return where the robot is by dead reckoning."""
@@ -206,7 +212,8 @@ class Investigation:
         likely = {name: share for name, share in judgement.probabilities.items() if share > 1.0 / ODDS}
         movement = choice.movement
         text, seconds = (movement.name, movement.seconds) if movement else ("", 0.0)
-        self.story.append(Step(judgement.problem.last, self.named, likely, text, seconds, choice.parted))
+        held_back = self._naming.held_back
+        self.story.append(Step(judgement.problem.last, self.named, likely, text, seconds, choice.parted, held_back))
 
 
 def _situation(judgement: Judgement, recording: Recording, planned: Planned, limits: Limits) -> Situation:

@@ -50,6 +50,10 @@ class Beliefs(Problem):
         super().__init__(predictors, gains, excitation)
         self.prior, self.own = prior, tuple(own)
 
+        # How far neutral values are away: effects that are off need no look.
+        neutral = [(definition(name).neutral, *about) for name, about in prior.items()]
+        self._away = np.array([np.nan if value is None else (value - mean) / std for value, mean, std in neutral])
+
         # What is known beforehand is left out together, as a fold of its own.
         self.folds = np.concatenate([self.folds, np.full(len(prior), OF_PRIORS)])
 
@@ -81,11 +85,11 @@ class Beliefs(Problem):
     def white(self, values: Mapping[str, Quantity], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, then those of the priors, shape (n, C)."""
         white = super().white(values, noise)
-        away = [
-            np.broadcast_to((np.asarray(values.get(name, definition(name).neutral)) - mean) / std, white.shape[1:])
-            for name, (mean, std) in self.prior.items()
-        ]
-        return np.concatenate([white, np.stack(away)])
+        away = np.repeat(self._away[:, None], white.shape[1], axis=1)
+        for row, (name, (mean, std)) in enumerate(self.prior.items()):
+            if name in values:
+                away[row] = (np.asarray(values[name]) - mean) / std
+        return np.concatenate([white, away])
 
 
 def prior_of(

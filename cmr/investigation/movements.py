@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmr.model.duty_ramp import Limits, approach
-from cmr.recordings.signal import Floats
+from cmr.recordings.signal import Floats, Mask
 
 PERIOD = 0.02  # s between two commands
 FINE, LONGEST_RAMP = 0.01, 0.2  # s: between two duties on a ramp, and of the last one
@@ -52,13 +52,20 @@ def ramped(time: Floats, duty: Floats, limits: Limits, begin: tuple[float, float
     times: list[float] = []
     duties: list[tuple[float, float]] = []
     now, last = begin, float(time[-1]) + LONGEST_RAMP
-    for moment, until, (left, right) in zip(time.tolist(), [*time[1:].tolist(), last], duty.tolist(), strict=True):
+    first = _changes(duty)
+    begins = time[first].tolist()
+    for moment, until, (left, right) in zip(begins, [*begins[1:], last], duty[first].tolist(), strict=True):
         while moment < until - 1e-6 and not (times and now == (left, right)):
             now = approach(now[0], left, FINE, limits), approach(now[1], right, FINE, limits)
             times.append(moment)
             duties.append(now)
             moment += FINE
     return np.array(times), np.array(duties)
+
+
+def _changes(duty: Floats) -> Mask:
+    """Return which rows of `duty` (n, 2) are not as the one before, the first one included, (n,)."""
+    return np.concatenate([[True], np.any(duty[1:] != duty[:-1], axis=1)])
 
 
 def opening() -> list[Movement]:

@@ -19,6 +19,9 @@ NAMED = 2.0 * math.log(ODDS)
 CONFIRMED_SHARE, CONFIRMED = 0.1, (4.0, NAMED)
 LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters
 COARSE_TICKS = "encoder_quantisation"
+TOO_SMALL = "too small to matter"
+NOT_APART = "{rival} explains nearly as much"
+NOT_CONFIRMED = "later data must confirm it"
 
 
 @dataclass
@@ -53,6 +56,20 @@ class Naming:
     def doubted(self) -> tuple[str, ...]:
         """The effects found that do not stand at the odds of a name any more."""
         return tuple(name for name in self.found if name in self._doubted)
+
+    @property
+    def held_back(self) -> str:
+        """Why the likeliest explanation is not named, whatever its odds; empty where nothing more is likelier."""
+        judgement = self.judgement
+        if judgement is None or judgement.best.name == NOTHING:
+            return ""
+        best = judgement.best
+        if not judgement.is_large(best.name, best.values):
+            return TOO_SMALL
+        close = _close_local(judgement)
+        if close is not None:
+            return NOT_APART.format(rival=close.name)
+        return NOT_CONFIRMED if margin(judgement) >= NAMED else ""
 
     def _matters(self, name: str) -> bool:
         if name == COARSE_TICKS or self.judgement is None:
@@ -126,10 +143,16 @@ def margin(judgement: Judgement) -> float:
 
     It is 0 at most while one of a place or a time, which has many parameters, explains the data nearly as well.
     """
-    best, rivals = judgement.best, _rivals(judgement)
-    ahead = min((best.evidence - one.evidence for one in rivals), default=0.0)
-    close = any(_is_local(one) and one.fitted and best.drop - one.drop < LOCAL for one in rivals)
-    return min(ahead, 0.0) if close else ahead
+    ahead = min((judgement.best.evidence - one.evidence for one in _rivals(judgement)), default=0.0)
+    return min(ahead, 0.0) if _close_local(judgement) is not None else ahead
+
+
+def _close_local(judgement: Judgement) -> Explanation | None:
+    """Return an explanation of a place or a time that explains the data nearly as well as the likeliest, if any."""
+    close = (
+        one for one in _rivals(judgement) if _is_local(one) and one.fitted and judgement.best.drop - one.drop < LOCAL
+    )
+    return next(close, None)
 
 
 def _rivals(judgement: Judgement) -> list[Explanation]:

@@ -9,7 +9,7 @@ from cmr.bus.messages import make
 from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Decision
 from cmr.investigation.naming import ODDS
-from cmr.investigation.telling import NOTHING_MORE, excluded, out_of_reach
+from cmr.investigation.telling import NOTHING_MORE, excluded, out_of_reach, suspicion
 from cmr.msg import investigation_status_t as status_t
 from cmr.recordings.signal import Floats
 
@@ -60,7 +60,7 @@ class Reports:
             members=path.shape[1] if len(path) else 0,
             x=path[..., 0].T.ravel().tolist(),
             y=path[..., 1].T.ravel().tolist(),
-            message=driving.problem or driving.note,
+            message=driving.problem or driving.note or suspicion(decision),
         )
 
     def _counted_of(self, decision: Decision | None) -> tuple[int, int]:

@@ -50,8 +50,7 @@ def projected(information: Floats, columns: Columns) -> Floats:
 
 def own(information: Floats, columns: Columns) -> Floats:
     """Return how well each effect is seen against nothing, (..., e): the mean over its columns."""
-    diagonal = BELIEF * np.diagonal(information, axis1=-2, axis2=-1)
-    return np.stack([diagonal[..., list(columns.of[name])].mean(axis=-1) for name in columns.names], axis=-1)
+    return BELIEF * _by_effect(np.diagonal(information, axis1=-2, axis2=-1), columns)
 
 
 def separations(information: Floats, columns: Columns) -> Floats:
@@ -63,8 +62,8 @@ def separations(information: Floats, columns: Columns) -> Floats:
         mixed = information[..., :, block]
         inner = information[..., block, :][..., :, block] + STAND_IN * np.eye(len(block))
         taken = np.sum(mixed * np.swapaxes(np.linalg.solve(inner, np.swapaxes(mixed, -1, -2)), -1, -2), axis=-1)
-        result.append(_by_effect(diagonal - taken, columns))
-    seen = BELIEF * np.maximum(np.stack(result, axis=-1), 0.0)
+        result.append(diagonal - taken)
+    seen = BELIEF * np.maximum(np.swapaxes(_by_effect(np.stack(result, axis=-2), columns), -1, -2), 0.0)
     against_nothing = own(information, columns)
     index = np.arange(len(columns.names))
     seen[..., index, index] = against_nothing
@@ -73,7 +72,10 @@ def separations(information: Floats, columns: Columns) -> Floats:
 
 def _by_effect(values: Floats, columns: Columns) -> Floats:
     """Return the mean over each effect's columns, (..., e), of values (..., m)."""
-    return np.stack([values[..., list(columns.of[name])].mean(axis=-1) for name in columns.names], axis=-1)
+    means = np.zeros((values.shape[-1], len(columns.names)))
+    for number, name in enumerate(columns.names):
+        means[list(columns.of[name]), number] = 1.0 / len(columns.of[name])
+    return np.asarray(values @ means)
 
 
 def scores(before: Floats, after: Floats, need: Floats, weights: Floats, seconds: Floats) -> Floats:

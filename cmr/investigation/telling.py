@@ -5,7 +5,7 @@ from typing import Any
 from cmr.estimation.candidates import locality
 from cmr.investigation.calibrating import averaged
 from cmr.investigation.driving import Driving
-from cmr.investigation.engine import Step
+from cmr.investigation.engine import Decision, Step
 from cmr.model.catalogue import CATALOGUE
 from cmr.parameters.file import ParameterFile, Value
 from cmr.report.likelihood import length, odds
@@ -18,6 +18,7 @@ NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
 IMITATED = "out of reach here: what is named imitates it, whatever is driven"
 REMAINS = "Something remains that no effect explains: errors of {signal} depend on {goes_with}."
+SUSPECTED = "{name} is the likeliest further effect ({odds}), but not named: {why}."
 MOST_IN_A_LINE = 3  # explanations
 BAR = 8  # characters, of what is certain
 
@@ -29,9 +30,23 @@ def line(driving: Driving) -> str:
         return "Opening: a rest, spins both ways, forth and back."
     step = story[-1]
     left = _by_odds(step)[:MOST_IN_A_LINE]
-    bars = ", ".join(f"{name or NOTHING_MORE} {_bar(share)} {odds(share)}" for name, share in left)
+    bars = ", ".join(f"{name or NOTHING_MORE} {_bar(share)} {odds(share)}{_held(step, name)}" for name, share in left)
     named = f"named {', '.join(step.named)}; " if step.named else ""
     return f"{step.time:5.1f} s  {named}{bars}  -> {_chosen(step)}"
+
+
+def _held(step: Step, name: str) -> str:
+    """Return in brackets why an effect is not named though it is the likeliest; nothing for others."""
+    likeliest, _ = _by_odds(step)[0]
+    return f" ({step.held_back})" if step.held_back and name == likeliest else ""
+
+
+def suspicion(decision: Decision | None) -> str:
+    """Return the sentence on an effect that is likeliest and not named; empty where nothing more is likelier."""
+    if decision is None or not decision.held_back:
+        return ""
+    name, share = max(decision.judgement.probabilities.items(), key=lambda item: item[1])
+    return SUSPECTED.format(name=name, odds=odds(share), why=decision.held_back)
 
 
 def _bar(share: float) -> str:
@@ -70,6 +85,7 @@ def document(driving: Driving) -> dict[str, Any]:
                 "movement": step.movement,
                 "seconds": step.seconds,
                 "separates": [name or NOTHING_MORE for name in step.parted],
+                "held_back": step.held_back,
             }
             for step in investigation.story
         ],
@@ -97,7 +113,7 @@ def sentences(driving: Driving) -> list[str]:
     result = [_cause(name, driving) for name in investigation.named]
     if not result and driving.decision is not None:
         result = ["No effect is named."]
-    result += _remains(driving)
+    result += [*filter(None, [suspicion(driving.decision)]), *_remains(driving)]
     gone = excluded(driving)
     if gone:
         result.append(f"Excluded at sizes that matter: {', '.join(gone)}.")
@@ -166,7 +182,7 @@ def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:
         [
             f"{step.time:.1f}",
             ", ".join(step.named),
-            ", ".join(f"{name or NOTHING_MORE} {odds(share)}" for name, share in _by_odds(step)),
+            ", ".join(f"{name or NOTHING_MORE} {odds(share)}{_held(step, name)}" for name, share in _by_odds(step)),
             _chosen(step),
         ]
         for step in driving.investigation.story

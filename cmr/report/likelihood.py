@@ -2,11 +2,15 @@
 
 import math
 
+SURE, MOST = 0.99, 10_000  # probability from which on odds are said in its place; the largest odds that are
 LEAST = 1e-3  # probability of which a bar has no length; every tenfold is a third of it
 
 
 def odds(probability: float) -> str:
-    """Return a probability as one says it: in per cent, and small ones as 1 : 250."""
+    """Return a probability as one says it: in per cent, small ones as 1 : 250, and what is nearly sure as 250 : 1."""
+    if probability > SURE:
+        against = 1.0 - probability
+        return f"{probability / against:.0f} : 1" if MOST * against > probability else f"over {MOST} : 1"
     if probability >= 0.01:
         return f"{100.0 * probability:.0f} %"
     return f"1 : {1.0 / probability:.0f}" if probability > 0.0 else "gone"

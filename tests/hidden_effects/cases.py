@@ -29,7 +29,8 @@ SHORT_SECONDS: dict[str, float] = {
     **{name: seconds for name, seconds in PART_SECONDS.items() if name != "straight_runs"},
 }
 HELD_OUT = "held_out"  # other parts than those of the rich drive, at other speeds and radii
-OTHER_SECONDS: dict[str, float] = {**SHORT_SECONDS, HELD_OUT: HELD_OUT_SECONDS}
+BRIEF, BRIEF_SECONDS = "short_drive", 55.0  # that of cmr.geometry, and its rest; s for slow robots, too
+OTHER_SECONDS: dict[str, float] = {**SHORT_SECONDS, HELD_OUT: HELD_OUT_SECONDS, BRIEF: BRIEF_SECONDS}
 WALK = 0.02  # share of a gyro's drift over 100 s by which it walks at random in that time
 
 

@@ -5,9 +5,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cmr.geometry.manoeuvres import in_sequence
+from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.signal import Floats
 from tests.hidden_effects.cases import (
     BEGINNING,
+    BRIEF,
     CONTROLLED_WINDOWS,
     EIGHT_OPEN,
     HELD_OUT,
@@ -46,6 +49,9 @@ def commands_of(truth: Truth, seed: int) -> Commands:
         return packets(in_turn([(RICH_DRIVE_SECONDS, rich_drive())] * truth.case.repeats), seconds)
     if truth.case.manoeuvre == HELD_OUT:
         return packets(held_out_drive(), seconds)
+    if truth.case.manoeuvre == BRIEF:
+        known = ParameterFile(0, {name: Value(value) for name, value in truth.nominal.items()})
+        return packets(in_sequence(BRIEF).duties(known.robot_parameters).at, seconds)
     if truth.case.manoeuvre in SHORT_SECONDS:
         short = rich_drive() if truth.case.manoeuvre == BEGINNING else part_of_rich_drive(truth.case.manoeuvre)
         return packets(short, seconds)

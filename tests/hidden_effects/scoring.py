@@ -70,6 +70,14 @@ def score_single(rows: Sequence[Row]) -> list[Score]:
     ]
 
 
+def score_brief(rows: Sequence[Row]) -> list[Score]:
+    """Score one effect on the short drive."""
+    return [
+        _share("brief", "right name first", _those(rows, right_first), rows, least=0.99),
+        _share("brief", "nothing wrong named", [row for row in rows if not wrongly_named(row)], rows),
+    ]
+
+
 def score_eight(rows: Sequence[Row]) -> list[Score]:
     """Score one effect on figure-eights."""
     named, silent = _those(rows, lambda row: bool(row.names)), _those(rows, lambda row: not row.names)
@@ -215,6 +223,7 @@ def timing(rows: Sequence[Row]) -> list[Score]:
 
 SCORES: Mapping[str, Callable[[Sequence[Row]], list[Score]]] = {
     "single": score_single,
+    "brief": score_brief,
     "eight": score_eight,
     "null": score_null,
     "short": score_short,

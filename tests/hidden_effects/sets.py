@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from tests.hidden_effects.cases import CONTROLLED_WINDOWS, EIGHT, EIGHT_OPEN, RICH, SHORT_SECONDS, WINDOWS, Case
+from tests.hidden_effects.cases import BRIEF, CONTROLLED_WINDOWS, EIGHT, EIGHT_OPEN, RICH, SHORT_SECONDS, WINDOWS, Case
 from tests.hidden_effects.unknown import FRICTIONS, UNKNOWN
 from tests.reference_plant import TYPICAL
 
@@ -31,6 +31,11 @@ TWO_HOURS = 61  # rich drives
 def single(seeds: int) -> list[Case]:
     """Return every effect on the rich drive."""
     return [Case((effect,), RICH, seed) for seed in range(seeds) for effect in WITH_DUTIES]
+
+
+def brief(seeds: int) -> list[Case]:
+    """Return every effect on the short drive, which takes less than a minute on 2 m x 2 m."""
+    return [Case((effect,), BRIEF, seed) for seed in range(seeds) for effect in WITH_DUTIES]
 
 
 def eight(seeds: int) -> list[Case]:
@@ -109,6 +114,7 @@ def hours(_seeds: int) -> list[Case]:
 
 SETS: Mapping[str, Callable[[int], list[Case]]] = {
     "single": single,
+    "brief": brief,
     "eight": eight,
     "null": null,
     "short": short,

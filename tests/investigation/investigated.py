@@ -1,15 +1,17 @@
 """A robot of the plant that is driven while it is recorded, and an investigation of it in simulated time."""
 
 import math
+import time
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from random import Random
 
 import numpy as np
 
 from cmr.geometry.obstacles import Geofence
-from cmr.investigation.driving import AtOnce, Driving, Place
+from cmr.investigation.calibrating import averaged
+from cmr.investigation.driving import AtOnce, Deciding, Driving, Place
 from cmr.investigation.engine import Investigation
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD
@@ -34,6 +36,11 @@ EVERY, EVERY_POSE = 2, 8  # moments
 LONGEST = 100.0  # s
 KEPT = ("x", "y", "theta", "w", "phi_left", "phi_right", "psi_left", "psi_right")
 SQUARE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+SMALL = Geofence([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+L_SHAPE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 1.0)])
+OTHER = (0.55, 0.45)  # m, where another robot stands on a floor of 2 m x 2 m
+WRONG = 0.1  # share by which a wheel radius is believed wrong
+GONE, STOPPED = (7.0, 10.0), 0.5  # s between which poses are lost; s after which a pilot without poses stops
 UNLIMITED = Limits(1e6, 1e6)  # this robot's driver has no ramp
 LIMITS = frozenset({"saturation", "current_limit", "slew_limit", "turn_rate_limit", "encoder_quantisation"})
 STAYING = ("_time", "_phase", "_x", "_y", "_radius", "_saturation")  # how names end of what has no size
@@ -168,7 +175,9 @@ class Estimate:
 class InvestigatedCase:
     """What is hidden: `effects` of ordinary sizes times `size`, in the robot of this `seed`; how movements come.
 
-    A `messy` robot has six small effects, drawn by its seed, too. Of one that is `unseen` no poses are reported.
+    A `messy` robot has six small effects, drawn by its seed, too. Of one that is `unseen` no poses are reported; `lost`
+    ones are missing for a while, in which its pilot stops it. The floor is `fence`, with `others` (x, y) [m] that stand
+    on it. The wheel radius is `misjudged` by WRONG. To `calibrate` is to end once the robot's own parameters are known.
     """
 
     effects: tuple[str, ...] = ()
@@ -178,14 +187,21 @@ class InvestigatedCase:
     longest: float = 60.0
     messy: bool = False
     unseen: bool = False
+    lost: bool = False
+    fence: Geofence = SQUARE
+    others: tuple[tuple[float, float], ...] = ()
+    misjudged: bool = False
+    calibrate: bool = False
 
 
 @dataclass(frozen=True)
 class Outcome:
     """What came of it: names with the time [s of driving] at which each was found, and what would not have shown.
 
-    `within` [m] is how far the robot always was inside the floor's border, `ended` [s] when it was over, `remains`
-    whether something remained that no effect explains.
+    `within` [m] is how far the robot always was inside the floor's border, and from what stands on it, `ended` [s] when
+    it was over, `cpu` [s] what its decisions took, `remains` whether something remained that no effect explains.
+    `known` are the robot's own parameters, averaged over explanations: value, deviation, and what is true. `notes` are
+    the sentences that it said for people.
     """
 
     named: Mapping[str, float]
@@ -194,53 +210,86 @@ class Outcome:
     ended: float
     within: float
     sizes: Mapping[str, float]
+    cpu: float = field(default=0.0, compare=False)
     problem: str = ""
     remains: bool = False
+    known: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
-def investigated(
-    case: InvestigatedCase, fence: Geofence = SQUARE, *, until_named: str = "", tell: bool = False
-) -> Outcome:
-    """Hide what the case says in a robot on the floor `fence`, and investigate it until that is over.
+class Timed(AtOnce):
+    """A planner that takes no simulated time, and says how much of a processor it took [s]."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cpu = 0.0
+
+    def begin(self, deciding: Deciding) -> None:
+        """Decide."""
+        began = time.process_time()
+        super().begin(deciding)
+        self.cpu += time.process_time() - began
+
+
+def investigated(case: InvestigatedCase, *, until_named: str = "", tell: bool = False) -> Outcome:
+    """Hide what the case says in a robot on its floor, and investigate it until that is over.
 
     It ends earlier, AFTER seconds of driving after an effect is named, if that effect is `until_named`.
     """
-    driven, investigation, sizes = _hidden(case, fence)
-    recording = (lambda: without_poses(driven.recording())) if case.unseen else driven.recording
-    driving = Driving(investigation, recording, AtOnce())
+    driven, investigation, sizes = _hidden(case)
+    planner = Timed()
+    driving = Driving(investigation, lambda: _recorded(case, driven), planner)
     estimate = Estimate(driven)
     driven.drive(0.0, 0.0, REST)
     named: dict[str, float] = {}
-    steps = 0
+    notes, steps = set[str](), 0
     while not driving.finished and driven.time < LONGEST - 1.0:
         if until_named in named and driven.time - REST > named[until_named] + AFTER:
             break
+        if case.lost and GONE[0] + STOPPED < driven.time < GONE[1]:
+            driven.drive(0.0, 0.0, PERIOD)
+            continue
         now = int(utime(np.array([driven.time]))[0])
         left, right = driving.command(now, estimate.place() if case.unseen else driven.place)
         driven.drive(left, right, PERIOD)
+        notes.add(driving.note)
         for name in investigation.named:
             named.setdefault(name, driven.time - REST)
         if tell and len(investigation.story) > steps:
             steps = len(investigation.story)
             _tell(driving)
-    known = driving.decision.known if driving.decision else None
+    decision = driving.decision
+    own = averaged(decision.judgement, decision.known) if decision else {}
     return Outcome(
         named={name: round(time, 2) for name, time in named.items() if name in investigation.named},
         also=tuple(name for name in investigation.found if name not in investigation.named),
-        not_shown=tuple(investigation.not_shown(known)) if known else (),
+        not_shown=tuple(investigation.not_shown(decision.known)) if decision else (),
         ended=round(driven.time - REST, 2),
-        within=_within(driven.path, fence),
+        within=within(driven.path, investigation.floor),
         sizes=sizes,
+        cpu=planner.cpu,
         problem=driving.problem,
         remains=investigation.unexplained.present,
+        known={name: (one.value, one.std, float(getattr(driven.parameters, name))) for name, one in own.items()},
+        notes=tuple(filter(None, sorted(notes))),
     )
 
 
-def _hidden(case: InvestigatedCase, fence: Geofence) -> tuple[DrivenRobot, Investigation, dict[str, float]]:
+def _recorded(case: InvestigatedCase, driven: DrivenRobot) -> Recording:
+    """Return what was recorded so far, without the poses that are not reported."""
+    recording = driven.recording()
+    if case.unseen:
+        return without_poses(recording)
+    begin, end = utime(np.array(GONE))
+    times = recording.poses.utime
+    return replace(recording, poses=recording.poses.where((times < begin) | (times > end))) if case.lost else recording
+
+
+def _hidden(case: InvestigatedCase) -> tuple[DrivenRobot, Investigation, dict[str, float]]:
     """Return the robot of a case, its investigation, and the sizes of what is hidden."""
     random = np.random.default_rng([case.seed, zlib.crc32("+".join(case.effects).encode())])
     robot = draw_robot(random)
-    nominal = draw_nominal(robot, random)
+    nominal = dict(draw_nominal(robot, random))
     sizes: dict[str, float] = {}
     for effect in case.effects:
         sizes |= _sized(draw_sizes(effect, robot, CHANGES_WITHIN, random), case.size)
@@ -249,18 +298,26 @@ def _hidden(case: InvestigatedCase, fence: Geofence) -> tuple[DrivenRobot, Inves
         sizes |= {"surface_patch_x": away * math.cos(where), "surface_patch_y": away * math.sin(where)}
     if case.messy:
         sizes |= imperfections(robot, random)
-    driven = DrivenRobot({**robot, **sizes}, seed=int(random.integers(2**31)))
+    floor = Floor(case.fence).with_robots(case.others)
+    start = (0.0, 0.0) if case.fence is SQUARE else floor.middle
+    driven = DrivenRobot({**robot, **sizes}, seed=int(random.integers(2**31)), pose=(*start, 0.0))
+    nominal["wheel_radius"] *= 1.0 + (random.choice((-WRONG, WRONG)) if case.misjudged else 0.0)
     believed = ParameterFile(0, {name: Value(value) for name, value in nominal.items()})
     investigation = Investigation(
-        believed, Floor(fence), seed=case.seed, limits=UNLIMITED, longest=case.longest, at_random=case.at_random
+        believed,
+        floor,
+        seed=case.seed,
+        limits=UNLIMITED,
+        longest=case.longest,
+        at_random=case.at_random,
+        calibrate=case.calibrate,
     )
     return driven, investigation, sizes
 
 
-def _within(path: Floats, fence: Geofence) -> float:
-    """Return how far [m] inside the border a path always was; below 0 where it left the floor."""
-    away = fence.distance(*path.T)
-    return float(np.min(np.where(fence.contains(*path.T), away, -away)))
+def within(path: Floats, floor: Floor) -> float:
+    """Return how far [m] from all that is to be avoided a path (..., 2 or 3) always was; below 0 off the floor."""
+    return float(np.min(floor.room(path[..., 0], path[..., 1]))) + floor.margin
 
 
 def _sized(values: Mapping[str, float], size: float) -> dict[str, float]:

@@ -21,9 +21,11 @@ def test_what_is_hidden_in_an_emulated_robot_is_named(tmp_path: Path) -> None:
 
 
 def test_what_is_for_an_emulated_robot_is_refused_for_a_real_one(tmp_path: Path) -> None:
-    """Nothing can be hidden in a real robot; and a folder that holds a run is not written over."""
+    """Nothing can be hidden in a real robot, nor an emulated one; a folder that holds a run is not written over."""
     with pytest.raises(CommandError, match="real robot"):
         main(["--hide", "gyro_scale", "--out", str(tmp_path)])
+    with pytest.raises(CommandError, match="always seen"):
+        main(["--emulated", "--no-tracker", "--out", str(tmp_path)])
     (tmp_path / "run.lcm").write_bytes(b"")
     with pytest.raises(CommandError, match="holds a run already"):
         main(["--emulated", "--out", str(tmp_path)])

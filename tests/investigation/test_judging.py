@@ -1,6 +1,7 @@
 """The judge, without a closed loop: who is near the best is fitted, and names that do not hold are taken back."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ import pytest
 from cmr.investigation.choosing import told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.exchanging import evidence_beside, revision
-from cmr.investigation.judging import NOTHING, ahead_since, judge
+from cmr.investigation.judging import NOTHING, Explanation, ahead_since, judge
 from cmr.investigation.movements import PERIOD, candidates, opening, waiting
+from cmr.investigation.naming import NOT_CONFIRMED, TOO_SMALL, Naming
 from cmr.parameters.file import ParameterFile, Value
 from tests.investigation.investigated import DrivenRobot
 
@@ -39,6 +41,18 @@ def test_no_explanation_that_was_only_scored_is_near_the_best() -> None:
     judgement = judge(beliefs({"deadband": 0.1}), (), ROBOT)
     assert judgement.best.name == "deadband"
     assert all(one.fitted for one in judgement.left)
+
+
+def test_why_the_likeliest_effect_is_not_named_is_said() -> None:
+    """At first sight, nothing confirmed it; one that is too small is not named at any odds; nothing needs no reason."""
+    naming = Naming()
+    judgement = naming.judged(beliefs({"deadband": 0.1}))
+    assert (naming.named, naming.held_back) == ((), NOT_CONFIRMED)
+    small = replace(judgement.best, values={**judgement.best.values, "deadband": 1e-4})
+    naming.judgement = replace(judgement, explanations=(small, *judgement.explanations[1:]))
+    assert naming.held_back == TOO_SMALL
+    naming.judgement = replace(judgement, explanations=(Explanation(NOTHING, judgement.base.values, 0.0, 0.0), small))
+    assert naming.held_back == ""
 
 
 def test_a_name_that_another_one_explains_better_is_exchanged_for_it() -> None:

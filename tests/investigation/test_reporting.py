@@ -14,6 +14,7 @@ from cmr.investigation.reporting import Reports
 from cmr.msg import investigation_status_t as status_t
 
 FORWARD = Movement("forward", np.full((100, 2), 0.4))
+WAITS = "later data must confirm it"
 ODDS = {"": 0.25, "gyro_bias": 0.7493, "wheel_wobble": 0.0007}
 PATH = np.arange(24.0).reshape(6, 2, 2)  # places, members, x and y
 TICK = round(PERIOD * 1e6)  # us
@@ -43,7 +44,7 @@ class Investigating:
         choice = SimpleNamespace(movement=FORWARD, path=PATH, parted=("gyro_bias", ""))
         judgement = SimpleNamespace(probabilities=ODDS)
         over = self.decisions > 3
-        told = {"judgement": judgement, "named": ("deadband",), "choice": choice, "reckoned": None}
+        told = {"judgement": judgement, "named": ("deadband",), "choice": choice, "reckoned": None, "held_back": WAITS}
         return SimpleNamespace(**told, finished=over, sentence="")
 
 
@@ -77,6 +78,7 @@ def test_a_report_has_what_is_left_and_why_the_movement_is_driven(reports: list[
     assert list(json.loads(report.explanations).items()) == [("gyro_bias", 0.7493), ("nothing more", 0.25)]
     assert (json.loads(report.named), report.excluded, report.not_shown) == (["deadband"], 2, 1)
     assert (report.movement, report.first, report.second) == ("forward", "gyro_bias", "nothing more")
+    assert report.message == f"gyro_bias is the likeliest further effect (75 %), but not named: {WAITS}."
     assert (report.members, report.n) == (2, 6)
     assert list(report.x) == PATH[::2, 0, 0].tolist() + PATH[::2, 1, 0].tolist()
     assert list(report.y) == PATH[::2, 0, 1].tolist() + PATH[::2, 1, 1].tolist()

@@ -13,6 +13,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 from tests.hidden_effects import Case, hidden_recording, hide, sets
 from tests.hidden_effects.cases import (
+    BRIEF,
     CONTROLLED_WINDOWS,
     EIGHT,
     EIGHT_OPEN,
@@ -217,6 +218,14 @@ def test_short_drives_are_short_and_turn_both_ways(manoeuvre: str) -> None:
     assert hidden.motion["w"].max() > 0.3
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_short_drive_is_over_within_its_minute_on_two_metres(seed: int) -> None:
+    recording = hidden_recording(manoeuvre=BRIEF, seed=seed).recording
+    assert not np.any([recording.commands[side][-25:] for side in ("left", "right")])
+    assert max(np.abs(recording.poses[name]).max() for name in ("x", "y")) < 1.0  # m
+    assert np.abs(recording.poses["x"]).max() > 0.2
+
+
 def test_open_loop_eights_turn_both_ways_and_rest_at_both_ends() -> None:
     hidden = hidden_recording(manoeuvre=EIGHT_OPEN, seed=8)
     assert hidden.motion["w"].min() < -0.3
@@ -249,6 +258,8 @@ def test_the_sets_hold_what_is_to_be_reached_and_no_case_twice() -> None:
     }
     assert len(cases["short"]) == 120
     assert {case.manoeuvre for case in cases["short"]} == set(SHORT_SECONDS)
+    assert {case.manoeuvre for case in cases["brief"]} == {BRIEF}
+    assert {case.effects for case in cases["brief"]} == {case.effects for case in cases["single"]}
     assert len(cases["pairs"]) == 100
     assert {case.manoeuvre for case in cases["windows"]} == {WINDOWS, CONTROLLED_WINDOWS}
     assert {case.effects[-1] for case in cases["windows"]} == {"pose_latency"}

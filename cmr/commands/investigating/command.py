@@ -45,6 +45,8 @@ def main(arguments: list[str]) -> int:
         raise CommandError(f"{folder} holds a run already. Choose another folder with --out.")
     if not options.emulated and (options.settings or options.hide or options.ideal):
         raise CommandError("--settings, --ideal and --hide are for --emulated: a real robot is as it is.")
+    if options.emulated and options.no_tracker:
+        raise CommandError("--no-tracker is for a robot on the bus: an emulated one is always seen.")
     if not options.emulated:
         check_bus(options.lcm_url)  # what is wrong is said before anything takes time
     compile_first(PARTS if options.emulated else [WORLD, BEHAVIOURS, ESTIMATOR])
@@ -102,7 +104,7 @@ def _live(options: argparse.Namespace, behaviour: Investigate) -> int:
         options.robot,
         behaviour,
         ParameterFollower(options.robot, options.parameters or parameter_file(options.robot)),
-        geofence=options.floor,
+        geofence=None if options.no_tracker else options.floor,
         margin=0.5 * options.margin,
         keep_clear=options.keep_clear,
         kind=options.command,
@@ -207,6 +209,12 @@ def command_parser() -> argparse.ArgumentParser:
         "--calibrate",
         action="store_true",
         help="end when k1 and base_width are known within 1 %%, k2_over_k3 within 3 %%",
+    )
+    options.add_argument(
+        "--no-tracker",
+        action="store_true",
+        help="nothing reports poses: put the robot down at the world's origin, facing along x; it drives by dead "
+        "reckoning, and keeps what it does not know of its place on the floor. Without this, it waits for poses",
     )
     options.add_argument("--no-diagnosis", action="store_true", help="leave out the diagnosis of the whole drive")
     add_emulated(options)
