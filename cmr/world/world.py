@@ -67,10 +67,8 @@ class VirtualRobot:
 
 def _at_rest_by_parameters(virtual: Sequence[VirtualRobot]) -> dict[int, Robots]:
     """Return the virtual robots where they start, by the robot whose parameters they move by."""
-    return {
-        robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
-        for robot_id in {robot.parameters_of for robot in virtual}
-    }
+    whose = {robot.parameters_of for robot in virtual}
+    return {one: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == one) for one in whose}
 
 
 class World:
@@ -121,8 +119,7 @@ class World:
         self._absent = _at_rest_by_parameters(virtual)
         self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
-        radius = {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None}
-        self._fleet = Fleet(self.view.obstacles, radius)
+        self._fleet = Fleet(self.view.obstacles, {one.robot_id: one.radius for one in virtual if one.radius is not None})
         self._deciding: Deciding | None = None
         self._models_changed = False
         for robot in virtual:
@@ -256,8 +253,6 @@ class World:
 
     def _bodies_of_real(self) -> Floats:
         """Return x, y and radius [m] of the real robots heard of lately, (3, m)."""
-        if not self._real:
-            return NO_BODIES
         bodies = []
         for robot in self.real():
             parameters = self._real[robot.robot_id].estimator.parameters
