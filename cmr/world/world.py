@@ -119,7 +119,7 @@ class World:
         self._absent = _at_rest_by_parameters(virtual)
         self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
-        self._fleet = Fleet(self.view.obstacles, {one.robot_id: one.radius for one in virtual if one.radius is not None})
+        self._fleet = Fleet(self.view.obstacles, {v.robot_id: v.radius for v in virtual if v.radius is not None})
         self._deciding: Deciding | None = None
         self._models_changed = False
         for robot in virtual:
