@@ -16,7 +16,8 @@ from cmr.estimation import free_runs
 from cmr.model.motion import Trajectory
 from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.recordings.signal import Floats
-from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.report.colours import TWIN_COLOUR
+from cmr.report.paths import draw_paths
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,15 +106,8 @@ def _draw_path(
     """Draw real and simulated positions of all segments; the path `error` [m] is that `over` some time."""
     real = _joined([s.x for s in segments]), _joined([s.y for s in segments])
     simulated = _joined([p.x for p in paths]), _joined([p.y for p in paths])
-    axes.plot(*real, color=REAL_COLOUR, linewidth=4.0, label="real robot")
-    axes.plot(*simulated, color=TWIN_COLOUR, linewidth=1.4, label="simulated robot")
-    axes.plot([s.x[0] for s in segments], [s.y[0] for s in segments], "o", color="black", markersize=5, label="start")
-    axes.set_title(f"{title}\npath error {error:.3g} m (root mean square {over})")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.grid(alpha=0.3)
-    axes.legend(loc="best", frameon=False)
+    starts = np.array([s.x[0] for s in segments]), np.array([s.y[0] for s in segments])
+    draw_paths(axes, real, simulated, starts, f"{title}\npath error {error:.3g} m (root mean square {over})")
 
 
 def _draw_position_errors(axes: "Axes", segments: list[Segment], before: Paths, after: list[Trajectory]) -> None:

@@ -9,7 +9,7 @@ from cmr.msg import pose_xyt_t, world_state_t
 from cmr.recordings.commanding import COMMANDS, asks_to_move
 from cmr.recordings.events import LogReader
 from cmr.recordings.recording import Floats, Times
-from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
+from cmr.report.paths import draw_paths
 from cmr.world.view import WorldView
 from cmr.world.world import REST_BEFORE_DRIVE
 
@@ -82,13 +82,7 @@ def draw_before_and_after(drives: tuple[Drive, Drive], path: Path) -> None:
 
     figure = Figure(figsize=(11.0, 5.5), dpi=120, layout="constrained")
     for axes, drive, title in zip(figure.subplots(1, 2), drives, TITLES, strict=True):
-        axes.plot(drive.real_x, drive.real_y, color=REAL_COLOUR, linewidth=4.0, label="real robot")
-        axes.plot(drive.twin_x, drive.twin_y, color=TWIN_COLOUR, linewidth=1.4, label="simulated robot")
-        axes.plot(drive.real_x[0], drive.real_y[0], "o", color="black", markersize=5, label="start")
-        axes.set_title(f"{title}\npath error {drive.path_rmse:.3f} m (root mean square)")
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("y [m]")
-        axes.grid(alpha=0.3)
-        axes.legend(loc="best", frameon=False)
+        real, start = (drive.real_x, drive.real_y), (drive.real_x[:1], drive.real_y[:1])
+        words = f"{title}\npath error {drive.path_rmse:.3f} m (root mean square)"
+        draw_paths(axes, real, (drive.twin_x, drive.twin_y), start, words)
     figure.savefig(path)
