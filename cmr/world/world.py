@@ -248,7 +248,7 @@ class World:
         return {k: real.estimator.reset for k, real in self._real.items() if real.estimator.reset is not None}
 
     def real(self) -> list[Robot]:
-        """Return the real robots heard of lately and known; one whose clock is off by more is as good as not heard."""
+        """Return the real robots heard of lately and known; one whose clock is off by more counts as not heard."""
         return [
             Robot(robot.estimator.utime, robot_id, REAL, robot.estimator.state)
             for robot_id, robot in self._real.items()
