@@ -183,7 +183,7 @@ def estimate(
         found = with_late_wheels(look(ready, progress), late)
         progress("Looking at what remains ...")
         others = [segment for one in unseen for segment in one.segments]
-        whole = extended(problem if found.problem.by_moments else found.problem, found, others)
+        whole = extended(problem if found.problem.one_step else found.problem, found, others)
         progress("Averaging over what these drives may hide ...")
         delivered, measured = that_holds(whole, [predictor.segment for predictor in problem.predictors], others)
         estimation = Estimation(looked, ready, delivered, measured, against=departing)
