@@ -65,14 +65,6 @@ class VirtualRobot:
         return Robot(0, self.robot_id, VIRTUAL, RobotState.at_rest(self.x, self.y, wrap(self.theta)))
 
 
-def _at_rest_by_parameters(virtual: Sequence[VirtualRobot]) -> dict[int, Robots]:
-    """Return the virtual robots where they start, by the robot whose parameters they move by."""
-    return {
-        robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
-        for robot_id in {robot.parameters_of for robot in virtual}
-    }
-
-
 class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
@@ -107,9 +99,7 @@ class World:
         self.crowded = False  # whether more robots were heard of than are followed
         self._time = 0  # of the last turn [us]
         self.late_steps = 0  # made more than a step after they were due, or left out
-        self._estimates = estimates
-        self._follow = follow
-        self._ready = ready
+        self._follow, self._ready, self._estimates = follow, ready, estimates
         self._own_parameters = own_parameters
         self._noise = noise
         self._reaction = Reaction(reaction)
@@ -117,7 +107,10 @@ class World:
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
-        self._absent = _at_rest_by_parameters(virtual)
+        self._absent = {
+            robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
+            for robot_id in {robot.parameters_of for robot in virtual}
+        }
         self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
         radius = {robot.robot_id: robot.radius for robot in virtual if robot.radius is not None}
