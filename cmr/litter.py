@@ -26,7 +26,7 @@ _swept: set[Path] = set()  # folders that this process has looked through
 def temporary_beside(path: Path) -> Path:
     """Return the name of a temporary file or folder that becomes `path`, or has to do with it; it is not made yet.
 
-    Removes those in the same folder that processes have left that are gone; once, as that is as good as always.
+    Removes those in the same folder that processes have left that are gone; once, which is enough.
     """
     folder = path.parent.absolute()
     if folder not in _swept:

@@ -280,7 +280,8 @@ class _Demo:
                     raise CommandError(failure)
                 waited = time.monotonic() - began
                 if waited > seconds:
-                    raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
+                    files = f"{self._children.folder}/*.txt"
+                    raise CommandError(f"Gave up waiting for {what} after {seconds:.0f} s. See {files}.")
                 progress.show(what if expected else f"Waiting for {what}", min(waited, expected or waited))
         raise Interrupted
 

@@ -66,7 +66,7 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
-BY_COURSES = "Effects were fitted to simulated paths (simulation error), not to one-step predictions."
+BY_FREE_RUNS = "Effects were fitted to simulated paths (simulation error), not to one-step predictions."
 FASTEST = 0.98  # of the time a robot is slower than its pace
 NOTHING_FITTED = "The data cannot be used, so nothing was fitted."
 
@@ -211,7 +211,7 @@ def _diagnosis(
         effects=effects,
         candidates=_candidates(found),
         checks=ready.checks,
-        notes=ready.notes if found.problem.by_moments else (*ready.notes, BY_COURSES),
+        notes=ready.notes if found.problem.one_step else (*ready.notes, BY_FREE_RUNS),
         next_experiment=_next(driver, effects, found, unexplained, laws),
         not_visible=found.unseen,
         parameters=values_in_words_of(estimation.parameters, controller),

@@ -6,8 +6,8 @@ Both are sums of squared white errors over all signals and samples i,
 
 and -2 log likelihood = S + a constant. They differ in what is predicted:
 
-- by moments (prediction error): each reading from those before it, by the observer (problem.py);
-- by courses (simulation error, output error): each reading from the commands alone (simulation_error.py).
+- one step (prediction error): each reading from those before it, by the observer (problem.py);
+- free runs (simulation error, output error): each reading from the commands alone (simulation_error.py).
 
 The first says more, and comes first. It is trusted if the wheels, run freely with the model found, stay with the robot:
 |v_free - v| < STRAYING |v|, where v (n, 2) [rad/s] are the measured speeds of the wheels, and if the body strays no
@@ -48,7 +48,7 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
     assert ready.problem is not None
     assert ready.base is not None
     if not ready.rolling:
-        found = _by_moments(ready, say)
+        found = _by_one_step(ready, say)
         if found is not None:
             return found
         say("No model predicts this robot from moment to moment: fitting free runs instead ...")
@@ -59,8 +59,8 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
     return search(courses, base, say)
 
 
-def _by_moments(ready: Ready, say: Callable[[str], None]) -> Search | None:
-    """Return what errors of moments lead to; None where that is of no use.
+def _by_one_step(ready: Ready, say: Callable[[str], None]) -> Search | None:
+    """Return what one-step errors lead to; None where that is of no use.
 
     Robots with a velocity controller of their own are often such: of a long recording, a part is tried first, and no
     search goes on after a step that made free runs worse.
@@ -70,7 +70,7 @@ def _by_moments(ready: Ready, say: Callable[[str], None]) -> Search | None:
     seconds = sum(predictor.segment.observations.seconds for predictor in ready.problem.predictors)
     if ready.problem.excitation.controlled and seconds > LONG:
         say(f"Trying {TRIAL:.0f} s of the recording ...")
-        if _by_moments(ready.part(TRIAL), say) is None:
+        if _by_one_step(ready.part(TRIAL), say) is None:
             return None
     try:
         found = _with_right_gains(_searched(ready.problem, ready.base, ready, say), ready, say)
@@ -80,7 +80,7 @@ def _by_moments(ready: Ready, say: Callable[[str], None]) -> Search | None:
 
 
 def _searched(problem: Problem, base: Fit, ready: Ready, say: Callable[[str], None]) -> Search:
-    """Search by errors of moments; raises _AstrayError where free runs of a velocity controller get worse."""
+    """Search by one-step errors; raises _AstrayError where free runs of a velocity controller get worse."""
     after_step = _Watch(problem, base) if problem.excitation.controlled else _unwatched
     return search(problem, base, say, lambda so_far: trusted(so_far, ready), after_step)
 
@@ -94,7 +94,7 @@ class _AstrayError(Exception):
 
 
 class _Watch:
-    """The least errors of free runs that a search by errors of moments has come to so far."""
+    """The least errors of free runs that a search by one-step errors has come to so far."""
 
     def __init__(self, problem: Problem, base: Fit) -> None:
         self._segments = [predictor.segment for predictor in problem.predictors]
@@ -131,7 +131,7 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
 
 
 def trusted(found: Search, ready: Ready) -> bool:
-    """Return whether errors of moments led to a model that is of use: |v_free - v| < STRAYING |v|, root mean squares.
+    """Return whether one-step errors led to a model that is of use: |v_free - v| < STRAYING |v|, root mean squares.
 
     v are the speeds of the wheels [rad/s], v_free those that run freely with the model. Coarse ticks do not say whether
     wheels stray; there the paper's parameters must be such as free runs allow. Where the body strays further than with

@@ -174,21 +174,21 @@ def estimate(
         progress("Checking the data ...")
         looked = tuple(looked_at(recordings, sources))
         ready = prepare(looked, nominal, departing=departing)
-        problem = ready.problem
-        if problem is None:
+        if (problem := ready.problem) is None:
             return Estimation(looked, ready, against=departing)
         late = looked[0].findings.wheels_late
         unseen = looked_at(held_out, held_out_sources, "held-out recording", late or IN_TIME)
         ready = _with_held_out(ready, looked, unseen)
         found = with_late_wheels(look(ready, progress), late)
         progress("Looking at what remains ...")
+        segments = [predictor.segment for predictor in problem.predictors]
         others = [segment for one in unseen for segment in one.segments]
-        whole = extended(problem if found.problem.by_moments else found.problem, found, others)
+        whole = extended(problem if found.problem.one_step else found.problem, found, others)
         progress("Averaging over what these drives may hide ...")
-        delivered, measured = that_holds(whole, [predictor.segment for predictor in problem.predictors], others)
-        estimation = Estimation(looked, ready, delivered, measured, against=departing)
-        if against_nominal:
-            estimation = replace(estimation, nominal=_measured_as_given(estimation, nominal, others))
+        delivered, measured = that_holds(whole, segments, others)
+        given = _nominal_values(nominal, ready, departing) if against_nominal else {}
+        nominal_measured = measure_nominal(problem, given, measured, segments, others, delivered.model.values)
+        estimation = Estimation(looked, ready, delivered, measured, nominal_measured, against=departing)
         return _with_checks(estimation, unseen)
 
 
@@ -213,19 +213,6 @@ def _with_held_out(ready: Ready, fitted: Sequence[Checked], held_out: Sequence[C
     require_of_use_held_out(held_out, path=path)
     mended = [f"{one.name}: {one.note}" for one in held_out if one.note]
     return replace(ready, checks=findings_of([*fitted, *held_out]), notes=(*ready.notes, *mended))
-
-
-def _measured_as_given(
-    estimation: Estimation, nominal: ParameterFile, held_out: Sequence[Segment]
-) -> NominalMeasured | None:
-    """Measure the robot as it was given; None where it cannot be simulated with what was given."""
-    problem, whole, measured = estimation.ready.problem, estimation.whole, estimation.measured
-    assert problem is not None
-    assert whole is not None
-    assert measured is not None
-    given = _nominal_values(nominal, estimation.ready, estimation.against)
-    segments = [predictor.segment for predictor in problem.predictors]
-    return measure_nominal(problem, given, measured, segments, held_out, whole.model.values) if given else None
 
 
 def _nominal_values(nominal: ParameterFile, ready: Ready, departing: bool) -> dict[str, float]:

@@ -166,11 +166,14 @@ def measure_nominal(
     segments: Sequence[Segment],
     held_out: Sequence[Segment],
     smoothing: Mapping[str, float],
-) -> NominalMeasured:
+) -> NominalMeasured | None:
     """Measure a robot that was given, by the values of all its parameters, over the windows of what was `measured`.
 
-    `smoothing` are the values of the model that knows most: its sensor effects say where the windows begin.
+    `smoothing` are the values of the model that knows most: its sensor effects say where the windows begin. Without
+    values of the robot there is nothing to measure: None.
     """
+    if not nominal:
+        return None
     pair = Running(Given(nominal)), Running(Given(smoothing))
     (fitted, _), (outside, _) = _fitted_errors(pair, segments), _left_out_errors(problem, pair, segments, held_out)
     return NominalMeasured(nominal, path_rmse(fitted), outside, gain_of(outside, measured.held_out_after))

@@ -47,10 +47,10 @@ FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best on
 class Problem:
     """Recordings to be explained, and what is known of their noise.
 
-    `by_moments`: errors are those of single moments, whitened by their past, not those of free runs.
+    `one_step`: errors are one-step prediction errors, whitened by their past, not those of free runs.
     """
 
-    by_moments = True
+    one_step = True
 
     def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation) -> None:
         self.predictors = tuple(predictors)
@@ -228,8 +228,8 @@ class Problem:
         """Fit several models side by side, each from some values on with some free parameters: faster than in turn."""
         return self._answered([fitted(values, tuple(names), noise, self.excitation) for values, names in models], noise)
 
-    def by_moments_of(self, fit: Fit) -> tuple["Problem", Fit]:
-        """Return the problem, and a fit of it, whose errors are those of single moments: these."""
+    def one_step_of(self, fit: Fit) -> tuple["Problem", Fit]:
+        """Return the problem, and a fit of it, whose errors are one-step prediction errors: these."""
         return self, fit
 
     def doubts(self, fit: Fit) -> dict[str, float]:

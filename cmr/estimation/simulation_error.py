@@ -41,7 +41,7 @@ FINEST = 1e-6  # rad, m, rad/s: no sensor is more exact; without noise no fit wo
 class SimulationErrorProblem(Problem):
     """Recordings to be explained by free runs."""
 
-    by_moments = False
+    one_step = False
 
     def __init__(self, predictors: Sequence[Predictor], gains: Gains, excitation: Excitation) -> None:
         super().__init__(predictors, gains, excitation)
@@ -61,7 +61,7 @@ class SimulationErrorProblem(Problem):
         both = {**driven.of, **rolled.of}
         return Errors({name: both[name] for name in self.batch.signals}, rolled.motion)
 
-    def by_moments_of(self, fit: Fit) -> tuple[Problem, Fit]:
+    def one_step_of(self, fit: Fit) -> tuple[Problem, Fit]:
         """Return the problem of the body's motion beside wheels as they were measured, and the same model fitted there.
 
         What the motors do is not judged by it.
@@ -114,7 +114,7 @@ class SimulationErrorProblem(Problem):
         measured; the larger doubt is that of both.
         """
         doubts = _left_in_doubt(self, fit, fit, FREE_RUN_INFLATION)
-        body, beside = self.by_moments_of(fit)
+        body, beside = self.one_step_of(fit)
         names = [name for name in beside.names if name not in MOTOR]
         if names and "forward" in body.batch.signals and not set(names) & {"wheel_radius", *AS_THE_RADIUS}:
             names = ["wheel_radius", *names]  # no effect stands for it beside measured wheels

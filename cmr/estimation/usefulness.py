@@ -53,7 +53,7 @@ class _Use(NamedTuple):
 
 @dataclass(frozen=True)
 class Whole:
-    """What was found, and the average over what may be hidden beside it; None where errors of moments say nothing.
+    """What was found, and the average over what may be hidden beside it; None where one-step errors say nothing.
 
     `doubts` are to be added to the standard deviations of some parameters of the model that is delivered.
     """
@@ -81,7 +81,7 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
         whole = _as_the_paper_if_alone(judge.without_the_worst(whole))
         found = whole.found
         measured = measure(found.problem, found.base, whole.final, chance_of(found), segments, held_out)
-    if not found.problem.by_moments:
+    if not found.problem.one_step:
         return Whole(whole, None, found.doubts), measured
     names = [one.candidate.effect.name for one in found.named]
     average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names)
@@ -167,7 +167,7 @@ def _beside_what_is_small(whole: Extended) -> Fit | None:
     """Return the fit that has effects too small to be named beside all that are; None where there is none."""
     seen = whole.found.seen
     more = seen is not None and set(whole.final.names) < set(seen.names)
-    return seen if more and not whole.term and whole.found.problem.by_moments else None
+    return seen if more and not whole.term and whole.found.problem.one_step else None
 
 
 def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit, model: Fit) -> dict[str, float]:

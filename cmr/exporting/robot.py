@@ -15,7 +15,7 @@ from cmr.parameters.file import ParameterFile
 class ExportedRobot:
     """One robot with its parameters; `controller` is None where it takes duties.
 
-    `mass` [kg] is what no motion tells of it: None if it is not known.
+    `mass` [kg] does not follow from its motion: None if it is not known.
     """
 
     robot_id: int

@@ -42,7 +42,7 @@ def check_size(size: int, arriving: int) -> None:
 
 
 def too_large() -> str:
-    """Return what is said of a file that is too large."""
+    """Return the message for a file that is too large."""
     return f"The file is larger than {LARGEST_LOG / 1e6:.0f} MB. Run `cmr-view FILE` in a terminal to open it."
 
 

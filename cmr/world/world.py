@@ -65,12 +65,6 @@ class VirtualRobot:
         return Robot(0, self.robot_id, VIRTUAL, RobotState.at_rest(self.x, self.y, wrap(self.theta)))
 
 
-def _at_rest_by_parameters(virtual: Sequence[VirtualRobot]) -> dict[int, Robots]:
-    """Return the virtual robots where they start, by the robot whose parameters they move by."""
-    whose = {robot.parameters_of for robot in virtual}
-    return {one: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == one) for one in whose}
-
-
 class World:
     """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
 
@@ -106,9 +100,7 @@ class World:
         self.crowded = False  # whether more robots were heard of than are followed
         self._time = 0  # of the last turn [us]
         self.late_steps = 0  # made more than a step after they were due, or left out
-        self._estimates = estimates
-        self._follow = follow
-        self._ready = ready
+        self._follow, self._ready, self._estimates = follow, ready, estimates
         self._own_parameters = own_parameters
         self._noise = noise
         self._reaction = Reaction(reaction)
@@ -116,7 +108,10 @@ class World:
         self._models: dict[int, RobotParameters] = {}  # in use, by robot id
         self._not_ready: set[int] = set()
         self._virtual = {robot.robot_id: robot for robot in virtual}
-        self._absent = _at_rest_by_parameters(virtual)
+        self._absent = {
+            robot_id: Robots.of(robot.at_rest() for robot in virtual if robot.parameters_of == robot_id)
+            for robot_id in {robot.parameters_of for robot in virtual}
+        }
         self._real: dict[int, RealRobot] = {}
         self.view.obstacles = obstacles or Obstacles.none()
         self._fleet = Fleet(self.view.obstacles, {v.robot_id: v.radius for v in virtual if v.radius is not None})
@@ -244,7 +239,7 @@ class World:
         return {k: real.estimator.reset for k, real in self._real.items() if real.estimator.reset is not None}
 
     def real(self) -> list[Robot]:
-        """Return the real robots heard of lately and known; one whose clock is off by more is as good as not heard."""
+        """Return the real robots heard of lately and known; one whose clock is off by more counts as not heard."""
         return [
             Robot(robot.estimator.utime, robot_id, REAL, robot.estimator.state)
             for robot_id, robot in self._real.items()

@@ -20,7 +20,7 @@ TURNED = math.radians(60.0)  # what a quarter turn has at least
 
 @dataclass(frozen=True)
 class Ground:
-    """What the drive showed: the base width by which it turns (m), its motors if they can be told, and the poses."""
+    """What the drive showed: the base width by which it turns (m), its motors if they can be found, and the poses."""
 
     base_width: float
     motors: tuple[float, float] | None

@@ -60,7 +60,7 @@ class PosesFound:
 
     @property
     def unclear(self) -> str:
-        """What cannot be told, with the reason; "" if nothing."""
+        """What could not be decided, with the reason; "" if nothing."""
         if not self.unsure_lateness:
             return ""
         return (

@@ -3,7 +3,7 @@
 from cmr.bus.clock_map import ClockMap
 
 SECONDS = 1e-6  # in a microsecond
-# s; a smaller offset may be the time that messages take, which cannot be told from it, and is left as it is.
+# s; a smaller offset may be the time that messages take, which cannot be separated from it, and is left as it is.
 NOTICED = 0.02
 
 

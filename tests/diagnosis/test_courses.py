@@ -1,4 +1,4 @@
-"""The diagnosis by courses says how well it knows what it found, what remains, and what it did not look for."""
+"""A diagnosis by free runs says how well it knows what it found, what remains, and what it did not look for."""
 
 from dataclasses import replace
 

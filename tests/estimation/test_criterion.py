@@ -1,4 +1,4 @@
-"""Free runs see what they would see of each candidate alone, and say where a search by moments is of no use."""
+"""Free runs see what they would see of each candidate alone, and say where a search by one-step errors is of no use."""
 
 from dataclasses import replace
 
@@ -75,7 +75,7 @@ def test_of_a_long_recording_a_part_is_searched_first(
 
     def search(problem: Problem, *_others: object) -> object:
         seconds = sum(predictor.segment.observations.seconds for predictor in problem.predictors)
-        searched.append((problem.by_moments, round(seconds)))
+        searched.append((problem.one_step, round(seconds)))
         return found
 
     monkeypatch.setattr(criterion, "LONG", SECONDS / 2)
@@ -84,5 +84,5 @@ def test_of_a_long_recording_a_part_is_searched_first(
     monkeypatch.setattr(criterion, "_with_right_gains", lambda found, _ready, _say: found)
     monkeypatch.setattr(criterion, "trusted", lambda _found, _ready: of_use)
     criterion.look(ready, lambda _sentence: None)
-    part, by_moments, by_courses = (True, SECONDS / 4), (True, SECONDS), (False, SECONDS)
-    assert searched == [part, by_moments if of_use else by_courses]
+    part, one_step, free_runs = (True, SECONDS / 4), (True, SECONDS), (False, SECONDS)
+    assert searched == [part, one_step if of_use else free_runs]

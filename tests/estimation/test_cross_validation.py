@@ -19,7 +19,7 @@ from cmr.estimation.search.cross_validation import Elsewhere, why_not_elsewhere
 from tests.hidden_effects import hidden_recording
 
 SIGNIFICANT = 45.0
-COURSES = cast("Problem", SimpleNamespace(by_moments=False, several=True))
+FREE_RUNS = cast("Problem", SimpleNamespace(one_step=False, several=True))
 FIT = Fit({"base_width": 0.16}, ("base_width",), np.ones(4), np.ones((4, 1)), Noise({}))
 
 
@@ -27,7 +27,7 @@ def judged(monkeypatch: pytest.MonkeyPatch, by_kind: Elsewhere, in_turn: Elsewhe
     """Why an effect is refused that does this where recordings are parted by kind, and dealt out in turn."""
     found = {True: by_kind, False: in_turn}
     monkeypatch.setattr(cross_validation, "elsewhere", lambda *_fits, by_kind=True: found[by_kind])
-    return why_not_elsewhere(COURSES, FIT, FIT, SIGNIFICANT)
+    return why_not_elsewhere(FREE_RUNS, FIT, FIT, SIGNIFICANT)
 
 
 HOLDS = Elsewhere((100.0, 100.0), (40.0, 40.0), 0.5)
@@ -52,7 +52,7 @@ def test_a_fit_that_loses_its_way_is_infinitely_bad() -> None:
     assert left_out(lost, np.array([0, 0, 1, 1])) == np.inf
 
 
-def test_by_courses_sizes_are_scaled_to_the_robot_of_the_courses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sizes_in_free_runs_are_scaled_to_the_robot_found_there(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = hidden_recording("coulomb_friction", seed=4).recording
     ready = prepare(looked_at([recording], ["drive"]), nominal_of([recording], None))
     searched: list[tuple[Problem, Fit]] = []
@@ -61,5 +61,5 @@ def test_by_courses_sizes_are_scaled_to_the_robot_of_the_courses(monkeypatch: py
     monkeypatch.setattr(criterion, "trusted", lambda _found, _ready: False)
     criterion.look(ready, lambda _sentence: None)
     problem, base = searched[-1]
-    assert not problem.by_moments
+    assert not problem.one_step
     assert problem.excitation.parameters == base.values

@@ -12,7 +12,7 @@ from cmr.estimation.search.trace import ADDED, REMOVED, Decision
 from cmr.estimation.unexplained import extending
 from cmr.estimation.unexplained.result import Unexplained
 
-BY_MOMENTS: Any = SimpleNamespace(by_moments=True)
+ONE_STEP: Any = SimpleNamespace(one_step=True)
 PRESENT = Unexplained(present=True, signal="heading", regressors=("acceleration",), share=0.4)
 
 
@@ -25,7 +25,7 @@ def test_what_is_unexplained_remains_with_and_without_small_effects(
     monkeypatch: pytest.MonkeyPatch, with_small: Unexplained, without: Unexplained, expected: bool
 ) -> None:
     fit, final = object(), object()
-    found: Any = SimpleNamespace(problem=BY_MOMENTS, base=None, final=final, named=[])
+    found: Any = SimpleNamespace(problem=ONE_STEP, base=None, final=final, named=[])
     left = {id(fit): with_small, id(final): without}
     monkeypatch.setattr(extending, "with_small_effects", lambda _found: fit)
     monkeypatch.setattr(extending, "remaining", lambda _study, of, _base: SimpleNamespace(unexplained=left[id(of)]))
@@ -48,6 +48,6 @@ def test_names_withdrawn_for_a_generic_term_stand_in_the_decisions_of_the_search
     monkeypatch.setattr(extending, "proposed", lambda *_all: Proposal(Laws()))
     monkeypatch.setattr(extending, "_makes_up_for", lambda *_all: True)
     monkeypatch.setattr(extending, "remaining", lambda *_all: SimpleNamespace(unexplained=PRESENT))
-    first, last = extending.extended(BY_MOMENTS, found).found.decisions
+    first, last = extending.extended(ONE_STEP, found).found.decisions
     assert first == added
     assert (last.action, last.effects, last.statistic, last.reason) == (REMOVED, ("slope",), 71.0, extending.WITHDRAWN)

@@ -36,7 +36,7 @@ PROBLEM = cast(
     SimpleNamespace(
         excitation=USUAL,
         moving=(1.0, 59.0),
-        by_moments=True,
+        one_step=True,
         rows_of=lambda signals: np.array([name in signals for name in SIGNALS]),
     ),
 )

@@ -20,7 +20,7 @@ AROUND = 500_000  # us before and after the second that are looked at, too
 LONGEST_GAP, LONGEST_POSE_GAP = 0.25, 0.5  # s; over a longer one wheels and gyro, or poses, are not followed
 SPAN = 5  # steps of the grid over which turning is followed
 LAG = 0.2  # s by which a second is shifted to see what a lag makes of it
-RESTING = 0.5  # rad/s; slower wheels are as good as resting
+RESTING = 0.5  # rad/s; slower wheels count as resting
 LEAST_ANGLE = 0.3  # rad; a wheel that turned less in the second, and should have, counts as resting
 FROZEN_WAY, FROZEN_ANGLE = 0.03, 0.1  # m and rad that wheels must make until equal poses are called frozen
 

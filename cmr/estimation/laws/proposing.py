@@ -79,7 +79,7 @@ class Proposal:
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
     """Look for laws beside what a search of a problem found, and without it; `more` says that structure remains."""
-    if not problem.by_moments:
+    if not problem.one_step:
         return Proposal(Laws(reasons=(BY_FREE_RUNS,)))
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))

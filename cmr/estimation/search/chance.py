@@ -64,7 +64,7 @@ def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], fina
     """
     coarse = tick_of(problem) > COARSE
     timing = None
-    if any(one.candidate.effect.name in LATE for one in named) and not coarse and problem.by_moments:
+    if any(one.candidate.effect.name in LATE for one in named) and not coarse and problem.one_step:
         timing = timing_of(problem, final)
     if coarse or timing:
         named = [_perhaps_jitter(one, final, timing) for one in named]

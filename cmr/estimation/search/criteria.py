@@ -161,7 +161,7 @@ def _lost_readings(problem: Problem, before: Fit, candidate: CandidateEffect) ->
     of the tracker may predict wheels better by chance, at the expense of the poses.
     """
     effect, fit = candidate.effect, candidate.fit
-    if fit is None or not effect.is_sensor or not problem.by_moments:
+    if fit is None or not effect.is_sensor or not problem.one_step:
         return 0.0
     own = {name for stage in effect.equations for name in READINGS.get(stage.partition("_")[0], SIGNALS)}
     rows = np.flatnonzero(problem.rows_of(own))  # by number: errors that are of no sensor, of priors, come after all

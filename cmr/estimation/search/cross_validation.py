@@ -131,7 +131,7 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
     if after is None:
         return "It was not fitted."
     found = elsewhere(problem, before, after)
-    if problem.by_moments:
+    if problem.one_step:
         return why_not_of_moments(found, significant)
     harmless = _harmless(found, significant)
     if not found.seen and problem.several and harmless:  # then what both parts of a kind gain together counts

@@ -54,7 +54,7 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
     """
     standing, small, final = _without_small(problem, named, current)
     dropped = [(tested, TOO_SMALL) for tested in small]
-    beside_small = current if small and problem.by_moments else None
+    beside_small = current if small and problem.one_step else None
     doubts: dict[str, float] = {}
     for one in standing:
         final, doubt = made_sure(problem, final, one.candidate.effect)
@@ -137,7 +137,7 @@ def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> S
 def _is_clear(problem: Problem, one: SelectedEffect, fit: Fit, drop: float, inflation: Inflation) -> bool:
     """Return whether an effect is needed, by its `drop` to first order, whatever a fit without it would say."""
     others_do = one.candidate.effect.name == SLIP and {*fit.names} >= SEEM_LATE
-    return problem.by_moments and not others_do and drop > CLEARLY * _least(one, inflation)
+    return problem.one_step and not others_do and drop > CLEARLY * _least(one, inflation)
 
 
 def _least(one: SelectedEffect, inflation: Inflation) -> float:

@@ -55,7 +55,7 @@ def judged(
     if tested.fit is None and why in ("", TOO_SMALL):
         tested = fit_fully(problem, current, [tested], [True])[0]
         why = why_not(problem, current, tested, inflation)
-    if not why and (problem.several or not problem.by_moments):
+    if not why and (problem.several or not problem.one_step):
         significant = needed(tested.effect) * inflation.of(tested.effect.name)
         why = why_not_elsewhere(problem, current, tested.fit, significant)
     return tested, why

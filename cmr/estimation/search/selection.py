@@ -102,7 +102,7 @@ def search(
     trace = Trace()
     found = _selected(_Selection(problem, base, trace), say, after_step)
     chance = None
-    if problem.by_moments and tick_of(problem) <= COARSE:
+    if problem.one_step and tick_of(problem) <= COARSE:
         chance = chance_on_commands(problem, found.named, found.others, found.final, found.seen or found.final)
     if chance is None or not of_use(found):
         named = with_jitter_as_rival(problem, found.named, found.final)
@@ -163,7 +163,7 @@ class _Selection:
         self.current = self.problem.renewed(self.current, screening.noise)
         inflation = screening.inflation.at_least(COARSE_INFLATION if tick_of(self.problem) > COARSE else 1.0)
         inflation = replace(inflation, all=max(inflation.all, self._least_inflation))
-        self.inflation = inflation if self.problem.by_moments else Inflation(FREE_RUN_INFLATION)
+        self.inflation = inflation if self.problem.one_step else Inflation(FREE_RUN_INFLATION)
         return screening
 
     def improved(self, screening: Screening) -> bool:
@@ -173,7 +173,7 @@ class _Selection:
         """
         much = MUCH * THRESHOLD * self.inflation.all
         much_left = any(score.drop > much for score in screening.scores[:1])
-        if len(self.named) == 1 and much_left and self.problem.by_moments and not self._ahead_tried:
+        if len(self.named) == 1 and much_left and self.problem.one_step and not self._ahead_tried:
             self._ahead_tried = True
             # The likeliest model that is found from the one that stands, without a search.
             ahead = [relinearised(self.problem, self.current, self.inflation.all)[0]]
@@ -185,7 +185,7 @@ class _Selection:
             self._note_added(chosen)
             return self._moved_to([*self.named, chosen], chosen.candidate.fit)
         self._note_rejected()
-        if not self.problem.by_moments:  # of effects alike in free runs, the one that predicts left-out data best stays
+        if not self.problem.one_step:  # of effects alike in free runs, the one that predicts left-out data best stays
             return False
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         if self._exchanged(exchange):
@@ -269,7 +269,7 @@ class _Selection:
         result = []
         for one in self.named:
             name = one.candidate.effect.name
-            if name not in self._exchanged_for and not (one.rivals and self.problem.by_moments):
+            if name not in self._exchanged_for and not (one.rivals and self.problem.one_step):
                 result.append(one)
                 continue
             rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
@@ -361,7 +361,7 @@ def _choose(
         tie = decided(problem, current, chosen, close, inflation)
         others = [(chosen, LESS) if one.effect is tie.named.effect else (one, why) for one, why in others]
         chosen = tie.named
-        if not problem.by_moments:
+        if not problem.one_step:
             rivals = tuple(one.effect.name for one in tie.alike if one is not chosen)
             return SelectedEffect(chosen, rivals, current), others
         close = [one for one, _ in others if chosen.drop - one.drop < margin]

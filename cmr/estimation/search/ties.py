@@ -39,7 +39,7 @@ def decided(
     a place nor is rare. Of several it is the one of the least unusual size, then the catalogue's first. A rare effect
     must explain so much more. In free runs, errors count that are left out of the fits as well as those that are not.
     """
-    if problem.by_moments:
+    if problem.one_step:
         holding = [one for one in close if one.fit and not why_not(problem, current, one, inflation)]
     else:
         holding = [one for one, why in (judged(problem, current, one, inflation) for one in close) if not why]
@@ -60,6 +60,6 @@ def decided(
 
 def _gain(problem: Problem, current: Fit, one: CandidateEffect) -> float:
     """Return the log-likelihood that an effect adds; in free runs, also to the parts that its fit leaves out."""
-    if problem.by_moments:
+    if problem.one_step:
         return 0.5 * one.drop
     return 0.5 * one.drop + elsewhere(problem, current, one.fit).gain if one.fit else -np.inf

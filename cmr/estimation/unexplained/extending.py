@@ -21,7 +21,7 @@ from cmr.estimation.unexplained.result import Unexplained
 
 SURPASSED = 0.8  # of some error of free runs with the named effects: so little must a term leave that does without them
 # Of models fitted by free runs, whose odometry has errors of its own on every real robot (OptiOdom: 0.18 and 1.10).
-MUCH_UNEXPLAINED, MUCH_GAINED = 0.25, 1.25  # share of a signal's errors of single moments; of the path's of free runs
+MUCH_UNEXPLAINED, MUCH_GAINED = 0.25, 1.25  # share of a signal's one-step errors; of the path's of free runs
 WITHDRAWN = "A generic term predicts much better than it does, and as well without it."
 BY_A_LAW = "A law explains more than it does, and as well without it."
 OF_NO_USE = "With it, free runs on data left out of the fit are less accurate than with the paper's model."
@@ -79,7 +79,7 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
     if not unexplained.present:
         return Extended(found, unexplained, laws=proposal.laws)
     result = replace(_with_term(problem, found, unexplained), laws=proposal.laws)
-    return result if problem.by_moments or _matters(result) else Extended(found, Unexplained(), laws=proposal.laws)
+    return result if problem.one_step or _matters(result) else Extended(found, Unexplained(), laws=proposal.laws)
 
 
 def _with_laws(problem: Problem, found: Search, proposal: Proposal, without: Unexplained) -> Extended:

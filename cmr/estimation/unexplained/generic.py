@@ -46,7 +46,7 @@ class Extension:
 
 def extension(problem: Problem, fit: Fit) -> Extension | None:
     """Return a generic term beside a fit that makes the model predict left-out data better, if there is one."""
-    names = _products(*problem.by_moments_of(fit))
+    names = _products(*problem.one_step_of(fit))
     if not names:
         return None
     started = {**fit.values, **dict.fromkeys(names, 0.0)}
@@ -55,7 +55,7 @@ def extension(problem: Problem, fit: Fit) -> Extension | None:
 
 
 def _products(problem: Problem, fit: Fit) -> tuple[str, ...]:
-    """Return the names of the coefficients whose products predict left-out errors of single moments beside a fit."""
+    """Return the names of the coefficients whose products predict left-out one-step errors beside a fit."""
     candidates = _candidates(problem)
     values = {**fit.values, **dict.fromkeys(candidates, 0.0)}
     rest, slopes = problem.linear(values, (*fit.names, *candidates), fit.noise)

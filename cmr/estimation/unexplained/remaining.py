@@ -55,9 +55,9 @@ class Remaining:
 def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     """Return what structure remains beside the final fit; `base` is that of the paper's model.
 
-    Errors are those of single moments: of models found by free runs, those of the body beside the measured wheels.
+    Errors are one-step prediction errors: of models found by free runs, those of the body beside the measured wheels.
     """
-    (problem, fit), base = problem.by_moments_of(fit), problem.by_moments_of(base)[1]
+    (problem, fit), base = problem.one_step_of(fit), problem.one_step_of(base)[1]
     if not problem.batch.rows:
         unexplained = not_judged(WHEELS_ALONE)
         return Remaining(unexplained=unexplained, statistic=0.0, threshold=LEAST, scores=(), bursts=())

@@ -77,6 +77,7 @@ class Demonstration:
                     raise CommandError(failure)
                 waited = time.monotonic() - began
                 if waited > seconds:
-                    raise CommandError(f"Waited {seconds:.0f} s for {what} in vain. See {self._children.folder}/*.txt.")
+                    files = f"{self._children.folder}/*.txt"
+                    raise CommandError(f"Gave up waiting for {what} after {seconds:.0f} s. See {files}.")
                 progress.show(f"Waiting for {what}", waited)
         raise CommandError("Stopped.")

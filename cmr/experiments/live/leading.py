@@ -74,5 +74,5 @@ class Leading(Demonstration):
         led = ways.pop(LEADER)
         followed = ", ".join(f"robot {robot_id} {way:.2f} m" for robot_id, way in sorted(ways.items()))
         nearest = self._watch.nearest.distance
-        near = f" The nearest that two came was {nearest:.2f} m." if np.isfinite(nearest) else ""
+        near = f" The smallest distance between two robots was {nearest:.2f} m." if np.isfinite(nearest) else ""
         return f"Robot {LEADER} was led for {led:.2f} m; behind it drove {followed}.{near}"

@@ -168,8 +168,8 @@ def _stands_out(speed: Floats, run: NDArray[np.int64]) -> Mask:
 def _wild(ticks: Floats, turned: Floats, dt: Floats, begins: Mask) -> Floats:
     """Return by how much counters go on differently from the wheels `turned`; 0 where it is no more than they may.
 
-    All are of shape (n,), and tell of the time since the reading before; of the first of a piece (`begins`) nothing
-    is told. After a gap the counters have gone on, by speeds that nobody saw.
+    All are of shape (n,), and hold for the time since the reading before; the first reading of a piece (`begins`)
+    has none. During a gap the counters have gone on, at speeds that were not recorded.
     """
     longer = np.maximum(1.0, dt / max(quantile(dt[~begins], 0.5), SECONDS))
     off = np.where(begins, 0.0, ticks - ratio(ticks, np.where(begins, 0.0, turned)) * turned)

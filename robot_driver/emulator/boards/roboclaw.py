@@ -79,7 +79,7 @@ class RoboclawBoard:
         self._step(0.0)
 
     def mix(self, **part: float) -> None:
-        """Drive by `forward` and `right` (-1 to 1), once both have been told."""
+        """Drive by `forward` and `right` (-1 to 1), once both have been received."""
         self._mix.update(part)
         if len(self._mix) == len(MOTORS):
             forward, right = self._mix["forward"], self._mix["right"]
