@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from cmr.investigation.choosing import SLOWER, UNEQUAL, keeps_to
-from cmr.investigation.driving import AtOnce, Driving
+from cmr.investigation.driving import AtOnce, Driving, Place
 from cmr.investigation.engine import Planned
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD, Movement, candidates, towards
@@ -56,11 +56,18 @@ def guarded(seed: int) -> Guarded:
     driving = Driving(cast(Any, guard), lambda: cast(Recording, None), AtOnce())
     driven.drive(0.0, 0.0, REST)
     while driven.time < SECONDS and not driving.finished:
-        left, right = driving.command(int(utime(np.array([driven.time]))[0]), driven.place)
+        left, right = driving.command(int(utime(np.array([driven.time]))[0]), _place(driven))
         driven.drive(left, right, PERIOD)
     for _ in range(50):
         driven.drive(0.0, 0.0, PERIOD)
     return Guarded(effect, round(driven.time, 2), within(driven.path, floor), guard.chosen)
+
+
+def _place(driven: DrivenRobot) -> Place:
+    """Return where a robot is, and how fast, as the world's estimate has it."""
+    state = driven.state
+    speed = 0.5 * driven.parameters.wheel_radius * (state["psi_left"] + state["psi_right"])
+    return Place(state["x"], state["y"], state["theta"], speed)
 
 
 class _Guard:
