@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class Told:
     imitated: frozenset[str] = frozenset()
     hopeless: frozenset[str] = frozenset()
 
-    @property
+    @cached_property
     def seen(self) -> dict[str, float]:
         """The squared distance at which each effect would show, at its usual size, by name."""
         own = separation.own(separation.projected(self.information, self.columns), self.columns)

@@ -184,9 +184,11 @@ class Investigation:
         """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
         if time - self.waited > self.longest:
             return True
+        if self.doubted or self._suspected(judgement):
+            return False
         if self._calibrate:
             return time > LEAST and is_calibrated(averaged(judgement, known))
-        return not self.doubted and not self._suspected(judgement) and {*self.not_shown(known)} <= known.hopeless
+        return {*self.not_shown(known)} <= known.hopeless
 
     def _without_hope(self, known: Told, time: float) -> Told:
         """Return what is known, with all that will not show here, however the rest of the drive is spent.

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from cmr.investigation.choosing import SLOWER, UNEQUAL, keeps_to
-from cmr.investigation.driving import AtOnce, Driving
+from cmr.investigation.driving import AtOnce, Driving, Place
 from cmr.investigation.engine import Planned
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD, Movement, candidates, towards
@@ -19,6 +19,7 @@ from cmr.investigation.prediction import Situation, paths
 from cmr.model.commands import Commands
 from cmr.plant.parameters import Floats
 from cmr.recordings.recording import Recording
+from cmr.recordings.signal import SECONDS
 from tests.hidden_effects.robots import draw_robot
 from tests.hidden_effects.sizes import draw_sizes
 from tests.investigation.investigated import L_SHAPE, REST, SMALL, SQUARE, UNLIMITED, DrivenRobot, within
@@ -26,7 +27,7 @@ from tests.reference_plant import TYPICAL
 from tests.reference_plant.drives import utime
 
 FLOORS = (SQUARE, SMALL, L_SHAPE)
-SECONDS = 20.0  # s of a drive
+DRIVE = 20.0  # s
 OFF = 0.02  # share by which parameters are off that an opening has made known
 AT_ONCE = 12  # movements that are looked at, until some keep to the floor
 BY_CHANCE = ("command_jitter", "command_loss", "wheel_separation_error", "pose_smoothing", "wheel_speed_latency")
@@ -49,24 +50,31 @@ def guarded(seed: int) -> Guarded:
     robot = draw_robot(random)
     effect = str(random.choice(EFFECTS))
     floor = Floor(FLOORS[seed % len(FLOORS)])
-    hidden = draw_sizes(effect, robot, SECONDS, random)
+    hidden = draw_sizes(effect, robot, DRIVE, random)
     driven = DrivenRobot({**robot, **hidden}, seed=seed, pose=(*floor.middle, random.uniform(-np.pi, np.pi)))
     believed = {name: value * (1.0 + random.uniform(-OFF, OFF)) for name, value in robot.items()}
     guard = _Guard(driven, {**believed, "wheel_radius": robot["wheel_radius"]}, floor, random)
     driving = Driving(cast(Any, guard), lambda: cast(Recording, None), AtOnce())
     driven.drive(0.0, 0.0, REST)
-    while driven.time < SECONDS and not driving.finished:
-        left, right = driving.command(int(utime(np.array([driven.time]))[0]), driven.place)
+    while driven.time < DRIVE and not driving.finished:
+        left, right = driving.command(int(utime(np.array([driven.time]))[0]), _place(driven))
         driven.drive(left, right, PERIOD)
     for _ in range(50):
         driven.drive(0.0, 0.0, PERIOD)
     return Guarded(effect, round(driven.time, 2), within(driven.path, floor), guard.chosen)
 
 
+def _place(driven: DrivenRobot) -> Place:
+    """Return where a robot is, and how fast, as the world's estimate has it."""
+    state = driven.state
+    speed = 0.5 * driven.parameters.wheel_radius * (state["psi_left"] + state["psi_right"])
+    return Place(state["x"], state["y"], state["theta"], speed)
+
+
 class _Guard:
     """An investigation that draws movements until some keep to the floor, and chooses the one nearest to its border."""
 
-    longest = SECONDS
+    longest = DRIVE
 
     def __init__(
         self, driven: DrivenRobot, believed: dict[str, float], floor: Floor, random: np.random.Generator
@@ -104,14 +112,14 @@ class _Guard:
     def _situation(self, planned: Planned) -> Situation:
         state, now = self._driven.state, int(utime(np.array([self._driven.time]))[0])
         to_come = planned.utime >= now
-        commands = Commands((planned.utime[to_come] - now) * 1e-6, planned.duty[to_come])
+        moments: Floats = np.asarray((planned.utime[to_come] - now) * SECONDS, np.float64)
         speeds = state["psi_left"], state["psi_right"]
         return Situation(
             state=(state["x"], state["y"], state["theta"], *speeds),
             time=self._driven.time,
             turned=(state["phi_left"], state["phi_right"]),
-            commands=_never_empty(commands),
-            busy=max(0.0, (planned.ends - now) * 1e-6),
+            commands=_after_rest(moments, planned.duty[to_come]),
+            busy=max(0.0, (planned.ends - now) * SECONDS),
             energy=0.0,
             heat=0.0,
             limits=UNLIMITED,
@@ -119,7 +127,6 @@ class _Guard:
         )
 
 
-def _never_empty(commands: Commands) -> Commands:
-    """Return the commands, after one of no duty that was under way already."""
-    before: Floats = np.array([-1e-6])
-    return Commands(np.concatenate([before, commands.time]), np.concatenate([np.zeros((1, 2)), commands.duty]))
+def _after_rest(time: Floats, duty: Floats) -> Commands:
+    """Return commands at `time` [s], (n,), of `duty` (n, 2), after one of no duty that was under way already."""
+    return Commands(np.concatenate([[-SECONDS], time]), np.concatenate([np.zeros((1, 2)), duty]))

@@ -258,18 +258,30 @@ def investigated(case: InvestigatedCase, *, until_named: str = "", tell: bool = 
         if tell and len(investigation.story) > steps:
             steps = len(investigation.story)
             _tell(driving)
+    return _outcome(driven, driving, sizes, named, notes, planner.cpu)
+
+
+def _outcome(
+    driven: DrivenRobot,
+    driving: Driving,
+    sizes: Mapping[str, float],
+    named: Mapping[str, float],
+    notes: set[str],
+    cpu: float,
+) -> Outcome:
+    """Return what came of a drive, in which names came first at these times."""
     decision = driving.decision
     own = averaged(decision.judgement, decision.known) if decision else {}
     return Outcome(
-        named={name: round(time, 2) for name, time in named.items() if name in investigation.named},
-        also=tuple(name for name in investigation.found if name not in investigation.named),
-        not_shown=tuple(investigation.not_shown(decision.known)) if decision else (),
+        named={name: round(time, 2) for name, time in named.items() if name in driving.investigation.named},
+        also=tuple(name for name in driving.investigation.found if name not in driving.investigation.named),
+        not_shown=tuple(driving.investigation.not_shown(decision.known)) if decision else (),
         ended=round(driven.time - REST, 2),
-        within=within(driven.path, investigation.floor),
+        within=within(driven.path, driving.investigation.floor),
         sizes=sizes,
-        cpu=planner.cpu,
+        cpu=cpu,
         problem=driving.problem,
-        remains=investigation.unexplained.present,
+        remains=driving.investigation.unexplained.present,
         known={name: (one.value, one.std, float(getattr(driven.parameters, name))) for name, one in own.items()},
         notes=tuple(filter(None, sorted(notes))),
     )

@@ -3,19 +3,20 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cmr.geometry.obstacles import Geofence, Obstacles
+from cmr.geometry.obstacles import Obstacles
 from cmr.investigation.choosing import keeps_to
 from cmr.investigation.floor import Floor
 from cmr.investigation.movements import PERIOD, candidates, opening
 from cmr.investigation.prediction import Situation, paths
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
-from tests.investigation.investigated import DrivenRobot
+from tests.investigation.guarded import guarded
+from tests.investigation.investigated import L_SHAPE, DrivenRobot
 
-L_SHAPE = Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 1.0)])
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 NONE = Commands(np.array([-1.0]), np.zeros((1, 2)))
 
@@ -90,3 +91,11 @@ def test_other_robots_are_kept_clear_of() -> None:
     floor = Floor(L_SHAPE, margin=0.14).with_robots([(-0.5, -0.5)])
     assert float(floor.room(np.array(-0.5), np.array(-0.3))) < 0.0 < float(floor.room(np.array(0.3), np.array(-0.5)))
     assert L_SHAPE.contains(*floor.middle)
+
+
+@pytest.mark.slow
+def test_a_robot_that_turns_less_than_anybody_knows_is_stopped_on_its_floor() -> None:
+    """By its movements towards the border alone it would leave it: its speed says early enough that it must stop."""
+    drive = guarded(131)
+    assert drive.effect == "turn_rate_limit"
+    assert drive.within > 0.0

@@ -25,3 +25,12 @@ def test_the_same_seed_gives_the_same_investigation() -> None:
     """Chance comes from seeds alone: two runs end at the same time with the same names."""
     first, again = (investigated(InvestigatedCase(("gyro_bias",), seed=12, longest=6.0)) for _ in range(2))
     assert first == again
+
+
+def test_a_calibration_goes_on_while_there_is_more_to_name() -> None:
+    """Between the names of six small effects, parameters beside one more seem known, and are wrong by percents."""
+    outcome = investigated(InvestigatedCase((), seed=4001, longest=15.0, messy=True, calibrate=True))
+    assert set(outcome.named) <= set(outcome.sizes)
+    for name, allowed in (("k1", 0.01), ("base_width", 0.01), ("k2_over_k3", 0.03)):
+        value, _, true = outcome.known[name]
+        assert value == pytest.approx(true, rel=allowed)

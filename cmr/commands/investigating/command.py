@@ -190,6 +190,25 @@ def command_parser() -> argparse.ArgumentParser:
     )
     add_robot(options)
     options.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    _add_floor(options)
+    options.add_argument(
+        "--longest", type=float, default=LONGEST, metavar="S", help="end after this time of driving [s] (default: 60)"
+    )
+    options.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed draws the same movements")
+    options.add_argument("--parameters", type=Path, metavar="FILE", help="parameter file; otherwise robot_N.yaml")
+    options.add_argument(
+        "--calibrate",
+        action="store_true",
+        help="end when k1 and base_width are known within 1 %%, k2_over_k3 within 3 %%",
+    )
+    options.add_argument("--no-diagnosis", action="store_true", help="leave out the diagnosis of the whole drive")
+    add_emulated(options)
+    add_limits(options)
+    return options
+
+
+def _add_floor(options: argparse.ArgumentParser) -> None:
+    """Add where the robot may drive, and whether anything reports where it is."""
     options.add_argument(
         "--floor",
         type=geofence,
@@ -201,22 +220,8 @@ def command_parser() -> argparse.ArgumentParser:
         "--margin", type=margin, default=MARGIN, metavar="M", help=f"distance from its border (default: {MARGIN:g} m)"
     )
     options.add_argument(
-        "--longest", type=float, default=LONGEST, metavar="S", help="end after this time of driving [s] (default: 60)"
-    )
-    options.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed draws the same movements")
-    options.add_argument("--parameters", type=Path, metavar="FILE", help="parameter file; otherwise robot_N.yaml")
-    options.add_argument(
-        "--calibrate",
-        action="store_true",
-        help="end when k1 and base_width are known within 1 %%, k2_over_k3 within 3 %%",
-    )
-    options.add_argument(
         "--no-tracker",
         action="store_true",
         help="nothing reports poses: put the robot down at the world's origin, facing along x; it drives by dead "
         "reckoning, and keeps what it does not know of its place on the floor. Without this, it waits for poses",
     )
-    options.add_argument("--no-diagnosis", action="store_true", help="leave out the diagnosis of the whole drive")
-    add_emulated(options)
-    add_limits(options)
-    return options
