@@ -24,7 +24,7 @@ from cmr.recordings.signal import Floats
 
 VECTORS = 24  # of signs: a gain is foreseen to 30 %
 SURELY = 3.0  # times the gain that is foreseen: a law explains more in one case of ten thousand
-MOST = 256  # laws that are observed
+MOST = 128  # laws that are observed
 ABREAST = 64  # formulas multiplied side by side
 Formula = tuple[tuple[str, ...], tuple[tuple[str, float], ...]]  # its factors, and the constants that they name
 Kind = tuple[tuple[str, ...], bool]  # of formulas: places that ask for them, and whether of wheels
