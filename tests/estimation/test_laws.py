@@ -281,7 +281,7 @@ def test_two_terms_of_the_same_variables_at_one_place_are_a_series() -> None:
     for laws, is_series in (((square, cube), True), ((square, ahead), False), ((square,), False)):
         fit = polished(about, laws)
         assert fit is not None
-        offer = Offer(bare, fit, 100.0, 50.0, 50.0, -5.0, ())
+        offer = Offer(bare, fit, 100.0, 50.0, 50.0, -5.0, further=Further.beside(about, fit.rest), alike=())
         assert offer.series is is_series
         assert offer.approximate is is_series
 
