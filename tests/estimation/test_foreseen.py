@@ -8,8 +8,8 @@ import pytest
 
 from cmr.estimation.checks import looked_at
 from cmr.estimation.laws.candidates import Candidate, candidates
-from cmr.estimation.laws.foreseen import MOST, Foreseen
-from cmr.estimation.laws.linearised import Linearised, is_of_wheels, seen_in, shares_of
+from cmr.estimation.laws.foreseen import MOST, VECTORS, Foreseen
+from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels, seen_in, shares_of
 from cmr.estimation.laws.rest import Rest, rest_of
 from cmr.estimation.laws.scan import scan
 from cmr.estimation.laws.searching import SHOWN
@@ -37,6 +37,10 @@ def left(kind: str, seconds: float | None) -> tuple[Linearised, Rest]:
     model = Linearised.about(ready.problem, ready.base.values, ready.base.names)
     noise = ready.problem.found(ready.problem.errors(ready.base.values))
     return model, rest_of(model, noise)
+
+
+def written(law: Candidate) -> tuple[object, ...]:
+    return law.key, tuple(law.constants.items())
 
 
 def product(model: Linearised, pulled: Sequence[Floats], law: Candidate, side: int) -> float:
@@ -68,6 +72,22 @@ def test_laws_that_are_observed_are_the_best(kind: str) -> None:
     for one in scan(model, rest)[:SHOWN]:
         law = one.candidate.on("") if one.candidate.side else one.candidate
         assert (law.key, tuple(law.constants.items())) in some
+
+
+def test_what_is_expected_of_the_best_laws_is_what_they_explain() -> None:
+    """With V vectors of signs, the square of what a law does is known to a share of sqrt(2 / V)."""
+    model, rest = left("weak_reverse", None)
+    observed = {written(one.candidate): one.gain for one in scan(model, rest)[:SHOWN]}
+    expected = Foreseen(model, rest).expected(candidates())
+    ratios = []
+    for law, gains in zip(expected.laws, expected.gains, strict=True):
+        for side, gain in zip(SIDES if is_of_wheels(law.place) else ("",), gains, strict=False):
+            real = observed.get(written(law.on(side)))
+            ratios += [gain / real] if real else []
+    assert len(ratios) == SHOWN
+    deviation = np.sqrt(2.0 / VECTORS)
+    assert np.all(np.abs(np.log(ratios)) < 4.0 * deviation)
+    assert abs(np.median(np.log(ratios))) < 2.0 * deviation
 
 
 def test_few_laws_are_all_observed() -> None:

@@ -78,7 +78,11 @@ def test_names_and_a_law_must_be_clearly_better_than_a_law(
 
 def test_names_that_explain_something_beside_the_law_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     gains = {"gyro_bias": 2.0 * THRESHOLD, "slope": 0.1 * THRESHOLD}
-    monkeypatch.setattr(rivals, "known_beside", lambda *_all: SimpleNamespace(gains=gains))
+    monkeypatch.setattr(
+        rivals,
+        "known_beside",
+        lambda *_all, among: SimpleNamespace(gains={name: gains.get(name, 0.0) for name in among}),
+    )
     found: Any = SimpleNamespace(named=[named("gyro_bias"), named("slope")])
     law: Any = SimpleNamespace(after=SimpleNamespace(model=None, rest=None), gain=100.0)
     assert still_needed(law, found) == ["gyro_bias"]

@@ -10,6 +10,7 @@ from cmr.estimation.candidates import Excitation, lanes_of, size
 from cmr.estimation.laws.candidates import Candidate, candidates
 from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.curves import curve_of
+from cmr.estimation.laws.further import Further
 from cmr.estimation.laws.known import ALIKE, Known, known_beside
 from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed, seen_in
 from cmr.estimation.laws.misfit import misfit_of
@@ -17,7 +18,7 @@ from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
-from cmr.estimation.laws.searching import LEAST, SET, Data, Offer, Refused, inflation_of, narrow, offered
+from cmr.estimation.laws.searching import LEAST, SET, Data, Offer, Refused, narrow, offered
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.screening import changes_of
@@ -116,9 +117,9 @@ def test_a_law_leaves_the_traces_of_the_effect_that_does_the_same(effect: str) -
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_alone_gives_no_law(seed: int) -> None:
     about = simulated(None, 0.0, seed)
-    scores = scan(about, rest_of(about, about.problem.found(about.errors)))
-    assert scores[0].score < LEAST
-    assert inflation_of(scores) < 1.5
+    further = Further.beside(about, rest_of(about, about.problem.found(about.errors)))
+    assert further.scores[0].score < LEAST
+    assert further.inflation() < 1.5
 
 
 @pytest.mark.slow
@@ -280,7 +281,7 @@ def test_two_terms_of_the_same_variables_at_one_place_are_a_series() -> None:
     for laws, is_series in (((square, cube), True), ((square, ahead), False), ((square,), False)):
         fit = polished(about, laws)
         assert fit is not None
-        offer = Offer(bare, fit, 100.0, 50.0, 50.0, -5.0, ())
+        offer = Offer(bare, fit, 100.0, 50.0, 50.0, -5.0, further=Further.beside(about, fit.rest), alike=())
         assert offer.series is is_series
         assert offer.approximate is is_series
 

@@ -6,9 +6,9 @@ random vectors of signs, freed in the same way; their mean square estimates the 
 (M. F. Hutchinson, Communications in Statistics - Simulation and Computation 19, 1990).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 
 import numpy as np
 
@@ -24,8 +24,33 @@ from cmr.recordings.signal import Floats
 
 VECTORS = 24  # of signs: a gain is foreseen to 30 %
 SURELY = 3.0  # times the gain that is foreseen: a law explains more in one case of ten thousand
-MOST = 256  # laws that are observed
+MOST = 128  # laws that are observed
 ABREAST = 64  # formulas multiplied side by side
+Formula = tuple[tuple[str, ...], tuple[tuple[str, float], ...]]  # its factors, and the constants that they name
+Kind = tuple[tuple[str, ...], bool]  # of formulas: places that ask for them, and whether of wheels
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is expected of laws: `gains` (L, S) on each side that they may have, else NaN, and their `penalties` (L,).
+
+    `inflation` is how much larger gains are than chance has them.
+    """
+
+    laws: Sequence[Candidate]
+    gains: Floats
+    penalties: Floats
+    inflation: float
+
+    def best(self, most: int = MOST) -> list[Candidate]:
+        """Return the laws with the best scores that they may have, so many at most, in their order."""
+        scores = SURELY * np.nanmax(self.gains, axis=1) / self.inflation - self.penalties
+        return [self.laws[number] for number in np.sort(np.argsort(-scores, kind="stable")[:most]).tolist()]
+
+    def of_one_coefficient(self, place: str = "") -> Floats:
+        """Return the gains of laws that have one coefficient, at a place or at all, on each side."""
+        own = [one.count == 1 and place in ("", one.place) for one in self.laws]
+        return self.gains[own][np.isfinite(self.gains[own])]
 
 
 class Foreseen:
@@ -36,16 +61,64 @@ class Foreseen:
 
     def promising(self, laws: Sequence[Candidate], most: int = MOST) -> list[Candidate]:
         """Return the laws with the best scores that they may have, so many at most, in their order."""
-        if len(laws) <= most:
-            return list(laws)
+        return list(laws) if len(laws) <= most else self.expected(laws).best(most)
+
+    def expected(self, laws: Sequence[Candidate]) -> Expected:
+        """Return what is expected of each law."""
         sized = [self.model.sized(one) for one in laws]
-        by_place = sorted(range(len(sized)), key=lambda number: sized[number].place)
-        scores = np.empty(len(sized))
-        for place, group in groupby(by_place, key=lambda number: sized[number].place):
-            numbers = list(group)
-            scores[numbers] = _scores_at(place, [sized[n] for n in numbers], self.model, self.rest, self.pulled)
-        best = np.sort(np.argsort(-scores, kind="stable")[:most])
-        return [sized[number] for number in best.tolist()]
+        products, gains = self._products(sized), np.full((len(sized), len(SIDES)), np.nan)
+        for of_wheels, count in {(is_of_wheels(one.place), one.count) for one in sized}:
+            numbers = [n for n, one in enumerate(sized) if (is_of_wheels(one.place), one.count) == (of_wheels, count)]
+            own = np.stack(
+                [[products[of, of_wheels, sized[n].place] for of in _formulas_of(sized[n])] for n in numbers]
+            )
+            if of_wheels:
+                on_sides = np.einsum("sw,lkwv->lskv", np.stack([*SIDES.values()]), own)
+                allowed = [[sized[n].side in ("", side) for side in SIDES] for n in numbers]
+                gains[numbers] = np.where(allowed, _gains(on_sides), np.nan)
+            else:
+                gains[numbers, 0] = _gains(own[:, None, :, 0])[:, 0]
+        penalties = np.array([penalty(one, self.rest.samples) for one in sized])
+        return Expected(sized, gains, penalties, self.rest.inflation)
+
+    def _products(self, laws: Sequence[Candidate]) -> Mapping[tuple[Formula, bool, str], Floats]:
+        """Return the products of formulas at places, of wheels or not: (1 or 2 sides, V + 1).
+
+        What several places ask for is computed once.
+        """
+        places: dict[tuple[Formula, bool], dict[str, None]] = {}
+        for law in laws:
+            for formula in _formulas_of(law):
+                places.setdefault((formula, is_of_wheels(law.place)), {})[law.place] = None
+        kinds: dict[Kind, list[Formula]] = {}
+        for (formula, of_wheels), asking in places.items():
+            kinds.setdefault((tuple(asking), of_wheels), []).append(formula)
+        result = {}
+        for kind, formulas in kinds.items():
+            for formula, products in zip(formulas, self._products_of(kind, formulas), strict=True):
+                for place, product in zip(kind[0], products, strict=True):
+                    result[formula, kind[1], place] = product
+        return result
+
+    def _products_of(self, kind: Kind, formulas: Sequence[Formula]) -> Floats:
+        """Return the products of formulas of one kind, (formulas, places, sides, V + 1)."""
+        places, of_wheels = kind
+        sides = (0, 1) if of_wheels else (-1,)
+        result = np.zeros((len(formulas), len(sides), len(places) * (VECTORS + 1)))
+        for number, side in enumerate(sides):
+            for k, weights in enumerate(self._weights(places, number)):
+                courses = np.empty((ABREAST, len(weights)), np.float32)
+                for first in range(0, len(formulas), ABREAST):
+                    some = formulas[first : first + ABREAST]
+                    for row, (factors, constants) in enumerate(some):
+                        courses[row] = self.model.course(k, side, factors, dict(constants))
+                    result[first : first + len(some), number] += courses[: len(some)] @ weights
+        return result.reshape(len(formulas), len(sides), len(places), -1).swapaxes(1, 2)
+
+    def _weights(self, places: Sequence[str], side: int) -> list[Floats]:
+        """Return in each segment what acts at places, on a side, pulls in each step, (T, places (V + 1))."""
+        acts = [shares_of(place, self.model.values)[side] for place in places]
+        return [np.concatenate([_acting(act, one) for act in acts], axis=1, dtype=np.float32) for one in self.pulled]
 
     @cached_property
     def pulled(self) -> list[Floats]:
@@ -99,44 +172,22 @@ def _lend_to_others(name: str, of: dict[str, Floats], rest: Rest, batch: Batch) 
                 of[other][at[begin] : at[end - 1]] -= weight * np.repeat(of[name][begin + 1 : end], rows, axis=0)
 
 
-def _scores_at(
-    place: str, laws: Sequence[Candidate], model: Linearised, rest: Rest, pulled: Sequence[Floats]
-) -> Floats:
-    """Return the scores that laws of one place surely do not exceed, (L,)."""
-    acts = [
-        [sum(share * one[:, DISTURBED.index(name)] for name, share in act.items()) for one in pulled]
-        for act in shares_of(place, model.values)
+def _formulas_of(law: Candidate) -> list[Formula]:
+    return [
+        (factors, tuple((n, value) for n, value in law.constants.items() if any(n in text for text in factors)))
+        for factors in law.all_factors
     ]
-    formulas = [(factors, law.constants) for law in laws for factors in law.all_factors]
-    products = np.empty((len(acts), len(formulas), VECTORS + 1))
-    for first in range(0, len(formulas), ABREAST):
-        some = formulas[first : first + ABREAST]
-        for side, act in enumerate(acts):
-            parts = [
-                np.stack([model.course(k, side if len(acts) > 1 else -1, *one) for one in some]) @ weights
-                for k, weights in enumerate(act)
-            ]
-            products[side, first : first + ABREAST] = np.sum(parts, axis=0)
-    scores, end = [], 0
-    for law in laws:
-        begin, end = end, end + len(law.all_factors)
-        gain = max(_gain(product) for product in _on_sides(law, products[:, begin:end]))
-        scores.append(SURELY * gain / rest.inflation - penalty(law, rest.samples))
-    return np.array(scores)
 
 
-def _on_sides(law: Candidate, products: Floats) -> list[Floats]:
-    """Return the products (k, V) of a law on each side that it may have, from those of the left and the right."""
-    if not is_of_wheels(law.place):
-        return [products[0]]
-    return [np.tensordot(share, products, 1) for side, share in SIDES.items() if law.side in ("", side)]
+def _acting(shares: Mapping[str, float], pulled: Floats) -> Floats:
+    """Return what acts with some shares on DISTURBED pulls in each step, (T, V + 1), where each pulls this."""
+    return np.asarray(sum(share * pulled[:, DISTURBED.index(name)] for name, share in shares.items()))
 
 
-def _gain(products: Floats) -> float:
-    """Return the likelihood ratio that a law's products (k, V) with the errors and with random vectors foresee."""
-    pull, signs = products[:, 0], products[:, 1:]
-    if len(pull) == 1:
-        own = float(np.mean(signs**2))
-        return float(pull[0] ** 2) / own if own > 0.0 else 0.0
-    own_of_all = signs @ signs.T / VECTORS
-    return float(pull @ np.linalg.pinv(own_of_all, hermitian=True) @ pull)
+def _gains(products: Floats) -> Floats:
+    """Return the likelihood ratios (L, S) that products (L, S, k, V + 1) with the errors and random vectors foresee."""
+    pull, signs = products[..., :1], products[..., 1:]
+    own = signs @ signs.swapaxes(-1, -2) / VECTORS
+    if own.shape[-1] == 1:
+        return np.divide(pull**2, own, out=np.zeros_like(pull), where=own > 0.0)[..., 0, 0]
+    return np.asarray((pull.swapaxes(-1, -2) @ np.linalg.pinv(own, hermitian=True) @ pull)[..., 0, 0])

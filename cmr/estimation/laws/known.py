@@ -6,7 +6,7 @@ scale of poses, which is the wheels' radius. What a search has left is small; wh
 than any small force would.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -72,10 +72,14 @@ class Catalogued:
         return max(self.effects.gains.values(), default=0.0)
 
 
-def known_beside(model: Linearised, rest: Rest, selected: Sequence[str]) -> Known:
-    """Return what the effects of the catalogue do beside a model that leaves `rest` and has some `selected`."""
+def known_beside(model: Linearised, rest: Rest, selected: Sequence[str], among: Collection[str] | None = None) -> Known:
+    """Return what the effects of the catalogue do beside a model that leaves `rest` and has some `selected`.
+
+    Only those `among` some names, if these are given.
+    """
     problem = model.problem
     others = [one for one in problem.effects if one.name not in selected and one.beside in ("", *selected)]
+    others = [one for one in others if among is None or one.name in among]
     usual = [one for one in trials(problem.excitation, others) if not one.local]
     tried = [*usual, *filter(None, map(_made_small, usual))]
     sets = [dict(model.values), *({**model.values, **trial.values} for trial in tried)]

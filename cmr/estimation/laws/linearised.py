@@ -100,6 +100,11 @@ class Linearised:
         return cls(problem, dict(values), tuple(names), errors, slopes)
 
     @cached_property
+    def noise(self) -> Noise:
+        """The noise that the errors show."""
+        return self.problem.found(self.errors)
+
+    @cached_property
     def variables(self) -> list[Variables]:
         """The variables of formulas in each segment."""
         return variables_of(self.problem.predictors, self.errors, self.values)

@@ -12,6 +12,7 @@ where rho is Huber's loss. The noise is then estimated again from e + E d - G c:
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -36,7 +37,7 @@ SHARES_OF_STEP = (1.0, 0.5, 0.25)  # at which it looks to either side,
 STRETCH, FURTHEST = 2.0, 64.0  # or a factor, of a constant that has no reach; and how far it may go in all
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Polished:
     """A model fitted with laws: its `values`, the laws with their `coefficients`, and the noise that is left.
 
@@ -60,7 +61,7 @@ class Polished:
         counted = self.mask if rows is None else rows
         return float(np.sum(loss(self.white[counted]) + 2.0 * np.log(self.sizes[counted])))
 
-    @property
+    @cached_property
     def rest(self) -> Rest:
         """What the model leaves with its laws, freed of what these and its parameters can do."""
         return self._left(self.columns, np.clip(self.white, -LARGE, LARGE))
@@ -103,19 +104,20 @@ def polished(
     """
     stacked = _stacked(model, laws)
     step = np.zeros(next(iter(stacked[0].of.values())).shape[1] - 1)
+    renewed = RENEWED if fixed is None else 0
     if fixed is not None:
         step[len(model.names) :] = [one for own in fixed for one in own]
     mask = np.ones(model.problem.batch.rows, np.bool_) if counted is None else counted
-    noise = model.problem.found(_combined(stacked, step))
+    noise = model.noise if fixed is None else model.problem.found(_combined(stacked, step))
     columns = errors = np.empty(0)
-    for number in range(RENEWED + 1):
+    for number in range(renewed + 1):
         white = model.problem.made_white(stacked, noise)
         calm = ~jerks(model, noise)
         columns, errors = white[:, 1:] * calm[:, None], white[:, 0] * calm
         step = step if fixed is not None else _fitted(columns, errors, mask, step)
         if not np.all(np.isfinite(step)):
             return None
-        noise = model.problem.found(_combined(stacked, step)) if number < RENEWED else noise
+        noise = model.problem.found(_combined(stacked, step)) if number < renewed else noise
     return Polished(
         model,
         moved(model.values, model.names, step[: len(model.names)]),

@@ -153,7 +153,9 @@ def leaves_nothing(alone: Offer) -> bool:
 
 def still_needed(alone: Offer, found: Search) -> list[str]:
     """Return the named effects that explain something beside laws that do without them."""
-    gains = known_beside(alone.after.model, alone.after.rest, ()).gains
-    least = max(THRESHOLD, OF_NAMES * alone.gain)
     names = [one.candidate.effect.name for one in found.named if not one.estimates]
+    if not names:
+        return []
+    gains = known_beside(alone.after.model, alone.after.rest, (), among=names).gains
+    least = max(THRESHOLD, OF_NAMES * alone.gain)
     return [name for name in names if gains.get(name, 0.0) > least]

@@ -9,23 +9,21 @@ it is a law, or an approximation of something unknown.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.laws.candidates import Candidate, candidates
+from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.constants import undetermined
-from cmr.estimation.laws.foreseen import Foreseen
+from cmr.estimation.laws.further import Further
 from cmr.estimation.laws.known import Catalogued
 from cmr.estimation.laws.linearised import Linearised
-from cmr.estimation.laws.local import local_laws
 from cmr.estimation.laws.misfit import misfit_of, variables_of_law
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of, times_of
 from cmr.estimation.laws.scan import Score, penalty, scan
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
 from cmr.recordings.signal import Mask
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
@@ -64,8 +62,8 @@ class Offer:
     `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
     laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
     those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
-    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are the scores
-    of further laws beside them. `undetermined` says that other constants explain as much, and say something else.
+    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are laws
+    beside them. `undetermined` says that other constants explain as much, and say something else.
     """
 
     before: Polished
@@ -74,10 +72,10 @@ class Offer:
     score: float
     held_out: float
     left: float
+    further: Further
     alike: tuple[Polished, ...]
     tied: tuple[Polished, ...] = ()
     misfit: float = 0.0
-    further: tuple[Score, ...] = ()
     undetermined: bool = False
 
     @property
@@ -122,6 +120,7 @@ class Data:
     fitted: Mask
     tried: Mask | None
     other: Problem | None = None
+    _elsewhere: dict[Polished, Polished | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, problem: Problem, model: Linearised, other: Problem | None) -> "Data":
@@ -137,7 +136,7 @@ class Data:
         if self.other is None:
             assert self.tried is not None
             return before.quality(self.tried) - after.quality(self.tried)
-        return self._elsewhere(before) - self._elsewhere(after)
+        return self._left_elsewhere(before) - self._left_elsewhere(after)
 
     @property
     def share_tried(self) -> float:
@@ -149,9 +148,12 @@ class Data:
         """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
         if self.other is None:
             return None, self.tried
-        return polished(Linearised.about(self.other, fit.values, ()), fit.laws, fixed=fit.coefficients), None
+        if fit not in self._elsewhere:
+            model = Linearised.about(self.other, fit.values, ())
+            self._elsewhere[fit] = polished(model, fit.laws, fixed=fit.coefficients)
+        return self._elsewhere[fit], None
 
-    def _elsewhere(self, fit: Polished) -> float:
+    def _left_elsewhere(self, fit: Polished) -> float:
         """Return -2 log likelihood of the other problem with all as it was fitted."""
         fixed, _ = self.tried_on(fit)
         return np.inf if fixed is None else fixed.quality()
@@ -201,9 +203,7 @@ def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned |
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, before.noise, data.fitted)
-    foreseen = Foreseen(model, rest)
-    scores = _with_local(foreseen, scan(model, rest, foreseen.promising(candidates())))
-    return Scanned(data, before, rest, tuple(scores), tuple(selected))
+    return Scanned(data, before, rest, tuple(Further.beside(model, rest).with_local()), tuple(selected))
 
 
 def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Offer | Refused:
@@ -270,19 +270,11 @@ def narrow(model: Linearised) -> bool:
     return bool(np.std(speed) < ONE_SPEED * np.mean(speed) or np.std(turn) < ONE_RADIUS)
 
 
-def _with_local(foreseen: Foreseen, scores: Sequence[Score]) -> list[Score]:
-    """Return the best scores of all laws; those of moments and places only where others find something."""
-    model, rest = foreseen.model, foreseen.rest
-    more = bool(scores) and scores[0].score > 0.0
-    local = scan(model, rest, foreseen.promising(local_laws(model, rest, more)))
-    return sorted([*scores, *local], key=lambda one: -one.score)
-
-
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     """Return the offer with a second law beside the first, where one holds and leaves less."""
     model, rest = first.after.model, first.after.rest
     known = Catalogued(model, rest, selected)
-    promising = [one.candidate for one in _promising(_with_local(Foreseen(model, rest), first.further), known)]
+    promising = [one.candidate for one in _promising(first.further.with_local(), known)]
     fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.laws)
     if not fits:
         return first
@@ -297,11 +289,6 @@ def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
         held_out=data.held_out(first.before, second.after),
         misfit=max(first.misfit, second.misfit),
     )
-
-
-def _left(further: Sequence[Score], inflation: float) -> float:
-    """Return the best score that a further law has, with this inflation."""
-    return max((one.gain / inflation - (one.gain - one.score) for one in further), default=0.0)
 
 
 def _promising(scores: Sequence[Score], known: Catalogued) -> list[Score]:
@@ -352,9 +339,8 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     after = polished_twice(problem, names, best, data.fitted) or best
     if not _makes_sense(replace(after, model=before.model)):
         after = best
-    further = scan(after.model, after.rest)
-    inflation = inflation_of(further)
-    at_places = max(inflation_of([one for one in further if one.candidate.place == law.place]) for law in after.laws)
+    further = Further.beside(after.model, after.rest)
+    at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     held_out = data.held_out(before, after)
     seen = after if score >= LEAST and gain >= max(SEEN, OF_NAMES * named) else None
@@ -370,9 +356,9 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     if len(tied) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
         return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
-    left, misfit = _left(further, inflation), misfit_of(after) - INEXACT * gain
+    left, misfit = further.best(further.inflation()), misfit_of(after) - INEXACT * gain
     loose = undetermined(after, SET)
-    return Offer(before, after, gain, score, held_out, left, alike, tied, misfit, tuple(further), loose)
+    return Offer(before, after, gain, score, held_out, left, further, alike, tied, misfit, loose)
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:
@@ -390,12 +376,3 @@ def _is_same(fit: Polished, best: Polished) -> bool:
 def _tried(data: Data, fit: Polished) -> float:
     """Return -2 log likelihood on the data on which a fit is tried."""
     return fit.quality(data.tried) if data.tried is not None else 0.0
-
-
-def inflation_of(scores: Sequence[Score]) -> float:
-    """Return how much larger the usual law's gain is than chance would have it, at least 1.
-
-    Of laws at one place it says how inexact the model is there: with noisy encoders, of the motors alone.
-    """
-    gains = [one.gain for one in scores if len(one.coefficients) == 1]
-    return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if gains else 1.0

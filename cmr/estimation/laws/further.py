@@ -1,0 +1,49 @@
+"""Further laws beside a fit: what all of them explain is foreseen, and the most promising are observed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmr.estimation.laws.candidates import candidates
+from cmr.estimation.laws.foreseen import Expected, Foreseen
+from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.local import local_laws
+from cmr.estimation.laws.rest import Rest
+from cmr.estimation.laws.scan import Score, scan
+from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
+
+
+@dataclass(frozen=True)
+class Further:
+    """Laws beside a model that leaves something: what is `expected` of all, and the best `scores` to first order."""
+
+    foreseen: Foreseen
+    expected: Expected
+    scores: Sequence[Score]
+
+    @classmethod
+    def beside(cls, model: Linearised, rest: Rest) -> "Further":
+        """Look for laws beside a model that leaves a rest."""
+        foreseen = Foreseen(model, rest)
+        expected = foreseen.expected(candidates())
+        return cls(foreseen, expected, scan(model, rest, expected.best()))
+
+    def inflation(self, place: str = "") -> float:
+        """Return how much larger the usual law's gain is than chance would have it, at least 1.
+
+        Of laws at one place it says how inexact the model is there: with noisy encoders, of the motors alone.
+        """
+        gains = self.expected.of_one_coefficient(place)
+        return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if len(gains) else 1.0
+
+    def best(self, inflation: float) -> float:
+        """Return the best score that a law has, with this inflation."""
+        return max((one.gain / inflation - (one.gain - one.score) for one in self.scores), default=0.0)
+
+    def with_local(self) -> list[Score]:
+        """Return the best scores of all laws; those of moments and places only where others find something."""
+        model, rest = self.foreseen.model, self.foreseen.rest
+        more = bool(self.scores) and self.scores[0].score > 0.0
+        local = scan(model, rest, self.foreseen.promising(local_laws(model, rest, more)))
+        return sorted([*self.scores, *local], key=lambda one: -one.score)
