@@ -5,8 +5,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cmr.geometry.manoeuvres import in_sequence
-from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.signal import Floats
 from tests.hidden_effects.cases import (
     BEGINNING,
@@ -19,6 +17,7 @@ from tests.hidden_effects.cases import (
     WINDOWS,
     Truth,
 )
+from tests.hidden_effects.commanded import commands_of_sequence
 from tests.hidden_effects.windows import commands_of_controller
 from tests.reference_plant import Commands, packets, plant_parameters
 from tests.reference_plant.drives import Pose
@@ -50,8 +49,7 @@ def commands_of(truth: Truth, seed: int) -> Commands:
     if truth.case.manoeuvre == HELD_OUT:
         return packets(held_out_drive(), seconds)
     if truth.case.manoeuvre == BRIEF:
-        known = ParameterFile(0, {name: Value(value) for name, value in truth.nominal.items()})
-        return packets(in_sequence(BRIEF).duties(known.robot_parameters).at, seconds)
+        return commands_of_sequence(BRIEF, truth.nominal, seconds)
     if truth.case.manoeuvre in SHORT_SECONDS:
         short = rich_drive() if truth.case.manoeuvre == BEGINNING else part_of_rich_drive(truth.case.manoeuvre)
         return packets(short, seconds)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 pytest.importorskip("qtm_rt", reason="the extra [tracker] is not installed")
 from cmr.tracker.frames import Plane, Sample
 from cmr.tracker.profile import Carried, Frame, Limits, Profile, Tracker
-from cmr.tracker.qualisys import quaternions_of
+from cmr.tracker.qualisys import quaternion_of
 
 angles = st.floats(-math.pi, math.pi)
 metres = st.floats(-10.0, 10.0)
@@ -89,5 +89,10 @@ def test_a_rotation_matrix_and_its_quaternion_are_the_same_turn(quaternion: list
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-    (found,) = quaternions_of(matrix.T.reshape(1, 9))
-    assert abs(float(found @ [x, y, z, w])) == pytest.approx(1.0, abs=1e-9)
+    found = quaternion_of(matrix.T.ravel().tolist())
+    assert abs(float(np.dot(found, [x, y, z, w]))) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("wrong", [[math.nan] * 9, [0.0] * 4 + [math.nan] + [0.0] * 4])
+def test_of_a_matrix_that_has_no_numbers_the_pose_is_none(wrong: list[float]) -> None:
+    assert all(math.isnan(value) for value in quaternion_of(wrong))
