@@ -328,10 +328,11 @@ def reset(run: Run) -> None:
     span = run.moving("after the reset", "Driving.", 0.7)
     record, wire = run.bench.record, run.bench.wire()
     run.settle_constant(span)
-    after = record.feedback_in(Span(begun + SECOND // 5, span.end))
+    whole = Span(begun, span.end)
+    after = record.feedback_in(whole)
     true = wire.gained(begun, span.end - SECOND // 20) or 0
     said = abs(after[-1].ticks_left - before.ticks_left) if after else JUMP
-    told = [one.message for one in record.statuses_in(Span(begun, span.end)) if "was reset" in one.message]
+    told = [one.message for one in record.statuses_in(whole) if "was reset" in one.message]
     jumps = any(one.status & motor_feedback_t.STATUS_ENCODER_JUMP for one in after)
     passed = bool(told) and not jumps and said <= true + 0.1 * wire.speed(begun) + 5
     words = f"a reset was {'' if told else 'not '}reported{', as a jump' if jumps else ''}; {said} counts were added "
