@@ -10,7 +10,7 @@ import pytest
 
 from cmr.exporting.carried import BY_TARGET, MJCF
 from cmr.exporting.mjcf import LEAST_INERTIA, TIME_STEP, WHEEL_MASS, mjcf
-from cmr.exporting.proof import FAR, Proof, prove
+from cmr.exporting.proof import FAR, RUN, STEP, Proof, prove
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.parameters import RobotParameters
 from cmr.model.velocity_controller import VelocityController
@@ -92,6 +92,20 @@ def attribute_of(body: ElementTree.Element, tag: str, name: str) -> str:
     found = body.find(tag)
     assert found is not None
     return found.attrib[name]
+
+
+@needs_mujoco
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_a_voltage_lags_as_long_as_it_should(lag: float, tmp_path: Path) -> None:
+    """A step response of two lags in a row: long after it, the angle is behind that of the final speed by their sum."""
+    robot = ExportedRobot(0, RobotParameters(*PAPER, effects={"electrical_lag": lag} if lag else {}))
+    path = tmp_path / "robot.xml"
+    path.write_text(mjcf(robot))
+    _, k2_over_k3, k1, _ = PAPER
+    duty = np.full(300, 0.3)
+    angle = float(RUN[MJCF](robot, path, duty, duty).readings[-1, 0])
+    behind = STEP * len(duty) - angle / (duty[0] / k1)  # s
+    assert behind - 1.0 / (k1 * k2_over_k3) == pytest.approx(lag, abs=0.2 * TIME_STEP)
 
 
 @needs_mujoco
