@@ -155,6 +155,7 @@ def test_a_wrong_wheel_radius_is_told_and_the_path_is_still_right() -> None:
     assert any("m would fit instead of 0.044 m" in note for note in result.notes)
 
 
+@pytest.mark.further  # a sum of information; diagnoses of several recordings show it, too
 def test_two_recordings_tell_more_than_one() -> None:
     first, second = (recording_of(messages(IDEAL, seed=seed, seconds=15.0)) for seed in (1, 2))
     alone, together = calibrate(first), calibrate([first, second])

@@ -51,7 +51,7 @@ def two_drives() -> Recording:
 
 @pytest.mark.parametrize(
     ("driven", "options", "limit"),
-    [(at_rest_for_long, (), CLOSE), *further((two_drives, ("--whole-log",), SAME), (in_motion, (), SAME))],
+    [*further((at_rest_for_long, (), CLOSE), (two_drives, ("--whole-log",), SAME)), (in_motion, (), SAME)],
     ids=["at rest for long", "two drives", "in motion"],
 )
 def test_both_commands_give_the_same_estimates(

@@ -43,6 +43,7 @@ def compared(**others: float) -> Diagnosis:
 
 
 @pytest.mark.slow
+@pytest.mark.further  # test_export.py proves an exported robot so
 def test_the_robot_of_the_file_departs_in_nothing_and_is_delivered_as_the_file_has_it() -> None:
     found = compared()
     assert found.verdict == NO_EFFECT

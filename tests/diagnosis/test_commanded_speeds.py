@@ -86,8 +86,10 @@ def test_a_robot_that_takes_its_time_is_no_wrong_clock() -> None:
 @pytest.mark.parametrize(
     ("effect", "size", "said"),
     [
-        ("turn_rate_limit", 0.4, "Commanded turns are limited to 0.4"),
-        *further(("saturation", 0.18, "wheel speeds stop at 2.")),
+        *further(
+            ("turn_rate_limit", 0.4, "Commanded turns are limited to 0.4"),
+            ("saturation", 0.18, "wheel speeds stop at 2."),
+        ),
     ],
 )
 def test_limits_of_what_is_commanded_are_found_and_told_as_speeds(effect: str, size: float, said: str) -> None:

@@ -291,6 +291,7 @@ def moves_with(sha256: str, robot_id: int) -> Seen:
 
 
 @pytest.mark.slow
+@pytest.mark.waits  # a real process, which must not starve
 def test_cmr_sim_runs_the_extended_file_as_it_is(url: str, tmp_path: Path) -> None:
     made = extended_file(replace(DIAGNOSIS, verdict=UNEXPLAINED), {"log": "run.lcm"})
     made.save(tmp_path / "robot_4.yaml")

@@ -92,6 +92,7 @@ def test_wheels_that_are_stamped_late_do_not_make_the_robot_worse(lag: float) ->
         assert result.path_rmse_after < 1.1 * result.path_rmse_before + 0.003
 
 
+@pytest.mark.further  # other tests of this file cut recordings, too
 def test_commands_and_poses_without_wheels_tell_what_they_tell() -> None:
     whole = driven({"motor_gain_asymmetry": 0.03, "pose_latency": 0.1}, 5)
     none = Signal(np.empty(0, np.int64), {name: np.empty(0) for name in whole.wheels.fields})

@@ -55,6 +55,7 @@ def test_a_large_error_counts_less_and_all_others_as_before() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.further  # test_awkward_data.py holds recordings out, too
 def test_a_recording_held_out_speaks_against_a_name_that_does_not_hold_in_it() -> None:
     """Motors that were unequal in the fitted drive and were mended before the one held out."""
     unequal = hidden_recording("motor_gain_asymmetry", seed=4)

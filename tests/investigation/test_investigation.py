@@ -21,6 +21,7 @@ def test_nothing_hidden_is_named_nothing() -> None:
     assert outcome.within > 0.0
 
 
+@pytest.mark.further  # nothing else is drawn than by the seed
 def test_the_same_seed_gives_the_same_investigation() -> None:
     """Chance comes from seeds alone: two runs end at the same time with the same names."""
     first, again = (investigated(InvestigatedCase(("gyro_bias",), seed=12, longest=6.0)) for _ in range(2))

@@ -207,6 +207,7 @@ def test_a_robot_that_cannot_be_calibrated_is_taken_to_be_as_believed(
 
 
 @pytest.mark.slow
+@pytest.mark.further  # sweeps go on in the same way
 def test_the_command_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line_of_three(tmp_path)
     (tmp_path / "three.yaml").write_text(LINE.format(duration=1.0))

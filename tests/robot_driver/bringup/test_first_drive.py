@@ -14,6 +14,7 @@ from studies.first_drive import LONGEST, beyond, calibrated, corrected
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.further  # ten seconds; scripts/study_bringup --drives does it with many
 def test_the_figure_eight_of_a_robot_that_was_brought_up_calibrates_at_the_first_try(tmp_path: Path) -> None:
     """Wired wrongly, data sheet in pulses, gyro upside down, poses mirrored (corrected as asked), late and off."""
     case = robot("mirrored", "late", "offset", flags=("motors", "left", "left_against"), gyro=-1.0, stated=512)
