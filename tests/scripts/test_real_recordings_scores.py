@@ -41,6 +41,7 @@ def test_motors_of_the_mbot_are_found_as_well_as_by_plain_least_squares(importer
     assert scores["PWM to right wheel speed"].found < 0.0695
 
 
+@pytest.mark.further  # tests/diagnosis/test_real_robots.py diagnoses this robot
 def test_the_maebot_rolls_where_lidar_sees_it(importer: Importer) -> None:
     whole, _ends, _whole_by_pieces, ends_by_pieces = score_maebot(importer)
     # One long drive tells the whole run best, short pieces the short run.
