@@ -25,6 +25,8 @@ from cmr.tools.spy.statistics import Statistics
 from cmr.view.data.state import MOST_ROBOTS, ViewState
 from cmr.world.world import MOST_STRANGERS, World
 
+pytestmark = pytest.mark.slow
+
 EPOCH = 1_800_000_000_000_000  # us
 MANY = 20_000
 CAMERA = importlib.import_module("cmr.commands.camera")

@@ -34,6 +34,8 @@ from cmr.model.parameters import RobotParameters
 from cmr.model.sensors import read_sensors
 from cmr.world.behaviours.manoeuvring import DriveManoeuvre
 
+pytestmark = pytest.mark.slow
+
 PAIRS = [(effect.name, other, text) for effect in CATALOGUE.values() for other, text in effect.confused_with.items()]
 # Advice that no drive can follow by itself: then both effects' needs are to be driven.
 ADVICE = {

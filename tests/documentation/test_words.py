@@ -5,6 +5,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from tests.support.project import PROJECT
 
 SOURCES = ("cmr", "robot_driver", "tools", "scripts")  # cmr/tools is a link, which rglob does not follow
@@ -35,6 +37,7 @@ def shown(path: Path) -> Iterator[str]:
             yield node.value
 
 
+@pytest.mark.slow
 def test_words_that_were_replaced_stay_replaced() -> None:
     found = [f"{name}: {' '.join(word[0].split())}" for name, text in texts() for word in REPLACED.finditer(text)]
     assert not found

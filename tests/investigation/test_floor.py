@@ -36,6 +36,7 @@ def ensemble() -> list[dict[str, float]]:
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10**6), gain=st.floats(-0.03, 0.03), slower=st.floats(0.95, 1.0))
+@pytest.mark.slow
 def test_a_movement_that_passes_keeps_the_real_robot_on_an_l_shaped_floor(
     seed: int, gain: float, slower: float
 ) -> None:

@@ -105,6 +105,7 @@ def driven_unseen(seed: int) -> tuple[Floats, float]:
 
 
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.slow
 def test_a_robot_that_nobody_sees_stays_on_the_floor(seed: int) -> None:
     """With a gyro and wheels that are wrong by what is usual, or by more, the doubt holds the truth.
 

@@ -237,6 +237,7 @@ def test_imports_inside_functions_of_whole_packages_and_by_name_are_seen(tmp_pat
     assert cycles(graph_of(found, TOP, LATE)) == [{"cmr.high", "cmr.low", "robot_driver"}]
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_architecture_is_made_from_the_imports() -> None:
     assert PICTURE.read_text(encoding="utf-8") == picture(), "run scripts/write_architecture_picture"
 

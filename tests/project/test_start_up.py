@@ -39,6 +39,7 @@ def test_who_asks_for_threads_has_them() -> None:
     assert told({"OMP_NUM_THREADS": "4"}) == ["False", "1", "4", "1"]
 
 
+@pytest.mark.slow
 def test_nothing_of_ours_imports_the_distributions_of_scipy() -> None:
     for module, path in modules(PROJECT).items():
         names = [name for name, _ in imported_by(ast.parse(path.read_text()))] if path.is_file() else []

@@ -31,6 +31,8 @@ from cmr.world.loading import Loader
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView, world_messages
 from cmr.world.world import VirtualRobot, World
 
+pytestmark = pytest.mark.slow
+
 EPOCH = 1_700_000_000_000_000  # us
 PAPER = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.161}
 EFFECTS = {"electrical_lag": 0.05, "motor_heating": 0.06}

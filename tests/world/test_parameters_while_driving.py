@@ -88,6 +88,7 @@ class ClosedLoop:
 
 
 @pytest.mark.parametrize("absurd", [HUGE_WHEELS, with_values(k1=0.13)], ids=["huge wheels", "slow motors"])
+@pytest.mark.slow
 def test_absurd_parameters_do_not_change_how_a_robot_drives(tmp_path: Path, absurd: ParameterFile) -> None:
     loop = ClosedLoop(tmp_path, FigureEight(start=0.0, laps=50))
     loop.largest_duty(4.0)

@@ -27,6 +27,8 @@ from tests.support.emulated_drive import DEFAULT, EPOCH, messages
 from tests.support.lanes import further
 from tests.world.test_world import TRUE
 
+pytestmark = pytest.mark.slow
+
 SIM = importlib.import_module("cmr.commands.sim")  # the package has a function of this name
 BAD_FROM, BAD_UNTIL = EPOCH + 2_500_000, EPOCH + 3_000_000  # us; the drive goes on from 1.5 s to 7.5 s
 END = BAD_UNTIL + 2_000_000

@@ -24,6 +24,8 @@ from tests.support.typed_messages import as_a
 from tests.world.test_poisoned_messages import KINDS, fields
 from tests.world.test_world import TRUE
 
+pytestmark = pytest.mark.slow
+
 PERIOD = 20_000  # us
 HOUR = 3_600_000_000
 ROOM = Geofence([(-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)])
