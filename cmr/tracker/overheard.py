@@ -1,8 +1,8 @@
-"""Poses that other programs publish, without one's own, which the kernel drops before a thread is woken for them.
+"""Poses that other programs publish. The kernel drops those that this program publishes, before they wake a thread.
 
-A subscription would bring back each pose that is published here, at the cost of who publishes: with 50 robots at 240 Hz
-12,000 wake-ups a second. So this listens to the multicast group beside LCM, through a filter of the socket (BPF, as in
-Linux' Documentation/networking/filter.rst; a short message of LCM as in its "UDP Multicast Protocol Description").
+A subscription would bring them back: with 50 robots at 240 Hz, 12,000 times a second. So this listens to the multicast
+group beside LCM, with a filter at the socket (BPF, as in Linux' Documentation/networking/filter.rst; a short message
+of LCM as in its "UDP Multicast Protocol Description").
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from cmr.bus.streams import POSE, SELF_TEST, Stream
 from cmr.msg import pose_xyt_t
 
 MAGIC, NAME_AT = b"LC02", 8  # a short message: these bytes, its number, the channel's name with a zero, the message
-TRIAL = Stream(SELF_TEST, pose_xyt_t, False, None, "whoever tries the bus")
+TRIAL = Stream(SELF_TEST, pose_xyt_t, False, None, "any program that tries the bus")
 LARGEST = 1 << 16  # bytes of a packet
 MOST = 64  # packets taken at once: a flood must not keep a process from its own poses
 Address = tuple[str, int]

@@ -1,4 +1,4 @@
-"""What CMR itself commands on a manoeuvre of its own: what the plant is told, in which there is no physics."""
+"""Commands of a manoeuvre that CMR itself has. The plant gets them as any others; there is no physics in them."""
 
 from collections.abc import Mapping
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from cmr.bus.messages import make
 from cmr.bus.streams import STREAMS
-from cmr.msg import gyro_t
+from cmr.msg import gyro_t, process_status_t
 from cmr.recordings.events import Event
 
 START = 1_700_000_000_000_000  # us
@@ -58,6 +58,11 @@ FIELDS: dict[str, dict[str, Any]] = {
         **{"engaged": True, "stored": True, "since_utime": START + 3, "source": "a person", "reason": "smoke"},
     },
 }
+
+
+def process_status(utime: int, **fields: Any) -> process_status_t:
+    """Return a report with these fields; the others are those of a simulator that is well."""
+    return make(process_status_t, utime=utime, **{**FIELDS["PROCESS_STATUS"], **fields})
 
 
 def small_log() -> list[Event]:

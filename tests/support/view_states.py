@@ -4,14 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from cmr.bus.messages import make
 from cmr.bus.streams import WORLD_STATE
 from cmr.bus.world_state import WorldState
-from cmr.msg import process_status_t
 from cmr.view.data.intake import Intake
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL
 from cmr.view.data.state import ViewState
-from tests.support.small_log import FIELDS
+from tests.support.small_log import process_status
 
 NOW = 1_700_000_000_000_000  # us
 SECOND = 1_000_000  # us
@@ -30,8 +28,7 @@ def three(utime: int, x: float = 0.0) -> WorldState:
 
 
 def status(process: str, message: str, utime: int = NOW) -> Any:
-    fields = {**FIELDS["PROCESS_STATUS"], "process": process, "message": message}
-    return make(process_status_t, utime=utime, **fields)
+    return process_status(utime, process=process, message=message)
 
 
 def showing(*messages: WorldState) -> ViewState:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from cmr.bus.messages import make
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
@@ -17,25 +16,11 @@ from cmr.world.pilot import Pilot
 from cmr.world.view import REAL, VIRTUAL, Robot, world_messages
 from cmr.world.world import VirtualRobot
 from tests.support.emulated_drive import EPOCH
+from tests.support.small_log import process_status
 from tests.world.test_world import TRUE, robots, run, world_of
 
 SPEED = 0.3  # m/s
 FAR = RobotState(3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def status(process: str, state: int) -> process_status_t:
-    return make(
-        process_status_t,
-        utime=EPOCH,
-        process=process,
-        host="here",
-        pid=1,
-        state=state,
-        parameters_sha256="",
-        loop_rate_hz=20.0,
-        loop_overruns=0.0,
-        message="",
-    )
 
 
 @pytest.mark.parametrize(
@@ -50,14 +35,14 @@ def status(process: str, state: int) -> process_status_t:
 )
 def test_it_begins_when_the_program_that_leads_is_ready_and_not_before(process: str, state: int, begins: bool) -> None:
     beginning = Beginning("cmr-run")
-    beginning.handle(EPOCH, PROCESS_STATUS.name, status(process, state))
+    beginning.handle(EPOCH, PROCESS_STATUS.name, process_status(EPOCH, process=process, state=state))
     assert beginning.begun is begins
 
 
 def test_it_stays_begun_and_begins_at_once_where_nobody_leads() -> None:
     beginning = Beginning("cmr-run")
     for state in (process_status_t.RUNNING, process_status_t.STOPPING):
-        beginning.handle(EPOCH, PROCESS_STATUS.name, status("cmr-run", state))
+        beginning.handle(EPOCH, PROCESS_STATUS.name, process_status(EPOCH, process="cmr-run", state=state))
     assert beginning.begun
     assert Beginning("").begun
 

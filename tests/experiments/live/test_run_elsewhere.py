@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cmr.bus.messages import make, now_utime
+from cmr.bus.messages import now_utime
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.progress import Progress
 from cmr.commands.scenarios import load
@@ -23,6 +23,7 @@ from cmr.msg import process_status_t
 from cmr.processes.children import Children
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from robot_driver.emulator.settings import load_settings
+from tests.support.small_log import process_status
 
 pytestmark = pytest.mark.waits
 
@@ -49,12 +50,8 @@ def prepared(folder: Path) -> Scenario:
     return prepare(load(folder / "far.yaml"), folder / "out")
 
 
-def status(process: str, pid: int, state: int = process_status_t.RUNNING, message: str = "") -> Any:
-    return make(
-        process_status_t,
-        **{"utime": now_utime(), "process": process, "host": "robot-pi", "pid": pid, "state": state},
-        **{"parameters_sha256": "", "loop_rate_hz": 50.0, "loop_overruns": 0.0, "message": message},
-    )
+def status(process: str, pid: int, state: int = process_status_t.RUNNING, message: str = "") -> process_status_t:
+    return process_status(now_utime(), process=process, host="robot-pi", pid=pid, state=state, message=message)
 
 
 def all_statuses() -> list[Any]:

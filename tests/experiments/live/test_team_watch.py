@@ -3,12 +3,10 @@
 import math
 import socket
 import tracemalloc
-from typing import Any
 
 import numpy as np
 import pytest
 
-from cmr.bus.messages import make
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.experiments.live.track import Track
 from cmr.experiments.live.watch import TeamWatch
@@ -16,6 +14,7 @@ from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, world_messages
+from tests.support.small_log import process_status
 
 EPOCH = 1_700_000_000_000_000
 STEP = 20_000  # us
@@ -137,19 +136,8 @@ def test_what_robots_did_before_all_were_in_service_does_not_count() -> None:
     assert watched.nearest.distance > 4.0
 
 
-def status(pid: int, state: int, overruns: float, host: str = socket.gethostname()) -> Any:
-    return make(
-        process_status_t,
-        utime=EPOCH,
-        process="cmr-driver",
-        host=host,
-        pid=pid,
-        state=state,
-        parameters_sha256="",
-        loop_rate_hz=200.0,
-        loop_overruns=overruns,
-        message="",
-    )
+def status(pid: int, state: int, overruns: float, host: str = socket.gethostname()) -> process_status_t:
+    return process_status(EPOCH, host=host, pid=pid, state=state, loop_rate_hz=200.0, loop_overruns=overruns)
 
 
 def test_late_turns_of_all_processes_are_added_up_and_a_doubt_is_known() -> None:
