@@ -23,6 +23,8 @@ from cmr.world import loading
 from cmr.world.loading import Loader
 from tests.support.private_bus import private_url
 
+pytestmark = pytest.mark.slow
+
 LOAD = """
 from numba.core import event
 from cmr.geometry.manoeuvres import TYPICAL
@@ -51,8 +53,6 @@ from importlib import import_module
 from pkgutil import walk_packages
 import cmr.world
 from cmr.commands.first_use import BEHAVIOURS, WORLD, main
-
-pytestmark = pytest.mark.slow
 main([WORLD, BEHAVIOURS])
 for module in (import_module(found.name) for found in walk_packages(cmr.world.__path__, "cmr.world.")):
     for name, value in list(vars(module).items()):
