@@ -2,12 +2,15 @@
 
 import shutil
 import sys
+import zlib
 from contextlib import suppress
 from pathlib import Path
 
 NAME = "calibrated-mixed-reality"  # what the package index would call it: "cmr" is somebody else's there
 DRIVER_NAME = f"{NAME}-driver"  # the driver with the modules that it needs, alone: for a robot's own computer
 UNKNOWN_VERSION = "0+unknown"
+ROOT = Path(__file__).resolve().parents[1]
+FINGERPRINT = "lcmtypes.crc32"  # beside the message classes: which files they were generated from
 
 
 def version() -> str:
@@ -26,6 +29,22 @@ def installed() -> dict[str, str]:
     return found
 
 
+def fingerprint(message_types: Path) -> str:
+    """Return a name for the contents of the .lcm files in a folder."""
+    return f"{zlib.crc32(b''.join(file.read_bytes() for file in sorted(message_types.glob('*.lcm')))):08x}"
+
+
+def outdated_messages(root: Path = ROOT) -> bool:
+    """Return whether the .lcm files in a checkout have changed since its message classes were generated.
+
+    `root` is the folder that holds the package `cmr`. An installation without .lcm files is never outdated.
+    """
+    message_types, written = root / "lcmtypes", root / "cmr" / "msg" / FINGERPRINT
+    if not (message_types.is_dir() and written.parent.is_dir()):
+        return False
+    return not written.is_file() or written.read_text(encoding="ascii") != fingerprint(message_types)
+
+
 def has_module(name: str) -> bool:
     """Return whether this installation has a module of ours: the driver's distribution has few of them."""
     from importlib.util import find_spec
@@ -38,9 +57,8 @@ def has_module(name: str) -> bool:
 
 def how_to_install(extra: str) -> str:
     """Return the command that adds an extra to this installation: from its checkout, as CMR is not published."""
-    checkout = Path(__file__).resolve().parents[1]
-    if (checkout / "pyproject.toml").is_file():
-        return f"{_pip()} install -e '{checkout}[{extra}]'"
+    if (ROOT / "pyproject.toml").is_file():
+        return f"{_pip()} install -e '{ROOT}[{extra}]'"
     return f"{_pip()} install '.[{extra}]' in the folder of CMR's sources"
 
 

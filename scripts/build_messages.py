@@ -12,6 +12,8 @@ from pathlib import Path
 
 from setuptools.command.build_py import build_py
 
+from cmr.distribution import FINGERPRINT, fingerprint
+
 PROJECT = Path(__file__).resolve().parent.parent
 SINGLE = {
     **dict.fromkeys(("int8_t", "int16_t", "int32_t", "int64_t", "byte"), "int"),
@@ -72,7 +74,9 @@ def generate_messages(destination: Path) -> None:
     )
     if result.returncode != 0:
         raise RuntimeError(f"lcm-gen could not generate cmr/msg from lcmtypes/: {result.stderr or result.stdout}")
-    write_stubs(destination / "cmr" / "msg")
+    package = destination / "cmr" / "msg"
+    write_stubs(package)
+    (package / FINGERPRINT).write_text(fingerprint(PROJECT / "lcmtypes"), encoding="ascii")
 
 
 def write_stubs(package: Path) -> None:

@@ -14,6 +14,10 @@ def run(module: str) -> int:
     """Run `main()` of a command's module and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _end)
+    from cmr.distribution import outdated_messages
+
+    if outdated_messages():
+        return _refuse("the messages in lcmtypes/ have changed since CMR was installed; run: pip install -e .")
     try:
         main = import_module(module).main
         from cmr.cli.command_line import guarded
@@ -22,17 +26,18 @@ def run(module: str) -> int:
     except ImportError as error:  # some load what needs LCM only when they use it
         if "libglib-2.0.so.0" not in str(error):
             raise
-        command = sys.argv[0].rsplit("/", 1)[-1]
-        print(
-            f"{command}: LCM needs the system's library libglib-2.0.so.0. To install it: "
-            "sudo apt-get install libglib2.0-0",
-            file=sys.stderr,
+        return _refuse(
+            "LCM needs the system's library libglib-2.0.so.0. To install it: sudo apt-get install libglib2.0-0"
         )
-        return 1
     sys.stdout.flush()
     sys.stderr.flush()
     # Everything of ours is closed; to take Numba apart would keep an interrupted process for half a second longer.
     os._exit(code)
+
+
+def _refuse(reason: str) -> int:
+    print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {reason}", file=sys.stderr)
+    return 1
 
 
 def _end(_number: int, _frame: object) -> None:

@@ -1,14 +1,19 @@
-"""A build's version is that of git's tag, and where git or tags are absent that of the changelog."""
+"""A build's version is that of git's tag, or that of the changelog; commands notice a build that is out of date."""
 
 import re
 import shutil
+import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
 from setuptools.config.pyprojecttoml import read_configuration
 
+from cmr import distribution
+from cmr.cli.start import run
+from cmr.distribution import FINGERPRINT, fingerprint, outdated_messages
 from scripts.build_version import of_changelog, version_of
 from tests.support.project import PROJECT
 
@@ -103,3 +108,28 @@ def test_the_citation_names_the_newest_release_and_its_date() -> None:
     newest = re.search(r"^## (\d\S*), (\d{4}-\d\d-\d\d)$", changes, re.MULTILINE)
     assert newest is not None
     assert (citation["version"], str(citation["date-released"])) == newest.groups()
+
+
+def test_commands_of_a_checkout_whose_messages_changed_ask_to_be_installed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    message = tmp_path / "lcmtypes" / "one_t.lcm"
+    for folder in (message.parent, tmp_path / "cmr" / "msg"):
+        folder.mkdir(parents=True)
+    message.write_text("struct one_t { double x; }")
+    assert outdated_messages(tmp_path), "the classes are from before fingerprints were written"
+    (tmp_path / "cmr" / "msg" / FINGERPRINT).write_text(fingerprint(message.parent))
+    assert not outdated_messages(tmp_path)
+    message.write_text("struct one_t { double x; double y; }")
+    assert outdated_messages(tmp_path)
+
+    monkeypatch.setattr(distribution, "outdated_messages", lambda: True)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # pytest keeps its own
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/cmr-sim"])
+    assert run("cmr.commands.sim") == 1
+    assert capsys.readouterr().err.startswith("cmr-sim: the messages in lcmtypes/ have changed")
+
+
+def test_an_installation_without_message_types_is_never_outdated(tmp_path: Path) -> None:
+    (tmp_path / "cmr" / "msg").mkdir(parents=True)
+    assert not outdated_messages(tmp_path)
