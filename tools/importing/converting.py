@@ -14,6 +14,7 @@ from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POS
 from cmr.model.command_kinds import DUTY
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.arrivals import COMMANDS_OF
+from cmr.tools.importing.contradictions import speeds_against_ticks
 from cmr.tools.importing.layout import Column
 from cmr.tools.importing.mapping_types import (
     FEEDBACK_PAIRS,
@@ -187,6 +188,7 @@ class _Converter:
             speeds = self._wheel_speeds(values["v"], values["omega"])
             values |= {f"psi_{side}": speed for side, speed in speeds.items()}
             self._source.notes.append(BODY_FEEDBACK.format(**self._mapping.nominal))
+        self._compare(feedback, table, values, raw)
         for side in SIDES:
             ticks, psi = f"ticks_{side}", f"psi_{side}"
             if ticks in values:
@@ -205,6 +207,18 @@ class _Converter:
         fields["received_utime"] = table.received_utime
         fields["applied_utime"] = np.zeros_like(table.received_utime)
         return self._batch(MOTOR_FEEDBACK, table, fields, keep, status=0)
+
+    def _compare(self, feedback: Feedback, table: Table, values: dict[str, Floats], raw: dict[str, Column]) -> None:
+        """Note it where the wheel speeds contradict the ticks."""
+        signals = feedback.signals
+        sides = [side for side in SIDES if {f"ticks_{side}", f"psi_{side}"} <= set(signals)]
+        if sides:
+            counted = [_counted(signals[name], values[name], raw[name]) for name in (f"ticks_{one}" for one in sides)]
+            by_ticks = np.diff(counted).ravel() / feedback.ticks_per_turn * TURN
+            by_speed = np.diff([_turned(table, values[f"psi_{side}"]) for side in sides]).ravel()
+            unit, radius = signals[f"psi_{sides[0]}"].unit, self._mapping.nominal["wheel_radius"]
+            if contradiction := speeds_against_ticks(by_speed, by_ticks, unit, feedback.ticks_per_turn, radius):
+                self._source.notes.append(contradiction)
 
     def _gyro(self, gyro: Group) -> Batch:
         table, values, _ = self._usable(GYRO, gyro)
