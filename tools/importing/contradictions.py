@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.tools.importing.quantities import TURN, units
+from cmr.tools.importing.quantities import units
 
 AGREEING = 1.25  # times; wheel radii and ticks per turn of a data sheet are known better, units are further off
 FEWEST = 20  # readings between which a wheel was counted to turn
@@ -36,4 +36,3 @@ def speeds_against_ticks(
 
 def _agree(ratio: float) -> bool:
     return 1.0 / AGREEING < ratio < AGREEING
-
