@@ -25,7 +25,7 @@ LEGEND = (
     (BLUE, "virtual robot"),
     (GREEN, "simulated twin"),
     (GREY, "silent robot"),
-    (RED, "way to drive"),
+    (RED, "planned path"),
     (PURPLE, "predicted paths"),
     (FENCE_COLOUR, "geofence"),
 )
