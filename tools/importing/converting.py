@@ -12,7 +12,7 @@ from cmr.bus.message import Message
 from cmr.bus.messages import MICROSECONDS, make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, PARAMETERS, POSE, Stream
 from cmr.model.command_kinds import DUTY
-from cmr.parameters.file import ParameterFile, Value
+from cmr.parameters.file import ParameterFile, Value, sha256_of
 from cmr.recordings.arrivals import COMMANDS_OF
 from cmr.tools.importing.contradictions import speeds_against_ticks
 from cmr.tools.importing.layout import Column
@@ -63,7 +63,7 @@ class Batch:
 
     stream: Stream[Message]
     columns: dict[str, Column]
-    constants: dict[str, int]
+    constants: dict[str, int | str]
 
     @property
     def utime(self) -> NDArray[np.int64]:
@@ -85,20 +85,17 @@ class Conversion:
     What is kept are arrays: the messages of an hour would take ten times the memory.
     """
 
-    def __init__(self, parameters: Event, batches: Sequence[Batch]) -> None:
-        self._parameters = parameters
+    def __init__(self, batches: Sequence[Batch]) -> None:
         self._batches = batches
 
     def __iter__(self) -> Iterator[Event]:
-        yield self._parameters
-        # At equal times commands stay before feedback, as the batches are.
+        # At equal times parameters stay before commands and these before feedback, as the batches are.
         yield from heapq.merge(*(batch.events() for batch in self._batches), key=lambda event: event.message.utime)
 
     def times(self) -> list[tuple[Stream[Message], NDArray[np.int64]]]:
         """Return each stream with the times of its messages [us], in the order in which they begin."""
         ordered = sorted(self._batches, key=lambda batch: int(batch.utime[0]))
-        parameters = np.array([self._parameters.message.utime], np.int64)
-        return [(self._parameters.stream, parameters), *((batch.stream, batch.utime) for batch in ordered)]
+        return [(batch.stream, batch.utime) for batch in ordered]
 
 
 def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[str, object]) -> Conversion:
@@ -111,27 +108,27 @@ def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[st
     batches = [batch for batch in converter.batches() if len(batch.utime)]
     if not batches:
         raise ConversionError("the recording holds no usable row of any signal")
-    start = min(int(batch.utime[0]) for batch in batches)
-    return Conversion(_parameters(mapping, robot_id, start, provenance), batches)
+    first, last = min(int(batch.utime[0]) for batch in batches), max(int(batch.utime[-1]) for batch in batches)
+    return Conversion([_parameters(mapping, robot_id, first, last, provenance), *batches])
 
 
-def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, object]) -> Event:
+def _parameters(mapping: Mapping, robot_id: int, first: int, last: int, provenance: dict[str, object]) -> Batch:
     """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer.
 
-    Where the body was commanded, they say by which base width its turns became those of the wheels.
+    They are repeated from `first` to `last` [us] as on the bus, so that any piece of the log holds them. Where the body
+    was commanded, they say by which base width its turns became those of the wheels.
     """
     values = dict(mapping.nominal)
     if mapping.command is not None and mapping.command.kind == DUTY and "omega" in mapping.command.signals:
         values[COUNTED_WIDTH] = values["base_width"]
-    parameter_file = ParameterFile(
+    text = ParameterFile(
         robot_id=robot_id,
         values={name: Value(value) for name, value in values.items()},
         provenance=provenance,
-        written=datetime.fromtimestamp(utime // 1_000_000, timezone.utc),
-    )
-    message = parameter_file.announcement(sequence=utime)
-    message.utime = utime
-    return Event(PARAMETERS, message)
+        written=datetime.fromtimestamp(first // 1_000_000, timezone.utc),
+    ).to_yaml()
+    constants: dict[str, int | str] = {"robot_id": robot_id, "sequence": first, "sha256": sha256_of(text), "yaml": text}
+    return Batch(PARAMETERS, {"utime": np.arange(first, last + 1, MICROSECONDS, dtype=np.int64)}, constants)
 
 
 class _Converter:

@@ -33,7 +33,7 @@ def test_each_log_has_its_recordings_name(tmp_path: Path, capsys: pytest.Capture
     assert logs(out) == ["run_01.lcm", "run_03.lcm", "run_2.5.lcm"]
     assert messages_of(out / "run_2.5.lcm")["POSE_4"][0].x == 1.0
     said = capsys.readouterr().out.splitlines()
-    assert [line for line in said if "3 messages over 1.0 s" in line] == said[:3]
+    assert [line for line in said if "4 messages over 1.0 s" in line] == said[:3]
     assert said[-1] == f"next: cmr-diagnose {out}/*.lcm --robot 4 --out diagnosis"
 
 
