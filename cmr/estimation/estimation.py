@@ -22,7 +22,7 @@ control passes through for a log.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,7 +100,7 @@ class Estimation:
         if by_chance:
             return by_chance[0]
         if self.whole.average is None:
-            return fit_estimate(self.whole.extended.final, name, self.found)
+            return fit_estimate(self.whole.extended.final, name, self.found, self.whole.doubts)
         average = self.whole.average
         doubt = np.hypot(self.whole.doubts.get(name, 0.0), self._inexactness(name))
         return Estimate(average.values[name], float(np.hypot(average.std(name), doubt)))
@@ -242,8 +242,9 @@ def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> 
     return nominal
 
 
-def fit_estimate(fit: Fit, name: str, found: Search) -> Estimate:
-    """Return a parameter of a fit, its deviation with what the search left in doubt."""
+def fit_estimate(fit: Fit, name: str, found: Search, doubts: Mapping[str, float] | None = None) -> Estimate:
+    """Return a parameter of a fit, its deviation with `doubts`: by default those that the search left."""
     value = fit.values[name]
-    doubt = np.hypot(found.doubts.get(name, 0.0), inexactness(name, fit.values, found.problem.excitation))
+    doubts = found.doubts if doubts is None else doubts
+    doubt = np.hypot(doubts.get(name, 0.0), inexactness(name, fit.values, found.problem.excitation))
     return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))

@@ -55,7 +55,8 @@ class _Use(NamedTuple):
 class Whole:
     """What was found, and the average over what may be hidden beside it; None where one-step errors say nothing.
 
-    `doubts` are to be added to the standard deviations of some parameters of the model that is delivered.
+    So it is where the average itself predicts worse than the paper's model; `doubts` then hold its deviations. They are
+    to be added to the standard deviations of some parameters of the model that is delivered.
     """
 
     extended: Extended
@@ -87,8 +88,14 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
     average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names)
     of_average = measure(found.problem, found.base, average, chance_of(found), segments, held_out)
     if judge.strays(of_average.gain, whole) and not judge.strays(measured.gain, whole):
-        return Whole(whole, None, found.doubts), measured
+        return Whole(whole, None, _with_those_of(average, whole.final, found.doubts)), measured
     return Whole(whole, average, doubts), of_average
+
+
+def _with_those_of(average: Posterior, fit: Fit, doubts: Mapping[str, float]) -> dict[str, float]:
+    """Return the doubts of a fit that is delivered in place of an average: what may be hidden is hidden all the same."""
+    apart = {name: np.hypot(average.std(name), average.values[name] - fit.values[name]) for name in fit.names}
+    return {name: float(np.hypot(doubts.get(name, 0.0), own)) for name, own in apart.items()}
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,22 @@
 """A name must improve something on data left out of the fit, and the number that decides is reported."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from cmr.estimation.estimation import estimate, nominal_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.usefulness import OF_USE, _largest, _of_readings
 from cmr.model.catalogue import CATALOGUE
+from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
+from tests.reference_plant import REALISTIC, Commands, drive
 
 READINGS, FOLDS = 40, 5
+TRUTH = {"k1": 0.054, "base_width": 0.161}  # of the plant, where nothing else is said
 
 
 def whole_with(outlier: float, other: float) -> tuple[Any, Any, Fit]:
@@ -31,6 +36,16 @@ def whole_with(outlier: float, other: float) -> tuple[Any, Any, Fit]:
     whole = SimpleNamespace(found=SimpleNamespace(problem=problem), final=final)
     effect = SimpleNamespace(candidate=SimpleNamespace(effect=CATALOGUE["gyro_bias"]))
     return whole, effect, Fit({}, (), errors, np.zeros((READINGS, 0)), noise)
+
+
+def in_one_turn() -> Recording:
+    """Return a drive to one side without poses, as a piece that begins and ends in motion."""
+    time = np.arange(0.0, 16.0, 0.05)
+    commands = Commands(time, np.full(len(time), 0.2), np.full(len(time), 0.4))
+    recording = drive(commands, {"gyro_bias": 0.005}, 16.0, REALISTIC, 3).recording
+    begin = int(recording.wheels.utime[0])
+    piece = recording.between(begin + 3_000_000, begin + 15_000_000)
+    return replace(piece, poses=piece.poses.between(0, 0))
 
 
 def test_what_a_sensor_does_is_judged_on_readings_that_were_left_out_of_the_fit() -> None:
@@ -56,3 +71,15 @@ def test_the_error_that_grows_most_without_an_effect_is_reported_with_the_limit(
         "Without it no error on left-out data grows by 1 % or more: the largest change is +0.31 %, in the path of free "
         "runs."
     )
+
+
+def test_where_no_average_is_delivered_what_may_be_hidden_counts_all_the_same() -> None:
+    """A steady turn to one side: it shows neither a bias of the gyro, nor unequal wheels, nor what the motors do."""
+    recording = in_one_turn()
+    estimation = estimate([recording], nominal_of([recording], None), against_nominal=False)
+    assert estimation.whole is not None
+    assert estimation.whole.average is None, "it predicts worse than the three parameters alone"
+    for name in ("k1", "base_width"):
+        found = estimation.estimate(name)
+        assert abs(found.value - TRUTH[name]) < 2.0 * found.std
+        assert found.std > 5.0 * estimation.whole.model.std(name)
