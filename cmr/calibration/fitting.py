@@ -22,7 +22,7 @@ POSES_EARLY = "Poses are stamped {:.3f} s earlier than wheels and commands."
 COMMANDS_LATE = "Commands take effect {:.3f} s later than they are stamped."
 # No robot acts on a command before it is sent.
 COMMANDS_EARLY = (
-    "The path fits best if commands are taken {:.3f} s before their time stamps: their clock is behind, or the robot "
+    "The path fits best if commands are taken {:.3f} s before their time stamps: their clock is ahead, or the robot "
     "does not answer as the motor model does."
 )
 TAKEN_INTO_ACCOUNT = " The calibration has taken this into account."

@@ -23,7 +23,7 @@ LEAST_CHANGE, SURELY = 0.005, 3.0  # s, and standard deviations, by which a lag 
 # s that wheels usually lag their commands. Commands whose clock is corrected come a little early, so that what is left
 # is a delay.
 USUAL_MOTOR = 0.2
-SET_RIGHT = "The clock of the poses is {late:.2f} s {where} that of the wheels: their times were set right."
+SET_RIGHT = "The poses are stamped {late:.2f} s {where} than the wheels: their times were set right."
 TOO_SOON = "By its time stamps, a wheel turns {lag:.2f} s before it is commanded to"
 TOO_LATE = "By its time stamps, a wheel follows its command {lag:.2f} s late"
 MOVED = (
@@ -129,7 +129,7 @@ def with_clocks_set(recording: Recording, findings: Findings | None = None) -> t
         late = round(lag.seconds / SECONDS)
         poses = replace(recording.poses, utime=recording.poses.utime - late)
         recording, findings = replace(recording, poses=poses), replace(findings, splits=findings.splits - late)
-        notes.append(SET_RIGHT.format(late=abs(lag.seconds), where="behind" if late > 0 else "ahead of"))
+        notes.append(SET_RIGHT.format(late=abs(lag.seconds), where="later" if late > 0 else "earlier"))
     lag = findings.lag("wheels") if recording.duty is recording.commands else None
     if lag is not None and clocks_differ(lag, findings.rates, slowest_response(recording)):
         early = round((lag.seconds - USUAL_MOTOR) / SECONDS)

@@ -93,7 +93,7 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
 
 
 def _with_those_of(average: Posterior, fit: Fit, doubts: Mapping[str, float]) -> dict[str, float]:
-    """Return the doubts of a fit that is delivered in place of an average: what may be hidden is hidden all the same."""
+    """Return the doubts of a fit that takes an average's place: what may be hidden is hidden all the same."""
     apart = {name: np.hypot(average.std(name), average.values[name] - fit.values[name]) for name in fit.names}
     return {name: float(np.hypot(doubts.get(name, 0.0), own)) for name, own in apart.items()}
 

@@ -141,7 +141,7 @@ def test_a_late_clock_of_held_out_poses_is_set_right_and_told_and_the_checks_run
     )
     assert len(checked) == 2
     (note,) = [note for note in found.notes if note.startswith("late.lcm: ")]
-    assert "behind that of the wheels: their times were set right" in note
+    assert "later than the wheels: their times were set right" in note
     clocks = [finding.sentence for finding in found.checks if finding.check == "poses_clock" and finding.found]
     assert [sentence.startswith("late.lcm: ") for sentence in clocks] == [True]
     in_time = diagnose(drive(), held_out=[other])
@@ -226,7 +226,7 @@ def test_a_clock_that_was_set_right_stays_found() -> None:
     found = diagnose(later(drive(), "poses", 2.0))
     (clock,) = [finding for finding in found.checks if finding.check == "poses_clock"]
     assert clock.found == 1
-    assert "behind" in clock.sentence
+    assert clock.sentence.endswith("later than the wheels: they come late, or their clock is ahead.")
     assert any("set right" in note for note in found.notes)
     assert found.verdict == "no_effect"
 
@@ -236,7 +236,8 @@ def test_the_check_of_a_clock_gives_the_lateness_that_the_effect_has() -> None:
     (late,) = [effect for effect in found.effects if effect.name == "pose_latency"]
     (clock,) = [finding for finding in found.checks if finding.check == "poses_clock"]
     (size,) = late.estimates.values()
-    assert clock.sentence == f"The poses' clock is {size.value:.3f} +- {size.std:.3f} s behind that of the wheels."
+    expected = f"The poses are stamped {size.value:.3f} +- {size.std:.3f} s later than the wheels: they come late, "
+    assert clock.sentence == f"{expected}or their clock is ahead."
 
 
 @pytest.mark.parametrize(("seconds", "said"), [(0.8, "it lasts 0.8 s"), (2.5, "2.5 s of use")])

@@ -100,7 +100,7 @@ def test_all_sensors_late_together_are_a_delay_of_the_commands_and_no_late_wheel
 
 def test_wheels_that_the_driver_stamped_or_that_would_turn_before_their_commands_are_not_late() -> None:
     recording = shifted(hidden_recording(manoeuvre=EIGHT, seed=3).recording, -0.4, "gyro")
-    assert check(recording).wheels_late is None  # motors follow within 0.2 s: it is the gyro's clock that is ahead
+    assert check(recording).wheels_late is None  # motors follow within 0.2 s: it is the gyro's clock that is behind
     recording = hidden_recording(LATE, manoeuvre=EIGHT, seed=2).recording
     assert check(recording).wheels_late is not None
     fields = {**recording.wheels.fields, "applied_utime": recording.wheels.utime.astype(np.float64)}

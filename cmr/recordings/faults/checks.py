@@ -157,7 +157,7 @@ def _wheels_finding(late: Lag | None) -> Finding:
     if late is not None:
         sentence = (
             f"The wheels report {late.seconds:.3f} +- {late.std:.3f} s late beside the {late.reference}: they are "
-            f"filtered or stamped late, or the clock of the {late.reference} is ahead. Their times were set right."
+            f"filtered or stamped late, or the clock of the {late.reference} is behind. Their times were set right."
         )
     return Finding("wheels_late", int(late is not None), sentence)
 
@@ -181,7 +181,11 @@ def lag_sentence(sensor: str, lag: Lag | None) -> str:
         return f"{subject} clock cannot be compared with that of the {lag.reference}: {lag.why_unknown}."
     if lag.reference == "commands":
         return f"{subject} motion comes {lag.seconds:.3f} +- {lag.std:.3f} s after the commands, motors included."
+    stamped, it_is, whose = (
+        ("The poses are", "they come", "their") if sensor == "poses" else ("The gyro is", "it comes", "its")
+    )
     size = f"{abs(lag.seconds):.3f} +- {lag.std:.3f} s"
     if lag.seconds > 0.0:
-        return f"{subject} clock is {size} behind that of the {lag.reference}."
-    return f"{subject} clock is {size} ahead of that of the {lag.reference}, or the {lag.reference} report late."
+        return f"{stamped} stamped {size} later than the {lag.reference}: {it_is} late, or {whose} clock is ahead."
+    reason = f"{whose} clock is behind, or the {lag.reference} come late"
+    return f"{stamped} stamped {size} earlier than the {lag.reference}: {reason}."
