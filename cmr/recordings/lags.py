@@ -7,21 +7,36 @@ by least squares, so that it is found to a fraction of a sample.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model.command_kinds import DUTY
-from cmr.recordings.rates import STEP, CommonRates, IncomparableError, Rates, common_rates, correlation_of, piece_means
+from cmr.recordings.pieces import Pieces
+from cmr.recordings.rates import (
+    REACH,
+    REACH_SHARE,
+    STEP,
+    CommonRates,
+    IncomparableError,
+    Rates,
+    common_rates,
+    correlation_of,
+    piece_means,
+)
 from cmr.recordings.recording import Recording
 from cmr.recordings.robust import spread
 from cmr.recordings.signal import Floats, Mask
-from cmr.recordings.travel import travel_of
+from cmr.recordings.travel import Travel, travel_of
 
 ITERATIONS = 3  # of the refinement: it converges quadratically from a step's width
 LARGEST_STD = 0.05  # s; a lag that is known less well is called unknown
 SMALLEST_STD = 1e-6  # s; time stamps are no finer
+# Of a clock that was set wrong, the lag is looked for within so many seconds, or this share of a piece. It must explain
+# this share of the squares of one rate, as motions that are one do, and twice as much as a lag that is usual.
+FAR, FAR_SHARE = 60.0, 0.5
+FAR_ALIKE, FAR_EVIDENCE = 0.9, 2.0
 LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must explain more than no connection at all
 RIVAL = 0.4  # s; a lag further away than this from the best must be worse
 LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
@@ -105,33 +120,67 @@ def _lag(recording: Recording, sensor: str, reference: str) -> Lag:
     """Find the lag of one sensor."""
     origin = int(recording.pieces.first[0])
     late, early = (travel_of(recording, name, origin) for name in (sensor, reference))
+    # A recorder takes all from one moment on: stamps that begin elsewhere may be those of a clock that was set wrong.
+    apart = float(late.time[0] - early.time[0])
+    moved = replace(late, time=late.time - apart)
+    near, why = _compared(late, early, recording.pieces, origin, REACH, REACH_SHARE)
+    far, _ = _compared(moved, early, recording.pieces, origin, FAR, FAR_SHARE)
+    if far is not None and far.alike > FAR_ALIKE and (near is None or far.most > FAR_EVIDENCE * near.most):
+        lag = far.lag(sensor, reference)
+        return replace(lag, seconds=lag.seconds + apart)
+    return near.lag(sensor, reference) if near is not None else Lag.unknown(sensor, reference, why)
+
+
+def _compared(
+    late: Travel, early: Travel, pieces: Pieces, origin: int, reach: float, share: float
+) -> tuple["_Compared | None", str]:
+    """Return how well lags within reach explain the rates; None where these cannot be compared, and why."""
     try:
-        rates = common_rates(late, early, recording.pieces, origin)
+        return _Compared(common_rates(late, early, pieces, origin, reach, share)), ""
     except IncomparableError as why:
-        return Lag.unknown(sensor, reference, str(why))
-    of_pairs = np.stack([_evidence(a, b, rates) for a, b in rates.pairs])
-    evidence = of_pairs.sum(axis=0)
-    best = int(np.argmax(evidence))
-    far = np.abs(np.arange(len(evidence)) - best) * STEP > RIVAL
-    if evidence[best] < LEAST_EVIDENCE or best in (0, len(evidence) - 1):
-        return Lag.unknown(sensor, reference, "their speeds do not change alike")
-    if far.any() and evidence[far].max() > evidence[best] - LEAST_LEAD:
-        return Lag.unknown(sensor, reference, "several lags fit alike")
-    # Where driving hardly changes, or turning, its rates are not alike: what they are refined to is chance.
-    alike = [pair for pair, own in zip(rates.pairs, of_pairs[:, best], strict=True) if own >= LEAST_EVIDENCE]
-    first = (best - rates.shifts) * STEP
-    refined = [_refined(a, b, rates.piece, first, rates.span) for a, b in alike]
-    # Lags beyond RIVAL explain less: a refinement that ends there ran away.
-    near = [(lag, std) for lag, std in refined if abs(lag - first) <= RIVAL]
-    found = [(lag, max(std, SMALLEST_STD)) for lag, std in near if std < LARGEST_STD]
-    if not found:
-        return Lag.unknown(sensor, reference, "the speeds change too little")
-    weight = sum(std**-2.0 for _, std in found)
-    return Lag(sensor, reference, sum(lag * std**-2.0 for lag, std in found) / weight, weight**-0.5)
+        return None, str(why)
 
 
-def _evidence(late: Rates, early: Rates, rates: CommonRates) -> Floats:
-    """Return the log-likelihood of each lag of -shifts to shifts steps over no connection, shape (2 shifts + 1,).
+class _Compared:
+    """How well each lag explains the rates of two sensors: a log-likelihood for each pair, and their sum.
+
+    `most` is that of the best lag, `alike` which share of the squares of a rate it explains.
+    """
+
+    def __init__(self, rates: CommonRates) -> None:
+        self._rates = rates
+        found = [_evidence(a, b, rates) for a, b in rates.pairs]
+        self._of_pairs = np.stack([evidence for evidence, _ in found])
+        self._evidence = self._of_pairs.sum(axis=0)
+        self._best = int(np.argmax(self._evidence))
+        self.most = float(self._evidence[self._best])
+        self.alike = float(max(explained[self._best] for _, explained in found))
+
+    def lag(self, sensor: str, reference: str) -> Lag:
+        """Return the best lag, refined."""
+        rates, evidence, best = self._rates, self._evidence, self._best
+        far = np.abs(np.arange(len(evidence)) - best) * STEP > RIVAL
+        if self.most < LEAST_EVIDENCE or best in (0, len(evidence) - 1):
+            return Lag.unknown(sensor, reference, "their speeds do not change alike")
+        if far.any() and evidence[far].max() > self.most - LEAST_LEAD:
+            return Lag.unknown(sensor, reference, "several lags fit alike")
+        # Where driving hardly changes, or turning, its rates are not alike: what they are refined to is chance.
+        alike = [pair for pair, own in zip(rates.pairs, self._of_pairs[:, best], strict=True) if own >= LEAST_EVIDENCE]
+        first = (best - rates.shifts) * STEP
+        refined = [_refined(a, b, rates.piece, first, rates.span) for a, b in alike]
+        # Lags beyond RIVAL explain less: a refinement that ends there ran away.
+        near = [(lag, std) for lag, std in refined if abs(lag - first) <= RIVAL]
+        found = [(lag, max(std, SMALLEST_STD)) for lag, std in near if std < LARGEST_STD]
+        if not found:
+            return Lag.unknown(sensor, reference, "the speeds change too little")
+        weight = sum(std**-2.0 for _, std in found)
+        return Lag(sensor, reference, sum(lag * std**-2.0 for lag, std in found) / weight, weight**-0.5)
+
+
+def _evidence(late: Rates, early: Rates, rates: CommonRates) -> tuple[Floats, Floats]:
+    """Return the log-likelihood of each lag of -shifts to shifts steps over no connection, and which share it explains.
+
+    Both are of shape (2 shifts + 1,).
 
     What tells a lag are changes within a piece. All lags are given as much to tell as the one that leaves the least.
     """
@@ -139,7 +188,8 @@ def _evidence(late: Rates, early: Rates, rates: CommonRates) -> Floats:
     late, early = late.changes(rates.piece, both), early.changes(rates.piece, both)
     correlation, count = correlation_of(late, early, rates.shifts)
     independent = count[count > 0.0].min(initial=len(both)) * STEP / rates.span
-    return np.asarray(-0.5 * independent * np.log1p(-np.minimum(correlation**2, 0.9999)) * (correlation > 0.0))
+    explained = correlation**2 * (correlation > 0.0)
+    return np.asarray(-0.5 * independent * np.log1p(-np.minimum(explained, 0.9999))), explained
 
 
 def _refined(late: Rates, early: Rates, piece: NDArray[np.int64], lag: float, span: float) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from cmr.recordings.travel import Travel
 LEAST_MOTION = 1e-9  # spread of rates, in any unit; less is nothing
 ROUNDING = 1e-12  # of sums of squares
 FEWEST_SPANS = 4  # of common time
-REACH, REACH_SHARE = 2.5, 0.25  # s, and share of a piece: longer lags are not looked for
+REACH, REACH_SHARE = 2.5, 0.25  # s, and share of a piece: longer lags are not looked for, but of clocks set wrong
 STEP = 0.04  # s between the moments at which the rates are compared
 SPAN = 0.2  # s over which rates are averaged, twice; longer where a sensor is slow
 SPARSEST = 1.0  # s for each sample, on average; with fewer samples the time is mostly gaps
@@ -69,9 +69,12 @@ class CommonRates:
     shifts: int
 
 
-def common_rates(late: Travel, early: Travel, pieces: Pieces, origin: int) -> CommonRates:
+def common_rates(
+    late: Travel, early: Travel, pieces: Pieces, origin: int, reach: float = REACH, share: float = REACH_SHARE
+) -> CommonRates:
     """Return the rates at which two sensors saw the robot drive and turn; `origin` [us] is where their times begin.
 
+    Lags of up to `reach` [s] are to be seen, but of no more than a `share` of a piece.
     Raises IncomparableError where they have too little in common.
     """
     first = np.maximum((pieces.first - origin) * SECONDS, max(late.time[0], early.time[0]))
@@ -85,7 +88,7 @@ def common_rates(late: Travel, early: Travel, pieces: Pieces, origin: int) -> Co
     span = max(SPAN, *(2.5 * float(np.median(np.diff(travel.time))) for travel in (late, early)))
     if total < FEWEST_SPANS * span:
         raise IncomparableError("one of them comes too seldom")
-    shifts = int(min(REACH, REACH_SHARE * pieces.usual) / STEP)
+    shifts = int(min(reach, share * pieces.usual) / STEP)
     moments, piece = _moments(first[common], last[common], shifts)
     pairs = [
         (_rates(late, a, moments, span), _rates(early, b, moments, span))

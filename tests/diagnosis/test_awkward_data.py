@@ -222,8 +222,9 @@ def test_without_commands_and_poses_the_wheel_radius_is_not_fitted() -> None:
     assert list(found.baseline.estimates) == ["base_width"]
 
 
-def test_a_clock_that_was_set_right_stays_found() -> None:
-    found = diagnose(later(drive(), "poses", 2.0))
+@pytest.mark.parametrize("seconds", [2.0, 3600.0])
+def test_a_clock_that_was_set_right_stays_found(seconds: float) -> None:
+    found = diagnose(later(drive(), "poses", seconds))
     (clock,) = [finding for finding in found.checks if finding.check == "poses_clock"]
     assert clock.found == 1
     assert clock.sentence.endswith("later than the wheels: they come late, or their clock is ahead.")

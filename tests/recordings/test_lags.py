@@ -25,7 +25,21 @@ def test_the_time_by_which_poses_are_late_is_found_to_a_fraction_of_a_sample(sec
     assert lag.std < PERIOD / 2.0
     found = check(faulty)["poses_clock"]
     assert found.found == (abs(seconds) > 0.03)
-    assert ("behind" if seconds > 0.0 else "ahead") in found.sentence
+    assert ("later than the wheels" if seconds > 0.0 else "earlier than the wheels") in found.sentence
+    assert ("clock is ahead" if seconds > 0.0 else "clock is behind") in found.sentence
+
+
+@pytest.mark.parametrize("seconds", [-11.0, 3.7, 14.0])
+def test_a_clock_that_nobody_set_is_found_far_off(seconds: float) -> None:
+    lag = next(lag for lag in lags_of(later(recording(lively, 5), "poses", seconds)) if lag.sensor == "poses")
+    assert lag.known
+    assert abs(lag.seconds - seconds - 0.002) < 4.0 * lag.std
+
+
+def test_poses_of_another_drive_have_no_lag() -> None:
+    for drive, other in ((lively, figure_eight), (figure_eight, lively)):
+        strange = replace(recording(drive, 5), poses=recording(other, 6).poses)
+        assert not next(one for one in lags_of(strange) if one.sensor == "poses").known
 
 
 @pytest.mark.parametrize("seconds", [-1.9, 0.1, 0.7])

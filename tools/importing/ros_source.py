@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cmr.bus.messages import MICROSECONDS
 from cmr.cli.progress import BYTES, Progress
 from cmr.distribution import how_to_install
 from cmr.recordings.log_clock import LATEST_UTIME
@@ -20,6 +21,7 @@ from cmr.tools.importing.ros_records import BagError, BagReader, Message, Topic
 from cmr.tools.importing.sources import Source, SourceError, Table, in_time_order, require_moving_clocks
 
 MICROSECOND = 1000  # ns
+CLOCKS_APART = 1.0  # s; less may be how long a localisation takes, and the estimation finds it
 MESSAGES_BETWEEN_SHOWINGS = 1000
 MOST_TOPICS = 40  # that an error lists
 
@@ -107,14 +109,18 @@ def _tables(path: Path, rows: Dictionary[str, "_Rows"], source: Source) -> dict[
 
 
 def _compare_clocks(source: Source) -> None:
-    """Note where two topics share no time at all, which is a sign of two clocks."""
-    spans = {name: (int(table.utime[0]), int(table.utime[-1])) for name, table in source.tables.items()}
-    latest, (start, _) = max(spans.items(), key=lambda item: item[1][0])
-    earliest, (_, end) = min(spans.items(), key=lambda item: item[1][1])
-    if start > end:
+    """Note where two topics were stamped by clocks that differ.
+
+    Of a topic, no message arrives sooner after its stamp than the quickest: by how much this is more for one topic than
+    for another, its clock is behind. Only a topic of much delay looks the same, which takes less than CLOCKS_APART.
+    """
+    least = {name: int((table.received_utime - table.utime).min()) for name, table in source.tables.items()}
+    behind, ahead = max(least, key=least.__getitem__), min(least, key=least.__getitem__)
+    apart = (least[behind] - least[ahead]) / MICROSECONDS
+    if apart > CLOCKS_APART:
         source.notes.append(
-            f"{latest} begins {(start - end) / 1e6:.0f} s after {earliest} has ended. If their clocks differ, map "
-            "time: received for both, or shifted_header for the one that was set wrong."
+            f"{ahead} is stamped by a clock that is {apart:.1f} s ahead of that of {behind}, as their arrival at the "
+            "recorder shows. Map time: shifted_header for the one that was set wrong, or time: received for both."
         )
 
 

@@ -120,13 +120,20 @@ def test_a_header_clock_that_was_set_wrong_is_shifted_by_the_smallest_delay(tmp_
     assert [one.utime for one in gyro] == [(START + DELAY + i * STEP) // 1000 for i in range(5)]
 
 
-def test_topics_without_a_common_time_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("wrong", "noted"), [(-1000.0, True), (3.7, True), (0.4, False)])
+def test_clocks_that_differ_by_the_arrival_of_their_messages_are_noted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: float, noted: bool
+) -> None:
     mapping = mapping_of({"/imu": "header", "/cmd_vel": "received"}, gyro=GYRO, motor_command=command_at("/cmd_vel"))
     stamps = [START + i * STEP for i in range(5)]
-    sent: list[Sent] = [("/imu", "sensor_msgs/msg/Imu", at, {"header": header(at - 10**12)}) for at in stamps]
+    sent: list[Sent] = [
+        ("/imu", "sensor_msgs/msg/Imu", at, {"header": header(at + round(wrong * 1e9))}) for at in stamps
+    ]
     sent += [("/cmd_vel", "geometry_msgs/msg/Twist", at, {}) for at in stamps]
     run(tmp_path, mapping, write_bag(tmp_path, "mcap", sent))
-    assert "/cmd_vel begins 1000 s after /imu has ended" in capsys.readouterr().out
+    ahead, behind = ("/imu", "/cmd_vel") if wrong > 0.0 else ("/cmd_vel", "/imu")
+    sentence = f"{ahead} is stamped by a clock that is {abs(wrong):.1f} s ahead of that of {behind}"
+    assert (sentence in capsys.readouterr().out) == noted
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
