@@ -12,6 +12,7 @@ from cmr.diagnosis.diagnose import _candidates
 from cmr.estimation.candidates import SMALLEST, Excitation, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.search.criteria import (
+    IN_ONE_MOMENT,
     TOO_SMALL,
     CandidateEffect,
     SelectedEffect,
@@ -163,3 +164,21 @@ def test_small_effects_that_explain_the_same_are_one_that_is_seen() -> None:
 def test_a_value_is_told_with_two_digits_and_its_unit() -> None:
     told = [with_unit(0.4, "rad/s^2"), with_unit(-0.0025, "-"), with_unit(12.0, "m"), with_unit(512.3, "s")]
     assert [*told, with_unit(math.nan, "m")] == ["0.40 rad/s^2", "-0.0025", "12 m", "512 s", "nan m"]
+
+
+@pytest.mark.parametrize(("moments", "is_refused"), [([20.0], True), ([20.0, 20.4], True), ([11.0, 20.0, 31.0], False)])
+def test_what_happened_in_one_second_is_no_place(moments: list[float], is_refused: bool) -> None:
+    """A command that was stamped late looks like a place that the robot only touches."""
+    times = np.arange(0.0, 60.0, 0.2)
+    predictor = SimpleNamespace(
+        times={"psi_left": times}, segment=SimpleNamespace(recording=0, observations=SimpleNamespace(time=0.0))
+    )
+    problem = cast(Any, SimpleNamespace(**{**vars(PROBLEM), "predictors": (predictor,)}))
+    rest = np.ones(len(times))
+    rest[np.searchsorted(times, moments)] = math.sqrt(600.0 / len(moments))
+    place = {f"surface_patch_{name}": value for name, value in {"x": 1.0, "y": 0.0, "radius": 0.5}.items()}
+    values = {**ROBOT, **place, "surface_patch_friction": 5.0, "surface_patch_base_width": 0.1}
+    before = Fit(ROBOT, (), rest, np.zeros((len(times), 0)), cast(Any, None))
+    after = Fit(values, (), np.ones(len(times)), np.zeros((len(times), 0)), cast(Any, None))
+    patch = CandidateEffect(CATALOGUE["surface_patch"], 600.0, values, after, held_out=100.0)
+    assert (why_not(problem, before, patch, Inflation(1.0)) == IN_ONE_MOMENT) == is_refused

@@ -5,6 +5,7 @@ With the drop D = S(before) - S(after) that its k parameters bring, and the infl
     is there      D >= inflation (THRESHOLD + PER_PARAMETER (k - 1) + OF_A_PLACE if it chose a place)
     not unusual   D >= inflation (the same + unlikelihood of its sizes, less what the model had before)
     its own       what a gyro or a tracker does may not raise S of its own readings by as much
+    not at once   of what begins at a time or is at a place, D without its best AT_ONCE seconds is enough as well
     holds         G > 0, with G = (S_left_out(before) - S_left_out(after)) / 2
     possible      values inside their ranges, and the paper's parameters not those of another robot
     matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations
@@ -36,6 +37,7 @@ from cmr.estimation.search.measures import (
     left_out_gain,
     likelihood_ratio,
     moment_at_an_end,
+    of_one_moment,
     place_everywhere,
     readings_lost,
     size_below_limit,
@@ -57,10 +59,12 @@ PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each furth
 ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
 LARGEST_STRETCH = 0.5  # of a usual distance from the origin, by which poses may be stretched
 FARTHEST = 1.5  # times its root mean square distance from the origin: farther a robot hardly is on a drive of loops
+AT_ONCE = 1.0  # s; what happens in one of them may be a bump, or a command that was stamped late
 AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
 READINGS = {"gyro": ("yaw_rate",), "pose": POSE_SIGNALS}  # of sensors that move nothing, by their stage
 TOO_SMALL = "It is too small to matter."
 MAY_BE_CHANCE = "What it explains may be chance."
+IN_ONE_MOMENT = "What it explains happened in one moment."
 TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
 
 
@@ -145,6 +149,8 @@ def _objections(
     lost = _lost_readings(problem, before, candidate)
     if lost > least * inflated:
         yield "It makes the readings of its own sensor less likely.", readings_lost(lost, least * inflated)
+    if locality(candidate.effect) and drop - (at_once := _at_once(problem, before, candidate)) < least * inflated:
+        yield IN_ONE_MOMENT, of_one_moment(drop - at_once, least * inflated, AT_ONCE)
     stds = _stds(candidate)
     yield from _impossible(problem, before, candidate, stds)
     if candidate.fit is not None and not candidate.held_out > 0.0:
@@ -166,6 +172,21 @@ def _lost_readings(problem: Problem, before: Fit, candidate: CandidateEffect) ->
     own = {name for stage in effect.equations for name in READINGS.get(stage.partition("_")[0], SIGNALS)}
     rows = np.flatnonzero(problem.rows_of(own))  # by number: errors that are of no sensor, of priors, come after all
     return float(np.sum(fit.rest[rows] ** 2) - np.sum(before.rest[rows] ** 2)) if own < {*SIGNALS} else 0.0
+
+
+def _at_once(problem: Problem, before: Fit, candidate: CandidateEffect) -> float:
+    """Return the most that an effect explains within AT_ONCE; 0 where no fit shows when it does."""
+    if candidate.fit is None or not problem.one_step:
+        return 0.0
+    when = np.concatenate([t + p.segment.observations.time for p in problem.predictors for t in p.times.values()])
+    of = np.concatenate([np.full(len(t), p.segment.recording) for p in problem.predictors for t in p.times.values()])
+    gained = before.rest[: len(when)] ** 2 - candidate.fit.rest[: len(when)] ** 2
+    most = 0.0
+    for phase in (0.0, 0.5):
+        number = np.floor(when / AT_ONCE + phase).astype(np.int64)
+        _, moments = np.unique(np.stack([of, number]), axis=1, return_inverse=True)
+        most = max(most, float(np.bincount(moments.ravel(), gained).max()))
+    return most
 
 
 def _impossible(

@@ -103,6 +103,15 @@ def left_out_gain(gain: float) -> Measure:
     return Measure("left_out_log_likelihood", gain, 0.0, "-", sentence)
 
 
+def of_one_moment(rest: float, least: float, seconds: float) -> Measure:
+    """Return what an effect explains beside the moment in which it explains most."""
+    sentence = (
+        f"Without the {seconds:.2g} s in which it explains most, it lowers -2 log likelihood by {rest:.1f}; "
+        f"{least:.1f} would be needed."
+    )
+    return Measure("likelihood_ratio_of_other_moments", rest, least, "-", sentence)
+
+
 def readings_lost(rise: float, most: float) -> Measure:
     """Return by how much the readings of a sensor are less likely with what it is said to do."""
     sentence = (
