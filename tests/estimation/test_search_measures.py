@@ -179,6 +179,8 @@ def test_what_happened_in_one_second_is_no_place(moments: list[float], is_refuse
     place = {f"surface_patch_{name}": value for name, value in {"x": 1.0, "y": 0.0, "radius": 0.5}.items()}
     values = {**ROBOT, **place, "surface_patch_friction": 5.0, "surface_patch_base_width": 0.1}
     before = Fit(ROBOT, (), rest, np.zeros((len(times), 0)), cast(Any, None))
-    after = Fit(values, (), np.ones(len(times)), np.zeros((len(times), 0)), cast(Any, None))
+    names = tuple(parameter.name for parameter in CATALOGUE["surface_patch"].parameters)
+    slopes = 1e3 * np.random.default_rng(0).standard_normal((len(times), len(names)))
+    after = Fit(values, names, np.ones(len(times)), slopes, cast(Any, None))
     patch = CandidateEffect(CATALOGUE["surface_patch"], 600.0, values, after, held_out=100.0)
     assert (why_not(problem, before, patch, Inflation(1.0)) == IN_ONE_MOMENT) == is_refused
