@@ -23,6 +23,7 @@ from tests.hidden_effects import hidden_recording
 from tests.hidden_effects.logs import write_log
 from tests.reference_plant import NEUTRAL, REALISTIC, packets, recording
 from tests.support.faulty_drive import later, without
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -239,6 +240,14 @@ def test_the_check_of_a_clock_gives_the_lateness_that_the_effect_has() -> None:
     (size,) = late.estimates.values()
     expected = f"The poses are stamped {size.value:.3f} +- {size.std:.3f} s later than the wheels: they come late, "
     assert clock.sentence == f"{expected}or their clock is ahead."
+
+
+@pytest.mark.parametrize("seed", [2, *further(4)])
+def test_a_harmless_explanation_is_named_beside_one_that_matters(seed: int) -> None:
+    """Without a gyro, wheels that slip while they accelerate look like poses that are late by a harmless 7.5 ms."""
+    recording = later(hidden_recording(seed=seed).recording, "poses", 0.0075)
+    found = diagnose(replace(recording, gyro=recording.gyro.between(0, 0)))
+    assert [effect.indistinguishable_from for effect in found.effects] in ([], [("pose_latency",)])
 
 
 @pytest.mark.parametrize(("seconds", "said"), [(0.8, "it lasts 0.8 s"), (2.5, "2.5 s of use")])

@@ -8,7 +8,7 @@ import numpy as np
 from cmr.estimation.candidates import AS_THE_RADIUS
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect, held_out_gain, why_not
+from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect, held_out_gain, why_not
 from cmr.estimation.search.exchange import BETTER, IN_DATA_SHEETS, possible
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.screening import Score, Screening, start_of
@@ -20,7 +20,8 @@ ALIKE_SHARE = 0.02  # nor those that differ by less than this share, as long as 
 # And by less than this one when all are there: fits stop a little before the best values, and between the steps of the
 # observer its motion is nearly right (a late gyro at 20 Hz: 0.15 %).
 ALIKE_AT_THE_END = 0.002
-# Of what is lost without an effect: what makes up for so much to first order is fitted; of encoders, for so much.
+# Of what is lost without an effect: what makes up for so much to first order is fitted; of encoders, and of what
+# explained as much before other effects were found, for so much.
 NEARLY_ALL, FIRST_ORDER = 0.95, 0.5
 MOST = 4  # rivals that are looked for
 AS_WELL = "It explains the data as well as {}: the difference is below the threshold."
@@ -53,11 +54,13 @@ def rivals_of(
     margin = margin_of(one.candidate, inflation, ALIKE_AT_THE_END)
     sizes = np.maximum(np.diag(left.normal), np.finfo(np.float64).tiny)
     shares, drops = -left.pulls / sizes, left.pulls**2 / sizes
-    lost = left.squares - current.squares
+    # Far from neutral the slopes promise that more is lost than is.
+    lost = min(left.squares - current.squares, one.candidate.drop)
     starts: dict[str, dict[str, float]] = {}
     for number in np.argsort(-drops):
         trial, share = screening.trials[number], float(shares[number])
-        share_of_lost = FIRST_ORDER if trial.effect in IN_DATA_SHEETS else NEARLY_ALL
+        near = trial.effect in IN_DATA_SHEETS or trial.effect in one.rivals
+        share_of_lost = FIRST_ORDER if near else NEARLY_ALL
         least = min(share_of_lost * lost, lost - margin)
         if drops[number] > least and possible(screening, number, share) and len(starts) < MOST:
             starts.setdefault(trial.effect, start_of(Score(trial, 0.0, share)))
@@ -82,7 +85,7 @@ def rivals_of(
 
 
 def _holds(problem: Problem, before: Fit, effect: Effect, fit: Fit, inflation: Inflation) -> bool:
-    """Return whether an effect that was fitted could be named."""
+    """Return whether an effect that was fitted could be named, but for its size: what is harmless is a rival, too."""
     tested = CandidateEffect(effect, before.squares - fit.squares, fit.values, fit)
     tested = replace(tested, held_out=held_out_gain(problem, before, fit))
-    return not why_not(problem, before, tested, inflation)
+    return why_not(problem, before, tested, inflation) in ("", TOO_SMALL)

@@ -365,8 +365,9 @@ def _choose(
             rivals = tuple(one.effect.name for one in tie.alike if one is not chosen)
             return SelectedEffect(chosen, rivals, current), others
         close = [one for one, _ in others if chosen.drop - one.drop < margin]
-    rivals = tuple(one.effect.name for one in close if not why_not(problem, current, one, inflation))
-    return SelectedEffect(chosen, rivals, current), others
+    # One that is too small to be named explains as much by doing nothing that matters: it is a rival all the more.
+    as_well = (one for one in close if why_not(problem, current, one, inflation) in ("", TOO_SMALL))
+    return SelectedEffect(chosen, tuple(one.effect.name for one in as_well), current), others
 
 
 def _unseen(problem: Problem, screening: Screening, named: Collection[str]) -> tuple[str, ...]:
