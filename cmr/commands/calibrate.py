@@ -167,13 +167,17 @@ def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile |
             f"{path}: not a whole figure-eight (missing: {calibrator.missing}); all of it is used.",
             file=_notes(options),
         )
+    first, whole = calibrator.recording(), Recording.of(messages)
+    if len(whole.poses) and not len(first.poses):  # a clock that was set wrong, which the estimation sets right
+        print(f"{path}: no pose is stamped within its first drive; all of it is used.", file=_notes(options))
+        return whole
     if calibrator.left_out > FURTHER:
         print(
             f"{path}: the first drive is used, as in a live calibration. {calibrator.left_out:.0f} s follow after it; "
             "--whole-log uses them, too, as cmr-diagnose does.",
             file=_notes(options),
         )
-    return calibrator.recording()
+    return first
 
 
 def _notes(options: argparse.Namespace) -> TextIO:

@@ -15,6 +15,7 @@ from cmr.estimation.estimates import EstimationError
 from cmr.recordings.recording import Recording
 from tests.hidden_effects.logs import write_log
 from tests.hidden_effects.messy import messy
+from tests.support.faulty_drive import later
 from tests.support.lanes import further
 from tests.support.resting import one_after_another, with_rests
 
@@ -97,3 +98,11 @@ def test_a_live_calibration_has_no_whole_log(capsys: pytest.CaptureFixture[str])
         calibrate(["--whole-log"])
     assert wrong.value.code == 2
     assert "--whole-log needs a log" in capsys.readouterr().err
+
+
+def test_poses_of_a_clock_that_is_an_hour_ahead_are_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = write_log(tmp_path / "run.lcm", later(messy(6, "two60").recording, "poses", 3600.0))
+    assert calibrate(["--log", str(log), "--json"]) == 0
+    said = capsys.readouterr()
+    assert "no pose is stamped within its first drive; all of it is used." in said.err
+    assert json.loads(said.out)["path_rmse_after_m"] < 0.05
