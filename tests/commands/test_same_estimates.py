@@ -101,7 +101,7 @@ def test_a_live_calibration_has_no_whole_log(capsys: pytest.CaptureFixture[str])
 
 
 def test_poses_of_a_clock_that_is_an_hour_ahead_are_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = write_log(tmp_path / "run.lcm", later(messy(6, "two60").recording, "poses", 3600.0))
+    log = write_log(tmp_path / "run.lcm", later(with_rests(messy(6, "two60").recording, 4.0, 6.0), "poses", 3600.0))
     assert calibrate(["--log", str(log), "--json"]) == 0
     said = capsys.readouterr()
     assert "no pose is stamped within its first drive; all of it is used." in said.err
