@@ -66,7 +66,7 @@ class DriveManoeuvre(Behaviour):
         away = math.dist(self._place, (me.state.x, me.state.y))
         if self.space is not None and away > self.space:
             return (
-                f"{self.name} took the robot {away:.2f} m from where it began; {self.space:.2f} m are allowed. Calibrate "
-                "the robot first, drive with a smaller speed=, or clear the floor and allow more with space=."
+                f"{self.name} took the robot {away:.2f} m from where it began; {self.space:.2f} m are allowed. "
+                "Calibrate the robot first, drive with a smaller speed=, or clear the floor and allow more with space=."
             )
         return ""
