@@ -177,7 +177,7 @@ def _gained(model: Linearised, rest: Rest, laws: Sequence[Candidate], first: Can
 
 
 def around(law: Candidate, width: float) -> list[Candidate]:
-    """Return a law with constants that lie around its own, at steps as wide as this share of the reach of each."""
+    """Return laws with neighbouring constants, at steps of `width` times the reach of each."""
     names = [*law.constants]
     single = [{name: sign * share * width} for name in names for sign in (-1.0, 1.0) for share in SHARES_OF_STEP]
     pairs = [{a: i * width, b: j * width} for a, b in combinations(names, 2) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]
