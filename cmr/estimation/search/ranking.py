@@ -1,7 +1,7 @@
 """Fit the promising effects beside a model, and judge them.
 
-1. Of the screening's effects, those with a large score are fitted quickly: only their own parameters iterate, the slopes of the
-   model's parameters are taken from its last fit (`Problem.fit_beside`).
+1. Of the screening's effects, those with a large score are fitted quickly: only their own parameters iterate, the
+   slopes of the model's parameters are taken from its last fit (`Problem.fit_beside`).
 2. The FINALISTS are fitted with everything free (Levenberg-Marquardt, gauss_newton.py), from the best place where they
    belong to one.
 3. Each has its drop of S, D = S(model) - S(model with it), and is ranked by the evidence D - PER_FURTHER (k - 1) -
