@@ -53,9 +53,8 @@ def _respond(response, radius, motors, duration):  # type: ignore[no-untyped-def
 
 
 @compiled("void(f8[::1], f8[::1], f8[::1], f8, f8)")
-# Advance the wheels of all motors by one span: `moved` of cmr.model.paper, up to where the base width enters.
-def _roll(before, after, response, left, right):
-    """Let one span pass for the wheels of all motors: `moved` of cmr.model.paper, up to where the base width enters."""
+def _roll(before, after, response, left, right):  # type: ignore[no-untyped-def]
+    """Advance the wheels of all motors by one span: `moved` of cmr.model.paper, up to where the base width enters."""
     for i in range(MOTORS):
         final_left, final_right = left * response[i], right * response[i]
         psi_left, psi_right = before[PSI_LEFT + i], before[PSI_RIGHT + i]
