@@ -20,10 +20,10 @@ from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD
 from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import DEFAULT_URL, results
 from cmr.cli.errors import CommandError
-from cmr.cli.progress import Progress
 from cmr.commands.by_hand.demo import add_lead, lead
 from cmr.commands.first_use import PARTS, compile_first
 from cmr.commands.investigating.demo import add_investigate, demonstrate
+from cmr.experiments.live.demonstrating import wait_for
 from cmr.experiments.live.jobs import STATE
 from cmr.files import gone_before_and_after
 from cmr.geometry.figures import LENGTH, figure_eight
@@ -265,25 +265,9 @@ class _Demo:
         print(f"{title}: done", flush=True)
 
     def _wait(self, condition: Callable[[], bool], seconds: float, what: str, expected: float | None = None) -> None:
-        """Listen to the bus until a condition holds, for `seconds` at most, and show progress: it takes `expected` s.
-
-        Raises CommandError if it does not hold in time or a process ends, Interrupted on a signal.
-        """
-        began = time.monotonic()
-        with Progress(expected, "s", lines=expected is not None) as progress:
-            for _utime in self._process.loop(rate_hz=20.0):
-                self._process.dispatch(self._hear)
-                if condition():
-                    return
-                failure = self._children.failed()
-                if failure:
-                    raise CommandError(failure)
-                waited = time.monotonic() - began
-                if waited > seconds:
-                    files = f"{self._children.folder}/*.txt"
-                    raise CommandError(f"Gave up waiting for {what} after {seconds:.0f} s. See {files}.")
-                progress.show(what if expected else f"Waiting for {what}", min(waited, expected or waited))
-        raise Interrupted
+        """Handle messages until a condition holds; see `wait_for`. Raises Interrupted on a signal."""
+        if not wait_for(condition, seconds, what, self._process, self._children, self._hear, expected):
+            raise Interrupted
 
     def _hear(self, utime: int, channel: str, message: Message) -> None:
         if isinstance(message, world_state_t):
