@@ -6,7 +6,7 @@ wheel of radius r_i, and its part of a body of mass m and yaw inertia J,
 
     I = I_wheel,i + r_i^2 (m / 4 + J / b^2),
 
-the same on both sides: I_wheel,i makes up for wheels of different size. J is chosen so that one side pushes back the
+the same on both sides: I_wheel,i compensates for wheels of different size. J is chosen so that one side pushes back the
 other by `motor_coupling` c, or not at all:
 
     r_left r_right (m / 4 - J / b^2) = c I.
