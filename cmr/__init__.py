@@ -1,9 +1,10 @@
 """Calibrated Mixed Reality: real and virtual robots in one world.
 
 What `import cmr` offers is in `__all__` and is supported, with the entry points for effects and behaviours; packages
-are how it is made. ARCHITECTURE.md names them: imports run one way, from `commands` to `model` and the ground.
+are the implementation. ARCHITECTURE.md lists them: imports run one way, from `commands` down to `model` and shared
+utilities.
 
-This module imports next to nothing, so that a command hears Ctrl-C before anything that takes time.
+This module imports almost nothing, so that a command handles Ctrl-C before any slow import.
 """
 
 import os
@@ -13,7 +14,7 @@ MESSAGES = "msg"  # the package that the build generates from lcmtypes/
 
 
 def _generated(folders: list[str]) -> list[str]:
-    """Return those of some folders that have the message classes."""
+    """Return the folders that contain the generated message classes."""
     return [folder for folder in folders if os.path.isdir(os.path.join(folder, MESSAGES))]  # noqa: PTH112, PTH118
 
 
@@ -22,7 +23,8 @@ if not _generated(__path__):
     __path__ += _generated([os.path.join(folder, __name__) for folder in sys.path])  # noqa: PTH118
 
 
-TYPE_CHECKING = False  # type checkers know the name; to import it from typing would take longer than all the rest
+# Type checkers know the name; importing it from typing would take longer than everything else here
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from cmr.calibration.calibrate import calibrate
     from cmr.calibration.result import CalibrationResult
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 
     __version__: str
 
-# The library's names, each with its module, which is imported at the first use.
+# Public names and their modules, which are imported at first use.
 _MODULES = {
     "CalibrationResult": "cmr.calibration.result",
     "Diagnosis": "cmr.diagnosis.result",

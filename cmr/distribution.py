@@ -1,4 +1,4 @@
-"""What this installation of CMR is: its distribution, its version, and how to add an extra to it."""
+"""Describe this installation of CMR: its distribution, its version, and how to add an extra."""
 
 import shutil
 import sys
@@ -6,8 +6,8 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
-NAME = "calibrated-mixed-reality"  # what the package index would call it: "cmr" is somebody else's there
-DRIVER_NAME = f"{NAME}-driver"  # the driver with the modules that it needs, alone: for a robot's own computer
+NAME = "calibrated-mixed-reality"  # its name on the package index, where "cmr" is taken
+DRIVER_NAME = f"{NAME}-driver"  # only the driver and the modules it needs, for a robot's own computer
 UNKNOWN_VERSION = "0+unknown"
 ROOT = Path(__file__).resolve().parents[1]
 FINGERPRINT = "lcmtypes.crc32"  # beside the message classes: which files they were generated from
@@ -19,8 +19,11 @@ def version() -> str:
 
 
 def installed() -> dict[str, str]:
-    """Return the distributions of CMR that are installed, each with its version: one, as they hold the same modules."""
-    from importlib.metadata import PackageNotFoundError, version  # takes as long as most commands need to start
+    """Return the distributions of CMR that are installed, with their versions; normally one, since they contain the
+    same modules.
+    """
+    # This import takes as long as most commands need to start
+    from importlib.metadata import PackageNotFoundError, version
 
     found = {}
     for name in (NAME, DRIVER_NAME):
@@ -46,7 +49,7 @@ def outdated_messages(root: Path = ROOT) -> bool:
 
 
 def has_module(name: str) -> bool:
-    """Return whether this installation has a module of ours: the driver's distribution has few of them."""
+    """Return whether this installation contains a CMR module; the driver's distribution contains only a few."""
     from importlib.util import find_spec
 
     try:
@@ -63,7 +66,7 @@ def how_to_install(extra: str) -> str:
 
 
 def _pip() -> str:
-    """Return pip of this interpreter, as it is called from here."""
+    """Return the command that runs this interpreter's pip."""
     found = shutil.which("pip")
     beside = Path(sys.executable).parent
     return "pip" if found and Path(found).parent == beside else f"{sys.executable} -m pip"

@@ -1,4 +1,4 @@
-"""Files that are never half there, and folders that are not left empty."""
+"""Write files atomically, read them within limits, and leave no empty folders behind."""
 
 import errno
 import os
@@ -12,14 +12,14 @@ from typing import BinaryIO
 from cmr.litter import temporary_beside
 
 PIECE_BYTES = 1 << 16
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # what keeps a file from growing
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # errors that mean there is no space left
 NO_FILE = "it is no regular file, such as can be read to its end"
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a file that is one: a pipe would be waited for, and a device such as /dev/zero has no end.
+    """Open a regular file; opening a pipe would block, and a device such as /dev/zero has no end.
 
-    Raises OSError when it cannot be opened, or is none.
+    Raises OSError when it cannot be opened, or is not a regular file.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK)
     try:
@@ -41,7 +41,8 @@ def read_text(path: Path, largest: int) -> str:
     """
     data = bytearray()
     with open_regular(path) as stream:
-        while len(data) <= largest and (piece := stream.read(PIECE_BYTES)):  # as much at once would be set aside
+        # Reading `largest` at once would allocate that much memory
+        while len(data) <= largest and (piece := stream.read(PIECE_BYTES)):
             data += piece
     if len(data) > largest:
         raise OSError(errno.EFBIG, f"it is larger than {largest / 1e6:g} MB, which is the most that is read", str(path))
@@ -50,7 +51,7 @@ def read_text(path: Path, largest: int) -> str:
 
 @contextmanager
 def folder_for_results(folder: Path) -> Iterator[None]:
-    """Make a folder, and take it away again if nothing was written into it; so are those that were made for it.
+    """Make a folder with its parents; on exit, remove those that were made here and stayed empty.
 
     Raises OSError when it cannot be made.
     """
@@ -60,13 +61,13 @@ def folder_for_results(folder: Path) -> Iterator[None]:
         yield
     finally:
         for one in made:
-            with suppress(OSError):  # it is not empty, or was not made
+            with suppress(OSError):  # it is not empty, or was never made
                 one.rmdir()
 
 
 @contextmanager
 def gone_before_and_after(folder: Path) -> Iterator[None]:
-    """Begin without this folder, and leave none, whatever is in it."""
+    """Delete this folder and its contents on entry and on exit."""
     shutil.rmtree(folder, ignore_errors=True)
     try:
         yield
@@ -75,7 +76,7 @@ def gone_before_and_after(folder: Path) -> Iterator[None]:
 
 
 def why_not_writable(folder: Path) -> str:
-    """Return why nothing can be written into a folder, which may have to be made first; empty if it can."""
+    """Return why a folder, which need not exist yet, is not writable; empty if it is."""
     nearest = next(one for one in (folder, *folder.absolute().parents) if one.exists())
     if not nearest.is_dir():
         return f"{'it' if nearest == folder else nearest} is a file, not a folder"
@@ -83,10 +84,10 @@ def why_not_writable(folder: Path) -> str:
 
 
 def write_atomically(content: str | bytes, path: Path, mode: int = 0o644) -> None:
-    """Write a text, or bytes, so that a reader, or a crash at any moment, finds the old file or the new one.
+    """Write a file atomically: a reader, or a crash at any moment, finds either the old file or the new one.
 
-    `mode` says who may read it: by default everybody, because processes of other people do.
-    Raises OSError when the folder cannot be written.
+    `mode` are its permissions; by default everybody may read it, because other users' processes do. Raises OSError when
+    the folder cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_beside(path)
@@ -105,7 +106,7 @@ def write_atomically(content: str | bytes, path: Path, mode: int = 0o644) -> Non
 
 
 def write_out_folder(folder: Path) -> None:
-    """Have the disk keep which files a folder has: without it, a new name may be gone after a loss of power.
+    """Sync a folder to disk; otherwise a new file's name may be lost in a power failure.
 
     Raises OSError when the disk fails.
     """
@@ -113,7 +114,7 @@ def write_out_folder(folder: Path) -> None:
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems know no such thing
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems do not support it
             raise
     finally:
         os.close(descriptor)

@@ -1,7 +1,7 @@
-"""Temporary files and folders, named so that those of processes that were killed are known and removed.
+"""Temporary files and folders whose names show their process, so that those of killed processes are removed.
 
-A process that is killed cannot tidy up after itself. So its temporary files say in their names who made them, and the
-next process that makes one in the same folder removes those whose maker is gone.
+A process that is killed cannot tidy up after itself. So the names of temporary files contain their process, and the
+next process that makes one in the same folder removes those of processes that have ended.
 """
 
 import hashlib
@@ -16,17 +16,17 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-# .robot_0.yaml.1a2b3c-4711-0f3c2a1b.tmp: what it becomes, the host and the id of the process, and a random number.
+# .robot_0.yaml.1a2b3c-4711-0f3c2a1b.tmp: final name, host, process id, and a random number.
 NAME = re.compile(r"\..+\.([0-9a-f]{6})-([0-9]+)-[0-9a-f]{8}\.tmp")
 SLACK = 2.0  # s by which clocks of files and processes differ
 
-_swept: set[Path] = set()  # folders that this process has looked through
+_swept: set[Path] = set()  # folders that this process has cleaned
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return the name of a temporary file or folder that becomes `path`, or has to do with it; it is not made yet.
+    """Return a name for a temporary file or folder beside `path`; nothing is created.
 
-    Removes those in the same folder that processes have left that are gone; once, which is enough.
+    The first call for a folder also removes what ended processes have left there.
     """
     folder = path.parent.absolute()
     if folder not in _swept:
@@ -37,7 +37,7 @@ def temporary_beside(path: Path) -> Path:
 
 @contextmanager
 def temporary_folder(name: str) -> Iterator[Path]:
-    """Make a folder among the temporary files, and remove it with all that is in it."""
+    """Make a temporary folder; delete it with its contents on exit."""
     folder = temporary_beside(Path(tempfile.gettempdir()) / name)
     folder.mkdir(mode=0o700)
     try:
@@ -47,8 +47,8 @@ def temporary_folder(name: str) -> Iterator[Path]:
 
 
 def sweep(folder: Path) -> None:
-    """Remove from a folder what processes of this computer have left there that are gone."""
-    with suppress(OSError):  # it is not there, or others may not look into it
+    """Remove from a folder the temporary files of ended processes of this computer."""
+    with suppress(OSError):  # it does not exist, or we may not read it
         for path in folder.iterdir():
             match = NAME.fullmatch(path.name)
             if match and match[1] == _host() and _is_gone(int(match[2]), path):
@@ -56,7 +56,7 @@ def sweep(folder: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    with suppress(OSError):  # another process was faster, or it is somebody else's
+    with suppress(OSError):  # another process removed it first, or it belongs to another user
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
         else:
@@ -64,7 +64,7 @@ def _remove(path: Path) -> None:
 
 
 def _is_gone(process: int, path: Path) -> bool:
-    """Return whether the process that made a file has ended; its number may be that of another process by now."""
+    """Return whether the process that made a file has ended; its id may have been reused since."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -78,12 +78,12 @@ def _is_gone(process: int, path: Path) -> bool:
 
 def _started(process: int) -> float:
     """Return when a process started [s since the epoch]. Raises OSError elsewhere than on Linux."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()  # what is before is its name
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()  # after the process name
     booted = next(line for line in Path("/proc/stat").read_text().splitlines() if line.startswith("btime"))
     return int(booted.split()[1]) + int(fields[19]) / os.sysconf("SC_CLK_TCK")
 
 
 @cache
 def _host() -> str:
-    """Return what tells this computer from others with which it shares a folder."""
+    """Return an identifier of this computer, for folders shared between computers."""
     return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:6]

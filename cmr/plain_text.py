@@ -1,14 +1,14 @@
-"""Text of strangers, from the bus or a file, as a terminal or a table shows it, to which it is no command."""
+"""Sanitise untrusted text, from the bus or a file, for terminals and tables."""
 
 CUT = "..."
-LINES = "\n\t"  # of texts that may have several lines
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")  # with which a cell begins that a spreadsheet computes
+LINES = "\n\t"  # allowed in texts of several lines
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")  # first characters that make a spreadsheet treat a cell as a formula
 
 
 def plain(text: str, longest: int | None = None, kept: str = "") -> str:
-    """Return a text without what moves a cursor, changes colours or turns letters round; cut where it is too long.
+    """Return a text without characters that move the cursor, change colours or reverse letters, truncated if too long.
 
-    All kinds of space become a space and other characters that are not printed a question mark, but those in `kept`.
+    White space becomes a space and other unprintable characters become a question mark, except those in `kept`.
     """
     if longest is not None and len(text) > longest:
         text = text[:longest] + CUT
@@ -18,9 +18,10 @@ def plain(text: str, longest: int | None = None, kept: str = "") -> str:
 
 
 def cell(text: str) -> str:
-    """Return a text as a cell of a CSV file that no spreadsheet takes for a formula: after an apostrophe.
+    """Return a text as a CSV cell; an apostrophe is prepended if a spreadsheet would take it for a formula.
 
-    It is plain, too, but for its lines: a carriage return would begin a row, which no writer of CSV looks after.
+    Control characters are removed as well, except line feeds; CSV writers do not quote a carriage return, which would
+    start a row.
     """
     shown = plain(text, kept=LINES)
     return f"'{shown}" if text.startswith(FORMULA) or shown.lstrip().startswith(FORMULA) else shown

@@ -1,4 +1,4 @@
-"""The library's first step: `cmr.read("run.lcm").calibrate().plot()`."""
+"""Read logs in the library: `cmr.read("run.lcm").calibrate().plot()`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 def read(path: Path | str, robot: int | None = None) -> "RobotLog":
-    """Read what an LCM event log holds of a robot; `robot` is its id, needed only where there are several.
+    """Read a robot's data from an LCM event log; `robot` is its id, needed only if the log has several.
 
-    Raises RecordingError when the log cannot be opened, holds no robot or several to choose from.
+    Raises RecordingError when the log cannot be opened, holds no robot, or several and `robot` is not given.
     """
     return RobotLog(Path(path), Recording.read(path, robot))
 
@@ -44,9 +44,9 @@ class RobotLog:
         return SECONDS * float(max(one[-1] for one in times) - min(one[0] for one in times)) if times else 0.0
 
     def calibrate(self, nominal: ParameterFile | None = None) -> "CalibrationResult":
-        """Return the robot's parameters. `nominal` has at least wheel_radius; else it is what the log announces.
+        """Return the robot's parameters. `nominal` has at least wheel_radius; by default it comes from the log.
 
-        Raises EstimationError when the drive does not determine them.
+        Raises EstimationError when the log does not determine them.
         """
         from cmr.calibration.calibrate import calibrate
 
@@ -55,7 +55,8 @@ class RobotLog:
             return calibrate([self.recording], nominal)
 
     def diagnose(self, nominal: ParameterFile | None = None) -> "Diagnosis":
-        """Return what the simulation of this robot gets wrong, and its causes. `nominal` is as for `calibrate`.
+        """Diagnose the discrepancies between this robot and its simulation, and their causes. `nominal` is as for
+        `calibrate`.
 
         Raises EstimationError when the model cannot be fitted to the log.
         """
@@ -65,7 +66,7 @@ class RobotLog:
             return diagnose(self.recording, nominal, sources=[str(self.path)], progress=progress.show)
 
     def to_pandas(self) -> "dict[str, pandas.DataFrame]":
-        """Return a table of each signal by its name: a column for each field, the time of day (UTC) as index `time`.
+        """Return a table per signal, by its name: a column for each field, time of day (UTC) as index `time`.
 
         Raises ImportError where pandas is not installed.
         """

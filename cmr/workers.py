@@ -1,4 +1,4 @@
-"""Processes that do jobs side by side, one thread each, and that none survives: the one pool of all commands."""
+"""A pool of worker processes with one thread each, used by all commands; none outlives its parent."""
 
 import multiprocessing
 import os
@@ -19,43 +19,43 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 Telling = Callable[[str], None]
 
-# Processes are started afresh, not forked: a fork would inherit the threads' locks in the state they happen to be in.
+# Processes are spawned, not forked: a fork would inherit the locks of threads in an arbitrary state.
 START = multiprocessing.get_context("spawn")
 
 
 @dataclass(frozen=True)
 class _Progress:
-    """A process says how far its job has come."""
+    """A message from a process on the progress of its job."""
 
     sentence: str
 
 
 @dataclass(frozen=True)
 class _Done(Generic[Result]):
-    """A process has done its job."""
+    """A message from a process: its job is done."""
 
     result: Result
 
 
 @dataclass(frozen=True)
 class _Raised:
-    """A process failed to do its job."""
+    """A message from a process: its job raised an error."""
 
     error: Exception
 
 
 @dataclass(frozen=True)
 class _Died:
-    """A process ended before its job did; `how` is a sentence on that."""
+    """A process ended before its job; `how` is a sentence on the cause."""
 
     how: str
 
 
 class Workers(Generic[Job, Result]):
-    """Processes for jobs; a context manager that leaves none of them behind.
+    """A pool of processes for jobs; a context manager that ends all of them on exit.
 
-    `work(job, tell)` must be found by name in its module, which each process imports. At most `count` run at once.
-    `died(job, how)` is the result of a job whose process died.
+    `work(job, tell)` must be a module-level function, because each process imports it by name. At most `count` run at
+    once. `died(job, how)` is the result of a job whose process died.
     """
 
     def __init__(self, count: int, work: Callable[[Job, Telling], Result], died: Callable[[Job, str], Result]) -> None:
@@ -64,7 +64,7 @@ class Workers(Generic[Job, Result]):
         self._before: dict[str, str | None] = {}
 
     def __enter__(self) -> "Workers[Job, Result]":
-        # One process for each core: threads inside them would only be in each other's way.
+        # One process per core; further threads inside them would only compete.
         self._before = {name: os.environ.get(name) for name in threads.ALL}
         os.environ.update(dict.fromkeys(threads.ALL, "1"))
         return self
@@ -103,7 +103,7 @@ class Workers(Generic[Job, Result]):
                     yield report.result
 
     def _idle(self) -> "_Worker[Job, Result] | None":
-        """Return a worker without a job, a new one if there may be more; None if all are busy."""
+        """Return an idle worker, starting one if the limit allows; None if all are busy."""
         idle = next((worker for worker in self._workers if not worker.is_busy), None)
         if idle is None and len(self._workers) < self._count:
             idle = _Worker(self._work)
@@ -112,26 +112,26 @@ class Workers(Generic[Job, Result]):
 
 
 class _Worker(Generic[Job, Result]):
-    """A process that does one job at a time, and the line to it; `job` is there once one has begun."""
+    """A process that does one job at a time, and the connection to it; `job` is set once one has begun."""
 
     def __init__(self, work: Callable[[Job, Telling], Result]) -> None:
         self.job: Job
         self.is_busy = False
         self.connection, theirs = START.Pipe()
         with _interrupts_held():
-            # Not a daemon: what it works on may start processes of its own. It ends with its parent all the same.
+            # Not a daemon, because a job may start processes of its own. It still ends with its parent.
             self.process = START.Process(target=_serve, args=(theirs, work))
             self.process.start()
         theirs.close()
 
     def begin(self, job: Job) -> None:
-        """Hand over a job; a process that has died since its last one will be found out by `receive`."""
+        """Hand over a job; if the process has died since its last job, `receive` will notice."""
         self.job, self.is_busy = job, True
         with suppress(OSError):
             self.connection.send(job)
 
     def receive(self) -> _Progress | _Done[Result] | _Raised | _Died:
-        """Return what the process reports of its job."""
+        """Return the process's next message about its job."""
         report: _Progress | _Done[Result] | _Raised | _Died
         try:
             report = self.connection.recv()
@@ -148,7 +148,7 @@ def _death(exit_code: int | None) -> str:
 
 
 def _serve(connection: Connection, work: Callable[[Job, Telling], Result]) -> None:
-    """Do jobs as they come, until the line is closed."""
+    """Do jobs as they arrive, until the connection is closed."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent has ended
         while True:
@@ -171,11 +171,11 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while a process is started, which inherits that.
+    """Block Ctrl-C while a process is started, which inherits the blocked signal.
 
-    The terminal sends Ctrl-C to all of us; the parent alone is to act on it.
+    The terminal sends Ctrl-C to all processes, but only the parent should act on it.
     """
-    resource_tracker.ensure_running()  # when it starts, it lets Ctrl-C through again
+    resource_tracker.ensure_running()  # when it starts, it unblocks Ctrl-C
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -1,4 +1,4 @@
-"""Ask a motor controller, and ask again where it does not answer."""
+"""Send requests to a motor controller, and repeat unanswered ones."""
 
 import threading
 from dataclasses import replace
@@ -16,8 +16,8 @@ ATTEMPTS = 3  # of a request whose answer matters more than the rhythm
 class Asking:
     """Sends requests to the controller at a port.
 
-    `faults` counts requests that got no answer, or a wrong one. While it is `doubtful`, something may still be on its
-    way that answers nothing that is asked from now on. `rhythm` is given how long each answer took.
+    `faults` counts requests with a missing or wrong answer. While `doubtful`, a late reply to an earlier request may
+    still arrive. `rhythm` receives the duration of each answer.
     """
 
     def __init__(self, port: SerialPort, controller_type: type[Controller], rhythm: Rhythm) -> None:
@@ -31,12 +31,12 @@ class Asking:
         """Return the answer to a request. Raises BadReply where there is none."""
         asked = self._port.host.monotonic()
         answer = self._port.exchange(request)
-        if request.data and not request.ends_in_silence:  # else it was known already, or it took a silence to know it
+        if request.data and not request.ends_in_silence:  # otherwise it was known already, or took a silence to know
             self._rhythm.round_trips.append(self._port.host.monotonic() - asked)
         return answer
 
     def insist(self, request: Request[T], stop: threading.Event, attempts: int = ATTEMPTS) -> T:
-        """Return the answer to a request, asking again when it fails.
+        """Return the answer to a request, repeating it when it fails.
 
         Raises PortLost when it fails every time, or when the process is ending.
         """
@@ -59,7 +59,7 @@ class Asking:
         return True
 
     def recover(self) -> None:
-        """Count a request that failed, and bring requests and answers in step again."""
+        """Count a failed request, and resynchronise requests and answers."""
         self.faults += 1
         self.doubtful = True
         self._port.resynchronise()
@@ -80,5 +80,5 @@ class Asking:
 
 
 def _until(stop: threading.Event, request: Request[T]) -> Request[T]:
-    """Return a request whose answer is not waited for when the process is ending; some take longer than a second."""
+    """Return a request that is not waited for when the process is ending; some take longer than a second."""
     return replace(request, missing=lambda reply: 0 if stop.is_set() else request.missing(reply))

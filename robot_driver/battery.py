@@ -1,11 +1,11 @@
-"""When a battery is too empty to drive: a warning first, then a stop that holds until a person has seen to it."""
+"""Battery protection: a warning first, then a stop that holds until a person intervenes."""
 
 import math
 from dataclasses import dataclass
 
 HYSTERESIS = 0.02  # share above a threshold from which the voltage is well above it
 DELAY = 2.0  # s below a threshold before it counts: motors that start pull any battery down for a moment
-LONGEST_GAP = 1.5  # s between two measurements; what was in a longer gap is not known
+LONGEST_GAP = 1.5  # s between measurements; longer gaps count as unknown
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class Thresholds:
 
 
 class TimeBelow:
-    """How many `seconds` more a voltage has been below a threshold than well above it; 0 to DELAY.
+    """Accumulates how many `seconds` longer a voltage has been below a threshold than well above it; 0 to DELAY.
 
-    So a battery that is below most of the time is found out, however often it recovers for a moment.
+    So a battery that is below most of the time is detected, however often it recovers briefly.
     """
 
     def __init__(self, threshold: float) -> None:
@@ -39,14 +39,14 @@ class TimeBelow:
         self._side = 0  # 1 below, -1 well above, 0 between
 
     def take(self, voltage: float, elapsed: float) -> None:
-        """Take a voltage (V) that was measured `elapsed` seconds after the last one."""
+        """Process a voltage (V) measured `elapsed` seconds after the last one."""
         above = voltage >= self._threshold * (1.0 + HYSTERESIS)
         before, self._side = self._side, 1 if voltage < self._threshold else -1 if above else 0
         self.seconds = min(max(self.seconds + elapsed * (before + self._side) / 2.0, 0.0), DELAY)
 
 
 class BatteryGuard:
-    """Watches one battery. `low` warns; `empty` stays True once it has become so, for as long as the process lives."""
+    """Monitors one battery. `low` warns; `empty` stays True for the life of the process."""
 
     def __init__(self, thresholds: Thresholds) -> None:
         self.low = False
@@ -58,7 +58,7 @@ class BatteryGuard:
         self._below_stop = TimeBelow(thresholds.stop)
 
     def take(self, voltage: float, now: float) -> None:
-        """Take a voltage measured at `now` (s); NaN is no measurement."""
+        """Process a voltage measured at `now` (s); NaN is no measurement."""
         if math.isnan(voltage):
             return
         elapsed = min(max(now - self._measured, 0.0), LONGEST_GAP)
@@ -70,7 +70,7 @@ class BatteryGuard:
 
     @property
     def sentence(self) -> str:
-        """What a person has to know and do; "" when the battery is fine."""
+        """A sentence for a person on what to do; "" when the battery is fine."""
         if self.empty:
             return (
                 f"Stopped: the battery fell below {self._thresholds.stop:g} V and is at {self._voltage:.1f} V. "

@@ -1,4 +1,4 @@
-"""The emergency stop of the bus, as a driver has it: engaged by anybody, latched, released by name and reason."""
+"""The bus's emergency stop in a driver: engaged by anybody, latched, released with name and reason."""
 
 from collections import Counter
 
@@ -12,10 +12,10 @@ REPORT_PERIOD = 0.5  # s between reports while nothing changes; a change is repo
 
 
 class BusStop:
-    """Holds the `gate` while the emergency stop is engaged, from the beginning if `keeper` found it engaged.
+    """Holds the `gate` while the emergency stop is engaged, from the start if `keeper` has a stored stop.
 
-    `news` are sentences on what happened, for the terminal; reading takes them out. Without a keeper a stop is
-    forgotten when the process ends, as is right for a robot that ends with it. Times of day are us.
+    `news` are sentences about events, for the terminal; reading removes them. Without a keeper a stop ends with the
+    process, as is right for a robot that ends with it. Times of day are in us.
     """
 
     def __init__(self, gate: CommandGate, robot_id: int, keeper: StopKeeper | None = None) -> None:
@@ -32,9 +32,9 @@ class BusStop:
             self.news.append(self.sentence())
 
     def handle(self, message: estop_t, decided: int, *, utime: int) -> None:
-        """Take a message that engages or releases the stop, decided at `decided` and arrived at `utime`.
+        """Handle a message that engages or releases the stop, decided at `decided` and received at `utime`.
 
-        Anybody may engage it, at any time. Releases that are not taken are counted: in `refused`, or by the gate.
+        Anybody may engage it, at any time. Refused releases are counted in `refused`, or by the gate.
         """
         if message.engaged:
             self._gate.take_estop(True, decided, utime=utime)
@@ -48,7 +48,7 @@ class BusStop:
                 self._release(message, utime)
 
     def sentence(self) -> str:
-        """Return who engaged the stop, when and why, and how to release it; "" while none is engaged."""
+        """Who engaged the stop, when and why, and how to release it; "" while none is engaged."""
         stop = self._stop
         if stop is None:
             return ""
@@ -60,16 +60,16 @@ class BusStop:
 
     @property
     def problem(self) -> str:
-        """What is wrong with how a stop is kept, in sentences; "" when all is well."""
+        """Problems with storing a stop, in sentences; "" without any."""
         doubt = self._stop.doubt if self._stop is not None else ""
         return " ".join(filter(None, [doubt, self._keeper.problem if self._keeper is not None else ""]))
 
     def remarks(self) -> list[str]:
-        """Return, in sentences, that the stop is engaged, and which releases were not taken."""
+        """Sentences on an engaged stop, and on refused releases."""
         return [self.sentence(), *(f"Releases of ESTOP {why}: {count}." for why, count in sorted(self.refused.items()))]
 
     def reports(self, now: float, utime: int) -> list[estop_latch_t]:
-        """Return the report that is due at `now` (s of a steady clock), if one is."""
+        """Return the report due at `now` (s of a monotonic clock), if any."""
         engaged, stored = self._stop is not None, self._keeper is not None and self._keeper.stored
         since, source, reason = self._last
         state = engaged, stored, since
@@ -80,9 +80,9 @@ class BusStop:
         return [make(estop_latch_t, utime=utime, **about, source=source, reason=reason)]
 
     def _objection(self, release: estop_t) -> str:
-        """Return why somebody may not release the stop; "" if they may.
+        """Return why a release is refused; "" if it is accepted.
 
-        This is the one place that decides it: where the bus has a key, a release must be signed, and is refused here.
+        This is decided only here: if the bus has a key, unsigned releases are refused.
         """
         return "" if _says_something(release.source) and _says_something(release.reason) else "without name or reason"
 
@@ -100,5 +100,5 @@ class BusStop:
 
 
 def _says_something(text: str) -> bool:
-    """Return whether there is a letter or a digit; control characters came in as question marks."""
+    """Return whether the text has a letter or digit; control characters arrive as question marks."""
     return any(letter.isalnum() for letter in text)

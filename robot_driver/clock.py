@@ -1,15 +1,15 @@
-"""From the monotonic clock, which measures, to the time of day, which messages carry."""
+"""Convert the monotonic clock, used for measurements, to the time of day, used in messages."""
 
 import time
 from collections.abc import Callable
 
-SAMPLES = 3  # comparisons of the two clocks; another thread may run in the midst of one
-FURTHEST_BACK = 1_000_000  # us; a clock that was set back by more is followed at once
-SLOWEST = 0.9  # s of stamps in a second, while a clock that was set back by less catches up
+SAMPLES = 3  # comparisons of the two clocks; the scheduler may interrupt one
+FURTHEST_BACK = 1_000_000  # us; a clock set back by more is followed at once
+SLOWEST = 0.9  # s of stamps per second, while a clock set back by less catches up
 
 
 def seconds_since_boot() -> float:
-    """Return a steady time (s) that goes on while the computer is suspended: what was commanded before is old then."""
+    """Return a monotonic time (s) that includes suspension, so that commands from before are old."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
@@ -20,10 +20,10 @@ def utime_at(monotonic_nanoseconds: int) -> int:
 
 
 class Stamps:
-    """Times of day of one stream of messages: strictly increasing, unless the clock is set back by more than a second.
+    """Times of day for one stream of messages: strictly increasing, unless the clock is set back by more than a second.
 
-    They go by the monotonic clock, and follow the time of day: at once where it is ahead of them or was set back far,
-    and where it was set back less by running more slowly until it has caught up.
+    They are based on the monotonic clock, and follow the time of day: at once if it is ahead or was set back far, and
+    by running more slowly if it was set back less.
     """
 
     def __init__(self, utime_at: Callable[[int], int] = utime_at) -> None:
@@ -32,10 +32,10 @@ class Stamps:
         self._moment = 0  # the latest one, on the monotonic clock [ns]
 
     def next(self, monotonic_nanoseconds: int) -> int:
-        """Return the time of day (us) of a moment, but later than all before it."""
+        """Return the time of day (us) of a time, later than all before."""
         utime, last = self._utime_at(monotonic_nanoseconds), self._last
         passed = (monotonic_nanoseconds - self._moment) // 1000
-        # By the latest moment: one that is older than those before it is no clock that was set back.
+        # Relative to the latest time: an older one does not mean that the clock was set back.
         if last is not None and last - (utime - passed) <= FURTHEST_BACK:
             utime = max(utime, last + max(int(SLOWEST * passed), 1))
         self._last, self._moment = utime, max(self._moment, monotonic_nanoseconds)
@@ -43,7 +43,7 @@ class Stamps:
 
 
 def _compare() -> tuple[int, int]:
-    """Return how uncertain this comparison is, and time of day minus monotonic time (ns)."""
+    """Return the uncertainty of this comparison, and time of day minus monotonic time (ns)."""
     before = time.monotonic_ns()
     time_of_day = time.time_ns()
     after = time.monotonic_ns()

@@ -1,8 +1,8 @@
-"""When a sensor that samples steadily took its readings, from when they arrived.
+"""Estimate the sampling times of a sensor with a constant rate, from arrival times.
 
-Readings arrive late by what adapters and schedulers hold them back for, often several at once, but never early. So
-the true times lie on a straight line over the numbers of the readings, below all arrivals: the lower edge of their
-convex hull. The sensor's rate is its own, whatever it says; a few per cent around the nominal one are believed.
+Adapters and schedulers delay readings, often several at once, but never advance them. So the true times are on a
+straight line over the reading numbers, below all arrivals: the lower edge of their convex hull. The sensor's rate is
+estimated, within a few per cent of the nominal one.
 """
 
 import math
@@ -10,31 +10,32 @@ from bisect import bisect
 from collections import deque
 from dataclasses import dataclass, field
 
-WINDOW = 30.0  # s of readings that a line is fitted to; over that time no quartz drifts noticeably
+WINDOW = 30.0  # s of readings in the fit; quartz drift is negligible over this time
 RATE_TOLERANCE = 0.05  # share by which a sensor's rate may differ from its nominal one
-FIRST_SIGHT = 0.5  # s of arrivals of which some are surely in time; before, a busy computer may have held up all
-RATE_KNOWN = 10.0  # s of readings after which the rate is known to a part in a thousand, whatever held them back
-OWN_PACE = 0.01  # share by which no sensor with a quartz differs from what it says
-LONGEST_DRIFT = 0.5  # s by which readings may come later and later only because a computer becomes busier
-PACE_AGREEMENT = 0.2  # share of what the pace is off by, within which both halves of the readings must show the same
-LONGEST_GAP = 0.5  # s without a reading after which nothing is known about how many are missing
-SLIP_FROM = 0.4  # s of readings after which the rate is known well enough to see that readings are missing
-# In steps, the time of as many readings as may be lost unnoticed: how much later than all before it a reading is where
-# one was lost; and how much earlier than all it is where none was, and what came before it was only late.
+# s of arrivals of which some are certainly on time; a busy computer may have delayed all earlier ones
+FIRST_SIGHT = 0.5
+RATE_KNOWN = 10.0  # s of readings after which the rate is known to 1e-3, whatever the delays
+OWN_PACE = 0.01  # relative rate error that no quartz exceeds
+LONGEST_DRIFT = 0.5  # s of delay that may grow only because a computer becomes busier
+PACE_AGREEMENT = 0.2  # relative tolerance between the two halves of the readings
+LONGEST_GAP = 0.5  # s without a reading after which the number of missing ones is unknown
+SLIP_FROM = 0.4  # s of readings after which the rate is known well enough to detect missing ones
+# In steps, the time of the largest undetectable number of lost readings: the delay of a reading after a loss; and how
+# early a reading is if there was no loss and earlier ones were only late.
 SLIP, EARLY = 0.9, 0.3
-LONGEST_RUN = 4  # arrivals in turn that must be as late until readings count as lost, at most
-SELDOM = 0.25  # times as many runs of late arrivals as were due to losses may have been due to a busy computer
-REMEMBERED = 100  # such runs
-ON_TRIAL = 50  # arrivals after which readings were surely lost
+LONGEST_RUN = 4  # consecutive arrivals that must be equally late to count readings as lost, at most
+SELDOM = 0.25  # largest ratio of late runs due to load to those due to losses
+REMEMBERED = 100  # runs remembered
+ON_TRIAL = 50  # arrivals after which losses are confirmed
 
 Point = tuple[int, int]  # number of a reading, time (monotonic ns)
 
 
 @dataclass
 class _Late:
-    """Arrivals since one was late, numbered as before it, and the hull without them.
+    """Arrivals since a late one, numbered as before it, and the hull without them.
 
-    The first ones are late by `steps` [the time of `unnoticed` readings]; for them, `counted` readings count as lost.
+    The first are late by `steps` [the time of `unnoticed` readings]; `counted` readings count as lost for them.
     """
 
     hull: deque[Point]
@@ -46,8 +47,8 @@ class _Late:
 class ClockFit:
     """Maps the numbers of a sensor's readings to times; `nominal_rate` in Hz.
 
-    `unnoticed` is how many readings, or a multiple of it, may be lost without being counted: 1 where nothing numbers
-    them, else after how many their numbers begin again.
+    `unnoticed` is the number of readings, or a divisor of it, that can be lost without detection: 1 without numbers,
+    otherwise the period of the numbers.
     """
 
     def __init__(self, nominal_rate: float, unnoticed: int = 1) -> None:
@@ -58,21 +59,21 @@ class ClockFit:
         self._step = unnoticed
         self._missing = 0
         self._late: _Late | None = None
-        # The latest runs of late arrivals: how many there were with nothing lost, 0 where something was, and when (ns).
+        # The latest runs of late arrivals: their number without a loss, 0 with one, and when (ns).
         self._ended: deque[Point] = deque(maxlen=REMEMBERED)
         self._began = self._newest = 0
 
     @property
     def is_known(self) -> bool:
-        """Whether the times of the last readings are good to 2 ms."""
+        """Whether the times of the last readings are accurate to 2 ms."""
         return self._newest - self._began >= FIRST_SIGHT * 1e9
 
     @property
     def pace(self) -> float:
-        """How many times as fast as it says the sensor sends readings; 1 unless it surely has a pace of its own.
+        """The ratio of the sensor's rate to its nominal one; 1 unless the difference is significant.
 
-        A computer that has become busy makes readings late from then on, which bends the line; a sensor's own pace
-        gives a straight one, and leads further and further away.
+        A computer that becomes busy delays readings from then on, which bends the line; a different sensor rate gives a
+        straight line that diverges.
         """
         if not self._hull or self._hull[-1][1] - self._hull[0][1] < RATE_KNOWN * 1e9:
             return 1.0
@@ -85,16 +86,16 @@ class ClockFit:
         return pace if is_straight else 1.0
 
     def times_of(self, readings: list[Point]) -> list[int]:
-        """Return when readings were taken that came together, as (number, time by which it was taken at the latest).
+        """Return the sampling times of readings that arrived together, as (number, latest possible time).
 
-        Numbers count readings, lost ones included as far as they are known. Times are in ns.
+        Numbers count readings, including known losses. Times are in ns.
         """
         if self._hull and readings[0][1] - self._newest > LONGEST_GAP * 1e9:
             self._begin_anew()
         if not self._hull:
             self._began = readings[-1][1]
         self._newest = readings[-1][1]
-        number, latest = readings[-1]  # those that came with it are no earlier than the line if it is not
+        number, latest = readings[-1]  # readings that arrived with it are not before the line unless it is
         self._count_missing(number + self._missing, latest)
         self._add((number + self._missing, latest))
         at, time, slope = self._line()
@@ -102,9 +103,9 @@ class ClockFit:
         return [min(round(time + slope * (number - at)), latest) for number, latest in readings]
 
     def _count_missing(self, number: int, latest: int) -> None:
-        """Count readings as lost where all that comes is late by their periods, and no more where one comes too early.
+        """Count readings as lost if all arrivals are late by their periods, and revise that if one arrives too early.
 
-        A reading is late because the computer is busy, or because its number is wrong: at first nobody knows.
+        A reading is late because the computer is busy, or because its number is wrong: initially this is unknown.
         """
         if len(self._hull) < 2 or number - self._hull[0][0] < SLIP_FROM * 1e9 / self._nominal:
             return
@@ -130,7 +131,7 @@ class ClockFit:
                 self._late = None
 
     def _run(self, now: int) -> int:
-        """Return how many arrivals in turn must be late, so that far more of them are due to losses than to nothing."""
+        """Return how many consecutive arrivals must be late for a loss to be far more likely."""
         while self._ended and now - self._ended[0][1] > WINDOW * 1e9:
             self._ended.popleft()
         in_vain = [length for length, _ in self._ended if length]
@@ -139,7 +140,7 @@ class ClockFit:
         return next((run for run, count in enumerate(longer, start=1) if count <= seldom), LONGEST_RUN)
 
     def _recount(self, missing: int) -> None:
-        """Take so many readings more for lost before the first of those that were late."""
+        """Count more readings as lost before the first of the late ones."""
         assert self._late is not None
         self._missing += missing
         self._late.counted += missing
@@ -159,14 +160,14 @@ class ClockFit:
         while len(hull) >= 2:
             (before, began), (middle, reached) = hull[-2], hull[-1]
             if (reached - began) * (number - before) < (time - began) * (middle - before):
-                break  # the last one lies below the line from the one before it to this one
+                break  # the last one is below the line from the one before it to this one
             hull.pop()
         hull.append(point)
         self._slope_known = None
         self._forget(point[0] - round(WINDOW * 1e9 / self._nominal))
 
     def _forget(self, oldest: int) -> None:
-        """Let the hull begin at the number `oldest`, on the line that it had there: its slope stays known."""
+        """Cut the hull at the number `oldest`, on its line: its slope stays known."""
         hull = self._hull
         while len(hull) > 2 and hull[1][0] <= oldest:
             hull.popleft()
@@ -175,7 +176,7 @@ class ClockFit:
             hull[0] = oldest, begin + (end - begin) * (oldest - first) // (second - first)
 
     def _line(self) -> tuple[int, int, float]:
-        """Return the highest line of the middle's slope that no reading lies below: a point of it, and the slope."""
+        """Return the highest line with the middle slope below all readings: a point and the slope."""
         slope, begin, lowest, touched = self._slope(), self._hull[0][0], math.inf, self._hull[0]
         for point in self._hull:
             height = point[1] - slope * (point[0] - begin)
@@ -184,7 +185,7 @@ class ClockFit:
         return *touched, slope
 
     def _difference_of_halves(self) -> float:
-        """Return by what share of a period readings come less often in one half of them than in the other."""
+        """Return by what share of a period the intervals in the two halves of the readings differ."""
         numbers, times = [number for number, _ in self._hull], [time for _, time in self._hull]
         begin, end = self._hull[0], self._hull[-1]
         number = (begin[0] + end[0]) / 2
@@ -194,7 +195,7 @@ class ClockFit:
         return abs(begin[1] + end[1] - 2 * middle) / ((number - begin[0]) * self._nominal)
 
     def _slope(self) -> float:
-        """Return the time between two readings in the middle of the hull (ns)."""
+        """Return the interval between readings in the middle of the hull (ns)."""
         if self._slope_known is None:
             self._slope_known = self._slope_of_hull()
         return self._slope_known

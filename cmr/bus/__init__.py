@@ -1,1 +1,1 @@
-"""The LCM bus: which channels exist, how messages are read and written, and how a process lives on it."""
+"""The LCM bus: its channels, how messages are encoded and checked, and the life of a process on it."""

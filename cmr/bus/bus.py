@@ -11,19 +11,19 @@ from cmr.bus.preflight import handled, key_of, open_lcm, resolve_url, self_test,
 from cmr.bus.signing import Signer
 from cmr.bus.streams import WORLD_STATE, Stream
 
-DRAIN_SECONDS = 0.05  # handled in one go at most; a flood must not keep a process from its own work
+DRAIN_SECONDS = 0.05  # longest time spent on messages at once, so that a flood of them does not stall the process
 
 
 class Bus:
     """A connection to the LCM bus at `url` (None: environment, then this host only).
 
-    `rejected` counts what was not taken, by (channel, reason); `unsent` what could not be sent, by the system's
-    words for why. `warnings` are sentences about losses to expect. The bus brings back what a process sends itself,
-    if it listens; of WORLD_STATE, which is large, that is passed over.
-    Where this computer has a key, all is signed, and nothing unsigned is taken but an emergency stop that is engaged.
-    Nothing is listened to before the first `subscribe`: the kernel hands each message on the bus to every socket that
-    listens, at the cost of the sender, and LCM's thread takes it from there. A bus that is let go is closed.
-    Raises BusError when the bus cannot be used, KeyFileError when the key cannot.
+    `rejected` counts refused messages by (channel, reason), `unsent` counts messages that could not be sent by the
+    system's error text. `warnings` are sentences about losses to expect. A process that subscribes also receives its
+    own messages; its own WORLD_STATE, which is large, is skipped. If this computer has a key, every message is signed,
+    and the only unsigned message accepted is an engaged emergency stop. The socket opens with the first `subscribe`:
+    the kernel copies each message to every listening socket, at the sender's cost, and LCM's thread then reads it. A
+    bus that is no longer referenced is closed. Raises BusError when the bus cannot be used, KeyFileError when the key
+    cannot.
     """
 
     def __init__(self, url: str | None = None) -> None:
@@ -44,33 +44,34 @@ class Bus:
         return self._signer.sender
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable when something has arrived: to wait for it beside others."""
+        """Return the file descriptor that becomes readable when a message has arrived, for use in `select`."""
         return int(self._lcm.fileno())
 
     def subscribe(self, stream: Stream[Message], robot_id: int | None = None, *, every: bool = False) -> None:
-        """Receive this stream: of one robot, or of all where `robot_id` is None.
+        """Subscribe to a stream, of one robot or (`robot_id` None) of all robots.
 
-        `every` keeps every message; otherwise only the latest of each channel is received, which is what a
-        controller wants after it was held up.
+        `every` keeps every message; otherwise only the latest message of each channel is returned, which is what a
+        controller needs after a delay.
         """
         pattern = stream.pattern if robot_id is None else stream.channel(robot_id)
-        # A method of this object would keep it alive for ever: LCM's part in such a circle is not collected.
+        # A bound method would create a reference cycle through LCM, which the garbage collector cannot free.
         subscription = self._lcm.subscribe(pattern, self._inbox.take)
-        subscription.set_queue_capacity(0)  # unlimited: LCM's 30 lose messages whenever we are held up
+        # unlimited: LCM's default of 30 loses messages whenever this process is delayed
+        subscription.set_queue_capacity(0)
         if every:
             self._every.add(stream.name)
         self._listens = True
         self._hears_worlds |= stream is WORLD_STATE
 
     def publish(self, stream: Stream[Message], message: Message, robot_id: int | None = None) -> None:
-        """Send a message once. Where the network is gone it is lost, as any message can be, and counted."""
+        """Send a message once. If the network is down the message is lost and counted."""
         self._send(stream.channel(robot_id), message)
 
     def repeat(self, stream: Stream[Message], message: Message, robot_id: int | None = None, *, period: float) -> None:
-        """Send a message every `period` seconds from `publish_repeated`, until another takes its place.
+        """Have `publish_repeated` send a message every `period` seconds, until another one replaces it.
 
-        LCM keeps nothing for late joiners; `utime` is brought up to date at each repetition. What is repeated
-        already is replaced without being sent earlier than it is due.
+        LCM stores nothing for late joiners. `utime` is updated at each repetition. A message that replaces another
+        keeps its schedule.
         """
         repeated = self._repeated.setdefault(stream.channel(robot_id), _Repeated(message, period))
         repeated.message, repeated.period = message, period
@@ -113,7 +114,7 @@ class Bus:
             self._inbox.pass_over(data)
         try:
             self._lcm.publish(channel, data)
-        except OSError as error:  # Wi-Fi that drops out takes its route with it, and brings it back
+        except OSError as error:  # when Wi-Fi drops out, the route disappears until it reconnects
             self.unsent[error.strerror or str(error)] += 1
 
 

@@ -1,7 +1,7 @@
-"""How much is said on each channel, how often, how evenly and with which gaps, as messages arrive.
+"""Statistics of each channel as messages arrive: bytes, rate, jitter and gaps.
 
-Nothing is decoded here. Rates and jitter are those of the last `window` [us]: they follow from sums over all messages
-and from marks, which say how far these sums were at a few moments of that time.
+Nothing is decoded here. Rates and jitter are those of the last `window` [us]. They are differences between the sums
+over all messages and the sums recorded at a few earlier marks.
 """
 
 import math
@@ -13,28 +13,28 @@ from cmr.bus.rejections import OTHERS
 from cmr.bus.streams import ESTOP, PROCESS_STATUS, WAYPOINTS, identify
 from cmr.bus.wire import ROBOT_ID_AT, utime_of
 
-MOST_CHANNELS = 16_384  # that are counted each for itself: those of a thousand robots
-GAP_INTERVALS = 3.0  # usual intervals: a longer silence is a gap
-LEAST_INTERVALS = 2  # of a slow channel that are taken together, however old
+MOST_CHANNELS = 16_384  # counted individually; enough for a thousand robots
+GAP_INTERVALS = 3.0  # a silence of more than this many usual intervals is a gap
+LEAST_INTERVALS = 2  # the fewest intervals a rate is computed from, however old they are
 MARKS_APART_US = 250_000
 LEAST_FOR_GAPS = 5  # intervals ...
 SETTLED_US = 500_000  # ... and time, before there is a usual one
-LONGEST_INTERVAL_US = 500_000  # slower channels are distinguished from silent ones by their age alone
-IRREGULAR = (ESTOP, PROCESS_STATUS, WAYPOINTS)  # said by many processes, or when there is something to say
+LONGEST_INTERVAL_US = 500_000  # on slower channels, only the age of the last message shows silence
+IRREGULAR = (ESTOP, PROCESS_STATUS, WAYPOINTS)  # sent by many processes, or only on occasion
 
 
 def per_second(count: int, span_us: int) -> float:
-    """Return how many there are in a second, of so many in a span of time; NaN without a span."""
+    """Return a rate [1/s] from a count and a time span [us]; NaN for an empty span."""
     return count * MICROSECONDS / span_us if span_us > 0 else math.nan
 
 
 class Line(NamedTuple):
-    """A channel at one moment.
+    """The statistics of a channel at one moment.
 
     `messages` until now; `rate` [Hz]; `bytes_per_second`; `age` [s] since the last message; `jitter`: standard
-    deviation of the time from message to message [s], NaN where there are fewer than three messages; `gaps` between
-    the messages' own time stamps, None where nothing says how often they are to come; `errors`: messages that were
-    rejected; `data`, the last message, which arrived at `utime` [us].
+    deviation of the time from message to message [s], NaN where there are fewer than three messages; `gaps`: number of
+    gaps between the messages' own time stamps, None where the expected rate is unknown; `errors`: rejected messages;
+    `data`: the last message, which arrived at `utime` [us].
     """
 
     channel: str
@@ -50,7 +50,7 @@ class Line(NamedTuple):
 
 
 class _Mark(NamedTuple):
-    """How far a channel was when a message arrived at `utime` [us]; `steps` counts its different time stamps."""
+    """The sums of a channel when a message arrived at `utime` [us]; `steps` counts its distinct time stamps."""
 
     utime: int
     messages: int
@@ -92,7 +92,7 @@ class _Channel:
             self.forget(utime, window)
 
     def forget(self, now: int, window: int) -> None:
-        """Drop marks that are of no use: of the window, one is needed at its beginning."""
+        """Drop marks older than the window, except the one at its beginning."""
         marks = self.marks
         while (
             len(marks) > 2 and marks[1].utime <= now - window and self.messages - marks[1].messages >= LEAST_INTERVALS
@@ -100,10 +100,10 @@ class _Channel:
             marks.popleft()
 
     def _follow(self, stamp: int) -> None:
-        """Take the next time stamp [us]; parts of one message have the same."""
+        """Update the statistics with the next time stamp [us]; parts of one message share a stamp."""
         interval = stamp - self.stamp
         if interval > 0 and self.marks:
-            # Over seconds: stamps may come in bunches, and one channel from several senders.
+            # Averaged over seconds, because stamps may come in bunches and a channel may have several senders.
             span, intervals = self.stamp - self.marks[0].stamp, self.steps - self.marks[0].steps
             usual = span / intervals if intervals >= LEAST_FOR_GAPS and span >= SETTLED_US else 0.0
             self.gaps += 0.0 < usual <= LONGEST_INTERVAL_US and interval > GAP_INTERVALS * usual
@@ -111,7 +111,9 @@ class _Channel:
         self.stamp = stamp
 
     def _was_silent(self, interval: int) -> bool:
-        """Return whether the interval ahead of the last message [us] was a silence: then rates begin behind it."""
+        """Return whether the interval before the last message [us] was a silence; rates are then computed from after
+        it.
+        """
         first = self.marks[0]
         intervals = self.messages - 1 - first.messages
         return bool(intervals) and interval > GAP_INTERVALS * (self.utime - interval - first.utime) / intervals
@@ -135,12 +137,12 @@ class ChannelStatistics:
         state.arrive(utime, data, self._window)
 
     def _new(self, channel: str, utime: int) -> _Channel:
-        """Return the state of a channel that is heard for the first time, or that of all that are too many."""
+        """Return the state of a new channel, or the shared state of all channels beyond the limit."""
         name = channel if len(self._channels) < MOST_CHANNELS else OTHERS
         return self._channels.setdefault(name, _Channel(name, utime))
 
     def reject(self, channel: str) -> None:
-        """Count the last message of a channel as one that is not what the channel promises."""
+        """Count the last message of a channel as an error."""
         self._channels[channel if channel in self._channels else OTHERS].errors += 1
 
     def ages(self, now: int) -> list[tuple[str, int]]:

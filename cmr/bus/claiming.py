@@ -1,6 +1,6 @@
-"""How a process claims a robot that it commands, and how whoever moves the robot decides who has it.
+"""How a process claims the robot that it commands, and how the driver or simulator decides who owns the robot.
 
-An owner has the robot until it ends, falls silent or is replaced.
+An owner keeps the robot until it exits, falls silent or is replaced.
 """
 
 import os
@@ -15,21 +15,21 @@ from cmr.bus.streams import COMMAND_LIFETIME
 from cmr.msg import command_claim_t, command_owner_t
 from cmr.plain_text import plain
 
-PERIOD = 200_000  # us between claims; a driver forgets an owner after five that it did not hear
-OLDEST = 2_000_000  # us; a driver reports four times in it
-LAPSE = 1.0  # s without a claim, after which somebody else may have the robot
+PERIOD = 200_000  # us between claims; a driver drops an owner after five missed claims
+OLDEST = 2_000_000  # us; maximum age of a report; a driver sends four in that time
+LAPSE = 1.0  # s without a claim, after which another process may take the robot
 REPORT_PERIOD = 0.5  # s between reports
-SHOWN = 5.0  # s for which a refusal stays reported, so that a person sees it
+SHOWN = 5.0  # s for which a refusal is reported, long enough to be read
 LONGEST_NAME = 120  # characters
-NOBODY = 0  # as the sender of command_owner_t; also one without a name
+NOBODY = 0  # sender in command_owner_t when nobody owns the robot, or when the owner has no name
 UNNAMED = "a program without a name"
 
 
 class Claim:
-    """The claim of one process to one robot; `sender` returns the name of that process under its commands.
+    """The claim of one process to one robot; `sender` returns the name that signs the process's commands.
 
-    With `take_over` the robot is taken from whoever has it, once. A robot whose driver reports no owner, or which has
-    no driver, is commanded without having been granted. `lost_to` says who took the robot over.
+    With `take_over` the claim once replaces the current owner. If the driver reports no owner, or there is no driver,
+    the process may command the robot without a grant. `lost_to` names the process that took the robot over.
     """
 
     def __init__(self, process: str, robot_id: int, sender: Callable[[], int], take_over: bool = False) -> None:
@@ -41,7 +41,7 @@ class Claim:
         self._due = 0
 
     def handle(self, _utime: int, _channel: str, message: Message) -> None:
-        """Take what the driver reports; other messages are passed over."""
+        """Handle the driver's ownership report; ignore other messages."""
         if not isinstance(message, command_owner_t) or message.robot_id != self._robot_id:
             return
         self._owner = message
@@ -51,7 +51,7 @@ class Claim:
             self.lost_to = message.owner
 
     def others(self, utime: int) -> str:
-        """Return who else has the robot, as was reported lately; empty if nobody has, or it is being taken over."""
+        """Return the other current owner, from a recent report; empty if there is none or it is being replaced."""
         owner = self._owner
         if owner is None or self._taking_over or self._is_mine(owner) or utime - owner.utime > OLDEST:
             return ""
@@ -68,7 +68,7 @@ class Claim:
         return self._made(utime, command_claim_t.TAKE_OVER if self._taking_over else command_claim_t.CLAIM)
 
     def end(self, utime: int) -> command_claim_t:
-        """Return the message that leaves the robot to others."""
+        """Return the message that releases the robot."""
         return self._made(utime, command_claim_t.END)
 
     def _made(self, utime: int, action: int) -> command_claim_t:
@@ -76,18 +76,18 @@ class Claim:
 
 
 class Clocks(Protocol):
-    """The clocks of whoever moves the robot."""
+    """The clocks of the process that moves the robot."""
 
     def utime(self) -> int:
         """Return the time of day [us]."""
 
     def monotonic(self) -> float:
-        """Return the time [s] of a clock that nobody sets."""
+        """Return the time [s] of a monotonic clock."""
 
 
 @dataclass
 class _Owner:
-    """Who has the robot: the name of its process, who it is for people, since when [us], and when it was last heard."""
+    """The owner of a robot: its process's name, a readable description, since when [us], and when it was last heard."""
 
     sender: int
     name: str
@@ -96,19 +96,19 @@ class _Owner:
 
 
 class Ownership:
-    """Decides by claims whose commands are taken. `news` is what happened, as a person wants to read it."""
+    """Decides from claims whose commands are accepted. `news` are sentences about changes of owner."""
 
     def __init__(self, robot_id: int, host: Clocks) -> None:
         self.news: list[str] = []
         self.commands_refused = 0
         self._robot_id, self._host = robot_id, host
         self._owner: _Owner | None = None
-        self._refused = ""  # who was refused last
+        self._refused = ""  # the process refused last
         self._refused_at = -SHOWN
         self._report_due = host.monotonic()
 
     def claim(self, message: command_claim_t, sender: int | None) -> None:
-        """Take a claim. One that was made half a second ago, or will be, is of a log or of a wrong clock."""
+        """Handle a claim. A stamp more than half a second from now comes from a log or a wrong clock."""
         if abs(self._host.utime() - message.utime) > COMMAND_LIFETIME:
             return
         sender = sender or NOBODY
@@ -127,17 +127,17 @@ class Ownership:
             self._refuse(name)
 
     def takes(self, sender: int | None) -> bool:
-        """Return whether a command of this sender is taken, and count it if not."""
+        """Return whether commands of this sender are accepted, and count the command if not."""
         owner = self._present_owner()
         if owner is None or owner.sender == (sender or NOBODY):
             return True
         self.commands_refused += 1
-        if self._host.monotonic() >= self._refused_at + SHOWN:  # a claim said it by name
+        if self._host.monotonic() >= self._refused_at + SHOWN:  # a claim has already been refused by name
             self._refuse("a process that has not claimed it" if sender else UNNAMED)
         return False
 
     def reports(self) -> list[command_owner_t]:
-        """Return what COMMAND_OWNER_N has to report now."""
+        """Return the COMMAND_OWNER_N messages that are due now."""
         owner = self._present_owner()
         if self._host.monotonic() < self._report_due:
             return []
@@ -154,7 +154,7 @@ class Ownership:
         return [report]
 
     def problem(self) -> str:
-        """Return who else wants to command the robot; empty if nobody did lately."""
+        """Return a sentence on another process that tries to command the robot; empty if none did recently."""
         owner = self._present_owner()
         if owner is None or self._host.monotonic() > self._refused_at + SHOWN:
             return ""

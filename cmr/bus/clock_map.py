@@ -1,19 +1,21 @@
-"""Maps the clock of another computer to this one's, from when its messages arrived.
+"""Map another computer's clock to this one's, from the arrival times of its messages.
 
-Messages arrive late by what networks and schedulers hold them back for, and never early. So the difference of the two
-clocks is the lower edge of (arrival - time of sending), a straight line over some seconds, as quartzes keep their pace.
-The least time that every message needs cannot be seen; it is the uncertainty that is left, with the edge's own spread.
+Networks and schedulers delay messages and never advance them. The offset between the two clocks is therefore the lower
+envelope of (arrival - time of sending), which over some seconds is a straight line because quartz drift is nearly
+constant. The minimum delay that every message shares cannot be observed; together with the scatter of the envelope it
+is the remaining uncertainty.
 """
 
 from collections import deque
 from itertools import pairwise
 
-BLOCK = 0.5  # s; of its messages only the earliest one counts
+BLOCK = 0.5  # s; the length of a block; only its message with the least delay counts
 WINDOW = 60  # blocks that the line is fitted to
 DRIFT = 100e-6  # s/s by which two quartzes differ at most
-FIRST_SIGHT = 0.5  # s of messages of which some are surely in time
-STEP = 0.5  # s by which the other clock was set, seen in one message
-LATE, LATE_BLOCKS = 0.005, 8  # s by which all messages of so many blocks are late where that clock was set back by less
+FIRST_SIGHT = 0.5  # s of messages before the offset is trusted; some of them are surely on time
+STEP = 0.5  # a larger change in one message means that the other clock was set [s]
+# if all messages of so many blocks are late by this [s], that clock was set back by less than STEP
+LATE, LATE_BLOCKS = 0.005, 8
 
 
 class ClockMap:
@@ -43,7 +45,7 @@ class ClockMap:
         return self._spread
 
     def add(self, sent: float, arrival: float) -> bool:
-        """Take a message that was sent at a time there and arrived at a time here; False if the clock was set."""
+        """Add a message by its sending time there and its arrival time here [s]; return False if that clock was set."""
         difference = arrival - sent
         was_set = not self._is_new and abs(difference - self._line(sent)) > STEP and not self._is_old(sent, difference)
         if was_set:
@@ -70,7 +72,7 @@ class ClockMap:
         return self._difference + self._slope * (there - self._at)
 
     def _is_old(self, sent: float, difference: float) -> bool:
-        """Return whether a message is an old one that was held up, as its time is before that of the last ones."""
+        """Return whether a message was sent before the latest ones and only delayed."""
         return sent < self._block[0] and difference > self._line(sent) and self._block[0] - sent < 2.0 * STEP
 
     def _end_block(self, sent: float, difference: float) -> None:
@@ -86,7 +88,7 @@ class ClockMap:
         self._fit()
 
     def _fit(self) -> None:
-        """Lay the line of the lower edge's middle slope below all blocks."""
+        """Fit a line below all blocks, with the median slope of their lower convex hull."""
         hull: list[tuple[float, float]] = []
         for point in self._blocks:
             while len(hull) >= 2 and _is_above(hull[-2], hull[-1], point):

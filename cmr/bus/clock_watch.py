@@ -1,22 +1,24 @@
-"""Whether the clock of this computer was set: stamps jump then, and messages from before are of another time."""
+"""Detect changes to this computer's clock: stamps then jump, and earlier messages belong to another time."""
 
 import time
 
 UNNOTICED = 100_000  # us; a clock that is set by less is not reported
-SPOKEN_OF = 60_000_000  # us
-TRIES = 10  # to read both clocks at one moment: others may run in the midst of one
+SPOKEN_OF = 60_000_000  # us for which a change of the clock is reported
+TRIES = 10  # attempts to read both clocks at once; the scheduler may interrupt an attempt
 
 
 class ClockWatch:
-    """Compares the time of day with a steady one that goes on while the computer sleeps; `look` often."""
+    """Compares the time of day with a monotonic clock that also runs while the computer sleeps; call `look` often."""
 
     def __init__(self) -> None:
-        self._offset: int | None = None  # us between the two
+        self._offset: int | None = None  # us, time of day minus monotonic clock
         self._steady = self._set = 0
         self._sentence = ""
 
     def look(self, utime: int, steady: int | None = None) -> str:
-        """Take the time of day and the steady one [us]; return a sentence if the clock was set since the last look."""
+        """Compare the time of day with the monotonic clock [us]; return a sentence if the clock was set since the last
+        call.
+        """
         utime, self._steady = _compared() if steady is None else (utime, steady)
         offset, before = utime - self._steady, self._offset
         if before is not None and abs(offset - before) < UNNOTICED:
@@ -38,7 +40,9 @@ class ClockWatch:
 
 
 def _compared() -> tuple[int, int]:
-    """Return the time of day and the steady one at the same moment [us], whoever runs between two looks at a clock."""
+    """Return the time of day and the monotonic time of the same moment [us], even if the scheduler interrupts between
+    them.
+    """
     for _ in range(TRIES):
         before = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1000
         utime = time.time_ns() // 1000

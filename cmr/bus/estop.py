@@ -1,4 +1,4 @@
-"""The emergency stop as every process obeys it, and as one engages it: latched until it is released."""
+"""The emergency stop: how processes obey and engage it. It stays latched until it is released."""
 
 import time
 
@@ -9,15 +9,15 @@ from cmr.bus.streams import ESTOP
 from cmr.msg import estop_latch_t, estop_t
 
 HOW_TO_RELEASE = "cmr estop release --reason TEXT, or the page of cmr-view"
-RELEASES = 6  # messages, as one can be lost
-MOST_NAMED = 20  # robots that are held
+RELEASES = 6  # messages per release, because one can be lost
+MOST_NAMED = 20  # held robots that are named
 LAST_UTIME = 253_370_764_800_000_000  # us; the year 9999
 
 
 class EmergencyStop:
-    """Whether the emergency stop is engaged, and by whom and why: as it is asked for on ESTOP, and as drivers keep it.
+    """Whether the emergency stop is engaged, by whom and why, from requests on ESTOP and the latches of drivers.
 
-    `latched` holds the last ESTOP_LATCH_N of each robot whose driver holds it, of so many that there can be.
+    `latched` holds the last ESTOP_LATCH_N of each robot that its driver holds stopped, up to a limit.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class EmergencyStop:
         self._asked = ""
 
     def handle(self, _utime: int, channel: str, message: Message) -> None:
-        """Take an estop_t or an estop_latch_t; other messages are passed over."""
+        """Handle an estop_t or an estop_latch_t; ignore other messages."""
         if channel == ESTOP.name and isinstance(message, estop_t):
             self._asked = f"{message.source}: {message.reason}" if message.engaged else ""
         elif isinstance(message, estop_latch_t):
@@ -36,21 +36,21 @@ class EmergencyStop:
 
     @property
     def engaged(self) -> bool:
-        """Whether it is asked for, or any robot is held by it."""
+        """Whether a stop is requested, or any robot is held by one."""
         return bool(self._asked or self.latched)
 
     def holds(self, robot_id: int) -> bool:
-        """Return whether a robot must stand: others may have been released already, or never been stopped."""
+        """Return whether this robot must stay stopped; others may already be released, or were never stopped."""
         return bool(self._asked) or robot_id in self.latched
 
     @property
     def reason(self) -> str:
-        """By whom and why it is engaged; where nobody asks for it any more, also since when and for which robots."""
+        """Who engaged it and why; once nobody requests it any more, also since when and for which robots."""
         return self._asked or self.latched_reason
 
     @property
     def latched_reason(self) -> str:
-        """By whom, why and since when robots are held, and which; of several the longest held. Empty if none is."""
+        """Who holds which robots, why and since when; of several stops, the oldest. Empty if no robot is held."""
         if not self.latched:
             return ""
         first = min(self.latched.values(), key=lambda latch: latch.since_utime)
@@ -61,10 +61,10 @@ class EmergencyStop:
 
 
 class StopButton:
-    """The emergency stop as a process engages and releases it for a person: `due` returns what is to be sent.
+    """The emergency stop button of a process: engage, release, and `due`, which returns the messages to send.
 
-    `handle` hears ESTOP. A stop is repeated until anybody releases it. `stopped` says whether it is engaged, and
-    `text` by whom and why. `source` gives `reason` where it engages the stop, and `released` where it releases it.
+    `handle` receives ESTOP. A stop is repeated until anybody releases it. `stopped` is whether it is engaged, `text` by
+    whom and why. Messages name `source`, with `reason` when engaging and `released` when releasing.
     """
 
     def __init__(self, source: str, reason: str, released: str = "") -> None:
@@ -72,15 +72,15 @@ class StopButton:
         self.text = ""
         self._source, self._reason, self._released = source, reason, released
         self._engaged_at: int | None = None  # us; None while no stop of ours is in force
-        self._releases = 0  # that are still to be sent
+        self._releases = 0  # release messages still to be sent
         self._released_at = 0  # us; when the first of them was sent
 
     def handle(self, _utime: int, channel: str, message: Message) -> None:
-        """Take a message from the bus, our own among them."""
+        """Handle a message from the bus, including this process's own."""
         if channel != ESTOP.name or not isinstance(message, estop_t):
             return
         if message.engaged:
-            # Our own repetitions come back even after we have released; they engage nothing again.
+            # Our own repetitions may still arrive after a release; they must not engage the stop again.
             if message.source != self._source or self._engaged_at is not None:
                 self.stopped, self.text = True, f"{message.source}: {message.reason}"
             return
@@ -95,13 +95,13 @@ class StopButton:
     def release(self) -> None:
         """Release the emergency stop, whoever engaged it.
 
-        Each repetition has the moment of the first, so that a stop that is engaged after it stays engaged.
+        All repetitions carry the time of the first one, so a stop engaged after it stays engaged.
         """
         self._engaged_at, self._releases = None, RELEASES
         self.stopped, self.text = False, ""
 
     def due(self, utime: int) -> estop_t | None:
-        """Return what is to be sent now, if anything is."""
+        """Return the message that is due now, if any."""
         if self._engaged_at is not None:
             return self._made(utime, True)
         if not self._releases:

@@ -1,6 +1,6 @@
-"""Fields of messages: names, wire types, units and comments, as written in lcmtypes/*.lcm, and their numbers.
+"""Fields of messages: names, wire types, units and comments from lcmtypes/*.lcm, and access to their values.
 
-The build carries those comments into the generated classes; the units are nowhere else.
+The build copies the comments into the generated classes; they are the only source of the units.
 """
 
 import ast
@@ -21,11 +21,11 @@ from cmr.msg import robot_state_t, world_state_t
 INDEX = "index"  # column that numbers the elements of a message's arrays
 BRACKETS = re.compile(r"\[([^\[]*)\]?\s*$")  # at the end of a comment; a range in it may hold a bracket: (-pi, pi]
 NAMED = re.compile(r'\("(\w+)"\)')  # of: fraction of full drive ("duty")
-# Units as they stand first in the brackets of a comment; what else stands there is a range, a frame, or words.
+# Units recognised at the start of a comment's brackets; the rest of the brackets is a range, a frame, or words.
 UNITS = ("rad/s^2", "rad/s", "s/rad", "rad", "deg C", "duty", "ticks", "us", "s", "Hz", "m/s", "m", "A", "V")
 SAME_UNIT = "same units"  # of X_std as of X
-ROBOTS = "origin"  # a field of those types that tell of many robots, each in one place of all arrays
-BYTES = "bytes"  # wire type, here, of an array of bytes: a picture, say, which is one value and no row of numbers
+ROBOTS = "origin"  # marks types that describe many robots, one per array element
+BYTES = "bytes"  # our wire type for an array of bytes, such as a picture: one value, not a row of numbers
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
 
 
 def text_of_bytes(data: bytes) -> str:
-    """Return bytes as the text that tables and JSON hold: base64."""
+    """Return bytes as base64 text, for tables and JSON."""
     return b64encode(bytes(data)).decode("ascii")
 
 
@@ -106,7 +106,7 @@ def _unit(comment: str, name: str, earlier: dict[str, Field]) -> str:
 class FieldName(NamedTuple):
     """A field of the messages of a channel; of an array, the element with this number.
 
-    With `whose`, a robot or a twin, it is the element of the one with this id, which may stand anywhere in the array.
+    With `whose`, a robot or a twin, `element` is its id, which may be anywhere in the array.
     """
 
     channel: str
@@ -120,7 +120,7 @@ class FieldName(NamedTuple):
 
 
 def fields_on(channel: str) -> dict[str, Field] | None:
-    """Return the fields of the messages on a channel by name; None if the channel is none of ours."""
+    """Return the fields of the messages on a channel by name; None for an unknown channel."""
     identity = identify(channel)
     return None if identity is None else {field.name: field for field in fields_of(identity[0].message_type)}
 
@@ -131,7 +131,7 @@ def unit_of(name: FieldName) -> str:
 
 
 def number_in(message: Message, name: FieldName) -> float:
-    """Return the number in a field of a message; NaN where it has no such element, or is not about the robot."""
+    """Return the number in a field of a message; NaN if the message has no such element or is about another robot."""
     value = getattr(message, name.field)
     if name.element is None:
         return float(value)
@@ -141,7 +141,7 @@ def number_in(message: Message, name: FieldName) -> float:
 
 
 def _places(message: Message, name: FieldName) -> Iterator[int]:
-    """Yield the places in the arrays of a message that are of the robot, or twin, that is meant."""
+    """Yield the array indices in a message that belong to the named robot or twin."""
     if not isinstance(message, world_state_t):
         return
     for place, robot_id in enumerate(message.robot_id):

@@ -1,4 +1,4 @@
-"""The gate through which messages of strangers come in: numbers that can be, stamps near the clock of this host."""
+"""The gate for incoming messages: it checks that numbers are possible and stamps near this host's clock."""
 
 from collections.abc import Mapping
 
@@ -20,10 +20,11 @@ from cmr.msg import (
     world_state_t,
 )
 
-# us: clocks of two hosts may be 1 s apart, and messages half a second on their way. What is further from this host's
-# clock tells of another time.
+# us: clocks of two hosts may differ by 1 s, and messages may take half a second. A stamp further from this host's clock
+# belongs to another time.
 MEASURED_WITHIN = 1_500_000
-# How far [us] stamps may be from the clock. Those of other types are not looked at: an emergency stop always counts.
+# Largest distance [us] of a stamp from the clock. Stamps of other types are not checked: an emergency stop always
+# counts.
 NEAR: Mapping[type[Message], int] = {
     pose_xyt_t: MEASURED_WITHIN,
     gyro_t: MEASURED_WITHIN,
@@ -36,36 +37,36 @@ NEAR: Mapping[type[Message], int] = {
     velocity_command_t: COMMAND_LIFETIME,
 }
 AHEAD, BEHIND = "ahead of this host's clock", "behind this host's clock"
-LIVES_FOR = 10_000_000  # us since a stamp of a robot was near the clock, for which its others must be, too
-SPOKEN_OF = 2_000_000  # us for which a refusal is spoken of
+# us for which a robot counts as live after a stamp near the clock; all its stamps must then be near the clock
+LIVES_FOR = 10_000_000
+SPOKEN_OF = 2_000_000  # us for which a refusal is reported
 
 
 class Gate:
-    """Lets messages in. `turn` says what time it is, before messages are handed over; before the first, any stamp is.
+    """Checks incoming messages. Call `turn` with the time before handing over messages; until then any stamp passes.
 
-    `refused` counts by (channel, reason) what was not let in since the start. A caller that finds something else
-    wrong with a message says so to `refuse`. Stamps of the types in `stamps_of_all_times` are looked at elsewhere.
-    With `replays` also a log that is played again comes in: robots none of whose stamps were near the clock lately,
-    at a time that a clock can show.
+    `refused` counts refused messages by (channel, reason) since the start. A caller that rejects a message for another
+    reason calls `refuse`. Stamps of the types in `stamps_of_all_times` are checked elsewhere. With `replays` a replayed
+    log also passes: robots with no recent stamp near the clock, at any valid time.
     """
 
     def __init__(self, *stamps_of_all_times: type[Message], replays: bool = False) -> None:
         self.refused = Rejections()
         self._replays = replays
-        self._live: dict[int | None, int] = {}  # when a stamp was near the clock at last [us], by robot
+        self._live: dict[int | None, int] = {}  # when a stamp was last near the clock [us], by robot
         self._near = {kind: near for kind, near in NEAR.items() if not issubclass(kind, stamps_of_all_times)}
         self._before = self.now = 0
         self._lately = Rejections()
         self._last = 0
 
     def turn(self, utime: int) -> None:
-        """Note that it is `utime` [us]. Messages that are handed over from now on came since the last turn."""
+        """Set the time to `utime` [us]. Messages handed over from now on arrived since the previous turn."""
         if utime != self.now:
             self._before, self.now = self.now or utime, utime
 
     def let_in(self, channel: str, message: Message) -> Message | None:
-        """Return a message as far as it can be used; None if it cannot."""
-        kind = world_state_t if isinstance(message, world_state_t) else type(message)  # ours is made of arrays
+        """Return the usable part of a message; None if it must be refused."""
+        kind = world_state_t if isinstance(message, world_state_t) else type(message)  # our own subclass holds arrays
         near = self._near.get(kind)
         if near is not None and self.now:
             why = self._wrong_time(message.utime, near)
@@ -80,7 +81,7 @@ class Gate:
         return usable
 
     def refuse(self, channel: str, reason: str) -> None:
-        """Note that a message, or a part of it, was not used, if there is a reason."""
+        """Count a message, or part of one, as refused if `reason` is not empty."""
         if not reason:
             return
         if abs(self.now - self._last) > SPOKEN_OF:
@@ -90,19 +91,19 @@ class Gate:
         self.refused.note(channel, reason)
 
     def problem(self) -> str:
-        """Return, as a sentence, what was refused lately; empty if nothing was."""
+        """Return a sentence on recent refusals; empty if there were none."""
         if not self._lately or abs(self.now - self._last) > SPOKEN_OF:
             return ""
         what = ", ".join(f"{channel} {reason} ({count})" for (channel, reason), count in self._lately.items())
         return f"Messages were refused: {what}."
 
     def _lives(self, channel: str) -> bool:
-        """Return whether stamps of a robot were near the clock lately."""
+        """Return whether a robot had a stamp near the clock recently."""
         last = self._live.get(_robot_of(channel))
         return last is not None and abs(self.now - last) <= LIVES_FOR
 
     def _wrong_time(self, stamp: int, near: int) -> str:
-        """Return what is wrong with a stamp; one is right that is near the clock at any time since the last turn."""
+        """Return what is wrong with a stamp; it is right if it is near the clock at any time since the last turn."""
         if stamp > max(self._before, self.now) + near:
             return AHEAD
         return BEHIND if stamp < min(self._before, self.now) - near else ""

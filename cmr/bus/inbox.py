@@ -1,4 +1,4 @@
-"""What has arrived on a bus, decoded and checked, until it is received."""
+"""Queue of messages that have arrived on the bus, decoded and checked."""
 
 from collections import deque
 
@@ -8,11 +8,11 @@ from cmr.bus.signing import RefusedSignature, Verifier
 from cmr.bus.streams import WORLD_STATE
 from cmr.bus.texts import make_plain
 
-MOST_OWN = 64  # messages of a process that it knows again when the bus brings them back
+MOST_OWN = 64  # own messages that a process recognises when the bus returns them
 
 
 class Inbox:
-    """Messages in the order of their arrival. `rejected` counts what was not taken, by (channel, reason)."""
+    """Messages in the order of their arrival. `rejected` counts rejected messages by (channel, reason)."""
 
     def __init__(self, verifier: Verifier) -> None:
         self.rejected = Rejections()
@@ -21,11 +21,11 @@ class Inbox:
         self._own: deque[bytes] = deque(maxlen=MOST_OWN)
 
     def pass_over(self, data: bytes) -> None:
-        """Do not take this WORLD_STATE when the bus brings it back to its sender."""
+        """Skip this WORLD_STATE, encoded, when the bus returns it to its sender."""
         self._own.append(data)
 
     def take(self, channel: str, data: bytes) -> None:
-        """Take the bytes of a message, as LCM hands them over."""
+        """Decode, check and queue the bytes of a message; called by LCM."""
         if channel == WORLD_STATE.name and data in self._own:
             self._own.remove(data)
             return

@@ -1,4 +1,4 @@
-"""The key of the bus: a file that every computer of a laboratory has, and nobody else can read."""
+"""The key of the bus: a private file shared by all computers of a laboratory."""
 
 import os
 import stat
@@ -11,7 +11,7 @@ from cmr.cli.errors import ExpectedError
 from cmr.files import read_text, write_atomically
 
 LARGEST_FILE = 1000  # bytes
-SHOWN = 8  # hexadecimal digits by which a person compares keys
+SHOWN = 8  # hexadecimal digits of a key's fingerprint, for comparison by eye
 FOR_OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
@@ -20,7 +20,7 @@ class KeyFileError(ExpectedError):
 
 
 def key_in_use() -> bytes | None:
-    """Return this computer's key of the bus, None where it has none. Raises KeyFileError when it cannot be used."""
+    """Return this computer's bus key, None if it has none. Raises KeyFileError when the key cannot be used."""
     path, is_named = configuration.key_file()
     if not is_named and not os.path.lexists(path):
         return None
@@ -28,10 +28,12 @@ def key_in_use() -> bytes | None:
 
 
 def read_key(path: Path) -> bytes:
-    """Return the key in a file. Raises KeyFileError when it has none, or when others may read it."""
+    """Read the key from a file. Raises KeyFileError when it holds no key, or when other users may read it."""
     try:
         if path.stat().st_mode & FOR_OTHERS:
-            raise KeyFileError(f"{path}: others may read this key. If none has: chmod 600 {path}; else make a new one.")
+            raise KeyFileError(
+                f"{path}: other users may read this key. If nobody has: chmod 600 {path}; otherwise make a new one."
+            )
         key = bytes.fromhex(read_text(path, LARGEST_FILE).strip())
     except OSError as error:
         raise KeyFileError(f"{path}: the key cannot be read: {error.strerror}.") from error
@@ -45,10 +47,10 @@ def read_key(path: Path) -> bytes:
 def write_new_key(path: Path, replace: bool = False) -> bytes:
     """Make a key and write it to a file that this user alone can read; return it.
 
-    Raises KeyFileError when there is a file already, unless it is to be replaced, or when it cannot be written.
+    Raises KeyFileError when the file exists and `replace` is false, or when it cannot be written.
     """
     if os.path.lexists(path) and not replace:
-        raise KeyFileError(f"{path}: there is a key already; --replace makes a new one in its place.")
+        raise KeyFileError(f"{path}: there is already a key; --replace replaces it with a new one.")
     key = os.urandom(KEY_BYTES)
     try:
         write_atomically(f"{key.hex()}\n", path, stat.S_IRUSR | stat.S_IWUSR)
@@ -58,9 +60,11 @@ def write_new_key(path: Path, replace: bool = False) -> bytes:
 
 
 def shown(key: bytes) -> str:
-    """Return what a person compares of a key, from which nobody can make it."""
+    """Return a short fingerprint of a key, for comparison by eye; the key cannot be recovered from it."""
     return blake2b(key, digest_size=SHOWN // 2, person=b"CMR key shown").hexdigest()
 
 
 def _no_key(path: Path) -> KeyFileError:
-    return KeyFileError(f"{path}: holds no key, which is a line of {2 * KEY_BYTES} hexadecimal digits. See: cmr key")
+    return KeyFileError(
+        f"{path}: holds no key: it should be one line of {2 * KEY_BYTES} hexadecimal digits. See: cmr key"
+    )

@@ -1,13 +1,13 @@
-"""What all message classes have in common; the build generates them, with their stubs, from lcmtypes/."""
+"""The interface common to all message classes, which the build generates with their stubs from lcmtypes/."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Protocol, TypeVar
 
-FINGERPRINT_BYTES = 8  # at the beginning of each message, of its type
+FINGERPRINT_BYTES = 8  # at the start of each message; identifies its type
 
 
 class Message(Protocol):
-    """A message of any type. `isinstance` with a class of `cmr.msg` says of which type it is."""
+    """A message of any type. Use `isinstance` with a class of `cmr.msg` to tell types apart."""
 
     __slots__: ClassVar[Sequence[str]]
     __typenames__: ClassVar[list[str]]
@@ -21,7 +21,7 @@ class Message(Protocol):
 
     @staticmethod
     def decode(data: bytes) -> "Message":
-        """Return the message in these bytes."""
+        """Decode a message from bytes."""
 
     @staticmethod
     def _get_packed_fingerprint() -> bytes: ...

@@ -1,4 +1,4 @@
-"""Make, encode and decode messages; whatever is not ours or is damaged is named, never passed on."""
+"""Make, encode and decode messages. Foreign or damaged messages are rejected with a reason."""
 
 import time
 from collections.abc import Callable, Sized
@@ -16,22 +16,22 @@ ROBOT_OF = attrgetter("robot_id")  # of the messages whose channel belongs to on
 
 
 class RejectedMessage(Exception):  # noqa: N818 - it is a finding, not a failure of the program
-    """A message that was not taken; `reason` is one of the words in `REASONS`."""
+    """A message was rejected; `reason` is one of `REASONS`."""
 
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(f"{reason}: {detail}")
         self.reason = reason
 
 
-# unknown_channel: none of our streams. foreign: another message type's fingerprint.
-# corrupt: the right fingerprint, but the bytes do not decode. wrong_robot: robot_id contradicts the channel name.
+# unknown_channel: not one of our streams. foreign: another message type's fingerprint. corrupt: the right fingerprint,
+# but the bytes do not decode. wrong_robot: robot_id contradicts the channel name.
 REASONS = ("unknown_channel", "foreign", "corrupt", "wrong_robot")
 
 
 class Received(NamedTuple):
     """One decoded message: the channel it came on, the stream that channel belongs to, and the robot (None: all).
 
-    `sender` is the name that its process made up for itself, None where it is not known: see cmr.bus.signing.
+    `sender` is the random name of the sending process, None if unknown: see cmr.bus.signing.
     """
 
     channel: str
@@ -54,10 +54,10 @@ def now_utime() -> int:
 
 
 def make(message_type: type[M], **fields: object) -> M:
-    """Return a message of `message_type` with these fields; `n` follows from the arrays.
+    """Make a message of `message_type` with these fields; `n` is set from the length of the arrays.
 
-    The generated classes accept any attribute and truncate arrays silently; this does neither.
-    Raises TypeError for a field that is missing or unknown, ValueError for arrays of unequal length.
+    The generated classes accept any attribute and truncate arrays silently; this function does neither. Raises
+    TypeError for a field that is missing or unknown, ValueError for arrays of unequal length.
     """
     message = message_type()
     names, counted = _fields(message_type)
@@ -100,7 +100,7 @@ def decode(channel: str, data: bytes) -> Received:
         raise RejectedMessage("foreign", f"{channel} carries a type other than {stream.message_type.__name__}")
     try:
         message = _decoder_of(stream.message_type)(data)
-    except Exception as error:  # the generated decoder raises whatever its parts raise on damaged bytes
+    except Exception as error:  # on damaged bytes the generated decoder can raise anything
         raise RejectedMessage("corrupt", f"{channel}: {error}") from error
     if robot_id is not None and ROBOT_OF(message) != robot_id:
         raise RejectedMessage("wrong_robot", f"{channel} carries a message of robot {ROBOT_OF(message)}")
@@ -109,9 +109,9 @@ def decode(channel: str, data: bytes) -> Received:
 
 @cache
 def _decoder_of(message_type: type[Message]) -> Callable[[bytes], Message]:
-    """Return what decodes a message of this type: its generated class, or what is faster where NumPy is installed.
+    """Return the class that decodes this message type: the generated one, or a faster one based on NumPy.
 
-    NumPy is imported when the first WORLD_STATE comes: a driver, which hears none, runs without it.
+    NumPy is imported at the first WORLD_STATE: a driver receives none and runs without NumPy.
     """
     if message_type is world_state_t:
         with suppress(ModuleNotFoundError):

@@ -1,6 +1,6 @@
-"""Messages of types as they were before a field was added to their end: read as those of today.
+"""Convert messages of older types, from before a field was appended, to today's types.
 
-A log, or a driver, that is older than the field says nothing of it: it is 0 then.
+A field that an older log or driver does not have is set to 0.
 """
 
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from cmr.msg import motor_feedback_t
 
 
 class Older(NamedTuple):
-    """How a type was: its encoded `size` [bytes, fingerprint included], and its name of today."""
+    """An older version of a type: its encoded `size` [bytes, fingerprint included], and the type's name today."""
 
     size: int
     message_type: type[Message]
@@ -23,11 +23,11 @@ OLDER = {
 
 
 def as_of_today(data: bytes) -> bytes:
-    """Return an encoded message as it would be sent today; one that is not of an older type as it is."""
+    """Return an encoded message converted to today's type; other messages are returned unchanged."""
     older = OLDER.get(data[:FINGERPRINT_BYTES])
     if older is None:
         return data
     fingerprint: bytes = older.message_type._get_packed_fingerprint()
-    if len(data) < older.size:  # damaged, and so it stays
+    if len(data) < older.size:  # damaged; the decoder reports it
         return fingerprint + data[FINGERPRINT_BYTES:]
     return fingerprint + data[FINGERPRINT_BYTES : older.size] + bytes(len(older.message_type().encode()) - older.size)

@@ -1,6 +1,6 @@
-"""Which numbers messages may hold: a message with others is refused, or loses the number, whatever its sender.
+"""Bounds on the numbers in messages. A message with an impossible number is refused, or loses that number.
 
-The one table of bounds, beside lcmtypes/: generous, as it holds for any robot of this kind, in any room or field.
+The bounds are generous: they hold for any robot of this kind, indoors or outdoors.
 """
 
 import copy
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Bound(NamedTuple):
-    """What a number can be. One that is `dispensable` is NaN where nobody measures it, and set to NaN if impossible."""
+    """The range of a number. A `dispensable` one may be NaN (not measured), and is set to NaN if impossible."""
 
     lowest: float
     highest: float
@@ -27,21 +27,21 @@ class Bound(NamedTuple):
 
 
 def within(size: float) -> Bound:
-    """Return the bound of a number of either sign."""
+    """Return the symmetric bound [-size, size]."""
     return Bound(-size, size)
 
 
 POSITION = within(2e7)  # m; half way round the Earth
 HEADING = within(1e5)  # rad; of a tracker that counts turns
 WHEEL_SPEED = within(1e4)  # rad/s
-MEASURED_WHEEL_SPEED = within(200.0)  # rad/s; as robot_driver.encoders believes at most
+MEASURED_WHEEL_SPEED = within(200.0)  # rad/s; the limit of robot_driver.encoders
 WHEEL_ACCELERATION = within(1e7)  # rad/s^2; of a simulated wheel that is stopped within a step
 YAW_RATE = within(100.0)  # rad/s; gyros measure up to 35
 DUTY = within(1.0)
 SPEED = within(100.0)  # m/s
 SENT_DUTY, CURRENT, VOLTAGE = Bound(-1.0, 1.0, True), Bound(-500.0, 500.0, True), Bound(-1.0, 1e3, True)  # duty, A, V
 TEMPERATURE = Bound(-100.0, 500.0, True)  # deg C
-COUNT = within(2.0**53)  # ticks; where a number with a fraction no longer has each of them
+COUNT = within(2.0**53)  # ticks; above this, floats cannot represent every integer
 RATE, TURNS = Bound(0.0, 1e6), Bound(0.0, 2.0**53)  # Hz of a loop, and how many of its turns were late
 STATE = {
     "x": POSITION,
@@ -77,28 +77,28 @@ BOUNDS: Mapping[type[Message], Mapping[str, Bound]] = {
     msg.velocity_command_t: {"v": SPEED, "omega": YAW_RATE},
     msg.process_status_t: {"loop_rate_hz": RATE, "loop_overruns": TURNS},
 }
-# Stamps beside that of the message, with what stands for one that cannot be: None for the message's own, 0 for unknown.
+# Further stamps in messages, and what replaces an impossible one: None for the message's own stamp, 0 for unknown.
 STAMPS: Mapping[type[Message], Mapping[str, int | None]] = {
     msg.motor_feedback_t: {"received_utime": None, "applied_utime": 0},
     msg.gyro_t: {"received_utime": None},
 }
-STAMPED_WITHIN = 60_000_000  # us from the message's own stamp: logs that were imported may have the times of two clocks
+STAMPED_WITHIN = 60_000_000  # us from the message's own stamp: imported logs may mix two clocks
 NOT_FINITE, IMPOSSIBLE = "not finite", "impossible"
 LONGEST_LEG = 200.0  # m between two waypoints, or a robot and its first one
 OUT_OF_REACH = f"a leg of more than {LONGEST_LEG:g} m"
 
 
 class Screened(NamedTuple):
-    """What is left of a message, None if nothing is, and what was wrong with it, as in `x not finite`."""
+    """The usable part of a message, None if there is none, and what was wrong with it, such as `x not finite`."""
 
     message: Message | None
     reasons: tuple[str, ...] = ()
 
 
 def screened(message: Message) -> Screened:
-    """Return a message without numbers that cannot be; it is changed in a copy, and the same one if nothing is wrong.
+    """Remove impossible numbers from a message; return a changed copy, or the message itself if nothing is wrong.
 
-    Of a world_state_t the robots with such numbers are left out.
+    From a world_state_t, robots with such numbers are removed.
     """
     if isinstance(message, msg.world_state_t):
         return _of_a_world(message)
@@ -125,12 +125,12 @@ def is_out_of_reach(path: msg.waypoints_t, x: float, y: float) -> bool:
 
 @cache
 def _numbers_of(message_type: type[Any]) -> list[tuple[Callable[[Message], float], Bound]]:
-    """Return what reads each number that has a bound, and the bound."""
+    """Return a reader for each number that has a bound, and the bound."""
     return [(attrgetter(name), bound) for name, bound in BOUNDS[message_type].items()]
 
 
 def _mended(message: Message, bounds: Mapping[str, Bound]) -> Screened:
-    """Return a message in which something is wrong without its dispensable numbers, if it can do without."""
+    """Return a faulty message with its impossible dispensable numbers removed, or None if others are impossible."""
     mended, reasons, usable = copy.copy(message), [], True
     for name, bound in bounds.items():
         value = getattr(message, name)
@@ -143,7 +143,7 @@ def _mended(message: Message, bounds: Mapping[str, Bound]) -> Screened:
 
 
 def _stamped(message: Message, reasons: tuple[str, ...] = ()) -> Screened:
-    """Return a message without stamps that are far from its own; what was wrong is added to the reasons."""
+    """Replace stamps far from the message's own stamp; append what was wrong to `reasons`."""
     stamps = STAMPS.get(type(message), {})
     wrong = [name for name in stamps if getattr(message, name) != 0 and _is_far(getattr(message, name), message.utime)]
     if not wrong:
@@ -160,7 +160,7 @@ def _is_far(stamp: int, own: int) -> bool:
 
 
 def _of_a_world(message: msg.world_state_t) -> Screened:
-    import numpy as np  # which a robot's own computer need not have
+    import numpy as np  # a robot's own computer need not have NumPy
 
     from cmr.bus.world_state import WorldState
 
@@ -184,14 +184,16 @@ def _of_a_path(message: msg.waypoints_t) -> Screened:
 
 
 def _wrong_with_places(message: msg.waypoints_t | msg.investigation_status_t) -> tuple[str, ...]:
-    """Return what is wrong with the places [m] of a message; empty if they can all be."""
+    """Return what is wrong with the positions [m] of a message; empty if all are possible."""
     import numpy as np
 
     return _possible(np.array([message.x, message.y], dtype=float), BOUNDS[type(message)])[1]
 
 
 def _possible(rows: "NDArray[np.float64]", bounds: Mapping[str, Bound]) -> "tuple[NDArray[np.bool_], tuple[str, ...]]":
-    """Return which columns can be, shape (n,), and what is wrong with others; rows are in the order of the bounds."""
+    """Return which columns are possible, shape (n,), and what is wrong with the others; rows are in the order of the
+    bounds.
+    """
     import numpy as np
 
     lowest, highest, _ = np.array(list(bounds.values())).T[:, :, np.newaxis]

@@ -1,4 +1,4 @@
-"""Turn what LCM leaves unsaid ("Couldn't create LCM", or silence) into a sentence that says what to do."""
+"""Check the bus and explain failures: LCM itself says only "Couldn't create LCM", or nothing."""
 
 import ipaddress
 import os
@@ -40,7 +40,7 @@ class Multicast:
 
 
 def resolve_url(url: str | None) -> str:
-    """Return `url` if given, else that of environment or configuration file, else the URL that stays on this host."""
+    """Return `url` if given, else that of the environment or configuration file, else one limited to this host."""
     return url or configuration.lcm_url() or DEFAULT_URL
 
 
@@ -86,10 +86,10 @@ def _scheme(url: str) -> str:
 
 
 def handled(bus: lcm.LCM, wait_ms: int = 0) -> bool:
-    """Hand on a message, waiting up to `wait_ms` for it; return whether there was one.
+    """Handle one message, waiting up to `wait_ms` for it; return whether there was one.
 
-    LCM reports a signal that comes while it waits, as SIGTERM does, like a failure. What has failed fails again.
-    Raises OSError then.
+    LCM reports a signal during the wait (such as SIGTERM) as a failure, so a failure is tried again. Raises OSError if
+    it repeats.
     """
     try:
         return bus.handle_timeout(wait_ms) > 0
@@ -98,7 +98,7 @@ def handled(bus: lcm.LCM, wait_ms: int = 0) -> bool:
 
 
 def open_lcm(url: str) -> lcm.LCM:
-    """Return LCM on `url`.
+    """Open LCM on `url`.
 
     Raises BusError when the URL is wrong, the machine has no multicast route, or LCM cannot start.
     """
@@ -122,7 +122,7 @@ def open_lcm(url: str) -> lcm.LCM:
 
 
 def is_shared(url: str) -> bool:
-    """Return whether what is sent on the bus at `url` leaves this computer. Raises BusError when the URL is wrong."""
+    """Return whether messages sent on the bus at `url` leave this computer. Raises BusError when the URL is wrong."""
     scheme = _scheme(url)
     if scheme == "udpm":
         return parse_udpm(url).ttl > 0
@@ -137,22 +137,22 @@ def key_of(url: str) -> bytes | None:
     key = key_in_use()
     if key is None and is_shared(url) and not configuration.is_insecure():
         raise BusError(
-            f"{url!r} shares the bus with other computers, and there is no key: whoever is on the network could drive "
-            "the robots. Make a key with: cmr key new; copy it to the others. Or start with --insecure."
+            f"{url!r} shares the bus with other computers, and there is no key: anybody on the network could drive the "
+            "robots. Make a key with: cmr key new; copy it to the other computers. Or start with --insecure."
         )
     return key
 
 
 def verifier_of(url: str) -> Verifier:
-    """Return what verifies all that arrives on the bus at `url`; it raises as `key_of` does."""
+    """Return the verifier of messages on the bus at `url`. Raises the errors of `key_of`."""
     key = key_of(url)
     return Verifier(None if configuration.is_insecure() else key)
 
 
 def check(url: str | None) -> None:
-    """Try the bus that a process would use, before it does what takes long.
+    """Try the bus that a process will use, before any lengthy work.
 
-    Raises BusError where it cannot be used, also for want of a key.
+    Raises BusError when it cannot be used, including for lack of a key.
     """
     resolved = resolve_url(url)
     key_of(resolved)
@@ -170,7 +170,7 @@ def has_route(group: str) -> bool:
 
 
 def warnings(url: str, rmem_max: Path = Path("/proc/sys/net/core/rmem_max")) -> list[str]:
-    """Return what will not stop the bus but will lose messages under load; each with its remedy.
+    """Return warnings about settings that will lose messages under load, each with its remedy.
 
     Raises BusError when the URL is wrong.
     """
@@ -194,7 +194,7 @@ def warnings(url: str, rmem_max: Path = Path("/proc/sys/net/core/rmem_max")) -> 
 def self_test(bus: lcm.LCM, url: str) -> None:
     """Send one message to ourselves and wait for it.
 
-    Raises BusError when it does not come back: the silence that a missing multicast route or a firewall causes.
+    Raises BusError when it does not come back: a missing multicast route or a firewall causes this.
     """
     token = struct.pack(">iq", os.getpid(), time.monotonic_ns())
     arrived: list[bytes] = []

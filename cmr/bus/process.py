@@ -20,23 +20,24 @@ from cmr.msg import process_status_t
 from cmr.plain_text import plain
 
 LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
-NAP = 0.01  # s; what arrives meanwhile is taken at once, as waking up for a message costs more than taking it
+# s; messages that arrive meanwhile are handled together: waking up for a message costs more than handling it
+NAP = 0.01
 STATUS_PERIOD = 1.0  # s
 EXIT_INTERRUPTED = 130
-LONGEST_MESSAGE = 2_000  # characters of a report; whatever is wrong, it is sent each second
+LONGEST_MESSAGE = 2_000  # characters of a report, which is sent each second
 Outgoing: TypeAlias = tuple[Stream[Message], int | None, Message]  # a message, and the robot whose channel it goes on
 SignalHandler: TypeAlias = Callable[[int, FrameType | None], object] | int | None  # as `signal` returns and takes it
 
 
 class Timer:
-    """Knows when `period` [s] has passed; it is due at once the first time."""
+    """A periodic timer with `period` [s]; it is due at once the first time."""
 
     def __init__(self, period: float) -> None:
         self.period = period
         self._due = time.monotonic()
 
     def due(self) -> bool:
-        """Return whether it is time; if so, wait for the next period. Periods that were missed are not made up."""
+        """Return whether the timer is due; if so, start the next period. Missed periods are not made up."""
         now = time.monotonic()
         if now < self._due:
             return False
@@ -47,10 +48,9 @@ class Timer:
 class Process:
     """A process on the bus; use it as a context manager.
 
-    SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. `state`, `message` and
-    `parameters_sha256` are what the next report says, and after the message what `remarks` returns then. What is
-    dispatched passes a gate, which lets in no log that is played again where the process `lives_now`.
-    Raises BusError on entry when the bus cannot be used.
+    SIGINT and SIGTERM end `loop` at its next turn instead of raising anywhere. The next report contains `state`,
+    `message` followed by the result of `remarks`, and `parameters_sha256`. Dispatched messages pass a gate, which
+    refuses replayed logs if `lives_now`. Raises BusError on entry when the bus cannot be used.
     """
 
     def __init__(self, name: str, url: str | None = None, *, lives_now: bool = False) -> None:
@@ -60,7 +60,7 @@ class Process:
         self.message = ""
         self.remarks: Callable[[], str] = str
         self.problem = ""  # the part of the message that the terminal shows while DEGRADED; empty: all of it
-        self.farewell = "stopped"  # what it says at its end
+        self.farewell = "stopped"  # last message, sent at exit
         self.parameters_sha256 = ""
         self.overruns = 0
         self._url = url
@@ -100,11 +100,11 @@ class Process:
         return EXIT_INTERRUPTED if self.stopped_by_signal else 0
 
     def loop(self, rate_hz: float, wait: Callable[[float], object] | None = None) -> Iterator[int]:
-        """Yield the time (us) at each turn of a steady loop until a signal comes.
+        """Yield the time [us] at each turn of a loop at a constant rate, until a signal arrives.
 
-        Between turns it listens to the bus; `received` hands over what came. A turn that begins more than one
-        period late counts as an overrun, and the lost turns are not made up. A process that has something
-        else to listen to at once does so in `wait(seconds)`, which returns after that time at the latest.
+        Between turns it listens to the bus; `received` returns what has arrived. A turn that begins more than one
+        period late counts as an overrun, and the lost turns are not made up. A process that must react to another
+        source at once does so in `wait(seconds)`, which returns within that time.
         """
         if self.state == process_status_t.STARTING:
             self.state = process_status_t.RUNNING
@@ -129,14 +129,14 @@ class Process:
                 self.publish_status()
 
     def received(self) -> list[Received]:
-        """Return what has arrived since the last call, oldest first."""
+        """Return the messages that arrived since the last call, oldest first."""
         received, self._received = self._received, []
         return self.bus.latest(received)
 
     def dispatch(self, handle: Callable[[int, str, Message], object], *, gated: bool = False) -> None:
-        """Hand what has arrived and passes the gate to `handle(utime, channel, message)`, oldest first.
+        """Call `handle(utime, channel, message)` with each message that arrived and passes the gate, oldest first.
 
-        A caller that is `gated` has a gate of its own, and takes everything.
+        A caller that is `gated` has a gate of its own and receives everything.
         """
         for received in self.received():
             message = received.message if gated else self._gate.let_in(received.channel, received.message)
@@ -144,7 +144,7 @@ class Process:
                 handle(message.utime, received.channel, message)
 
     def dispatch_named(self, handle: Callable[[int, str, Message, int | None], object]) -> None:
-        """Hand what has arrived to `handle(utime, channel, message, sender)`, oldest first."""
+        """Call `handle(utime, channel, message, sender)` with each message that has arrived, oldest first."""
         for received in self.received():
             handle(received.message.utime, received.channel, received.message, received.sender)
 
@@ -154,7 +154,7 @@ class Process:
             self.publish(stream, message, robot_id)
 
     def publish_status(self) -> None:
-        """Report on `PROCESS_STATUS`: `message`, and what is wrong with the bus."""
+        """Publish `PROCESS_STATUS`: `message`, and any problems with the bus."""
         self._tell_news()
         now = time.monotonic()
         rate = self._turns / max(now - self._status_sent, 1e-6)
@@ -189,11 +189,11 @@ class Process:
         return plain(" ".join(sentences), LONGEST_MESSAGE)
 
     def news(self, text: str) -> None:
-        """Say on the terminal what happened, with the time of day."""
+        """Print an event on the terminal, with the time of day."""
         say(self.name, text)
 
     def _tell_news(self) -> None:
-        """Say when the process is ready, and each new sentence on what keeps it from that, or that this is over."""
+        """Print when the process becomes ready, and each new sentence on a problem or its end."""
         troubled = self.state in (process_status_t.DEGRADED, process_status_t.STARTING)
         problem = (self.problem or self.message) if troubled else ""
         if problem and problem != self._published:

@@ -1,4 +1,4 @@
-"""What each of many senders said last; senders say themselves who they are, so that strangers may be any number."""
+"""Keep the last message of each sender, with a limit: senders name themselves, so there may be any number."""
 
 from typing import TypeVar
 
@@ -8,7 +8,7 @@ Said = TypeVar("Said")
 
 
 def keep(senders: dict[Key, Said], sender: Key, said: Said) -> None:
-    """Note what a sender said; where there are too many, the one that was heard of first is let go."""
+    """Store the latest item of a sender; beyond the limit, drop the sender that was first heard longest ago."""
     if sender not in senders and len(senders) >= MOST_SENDERS:
         del senders[next(iter(senders))]
     senders[sender] = said

@@ -1,7 +1,7 @@
-"""Signatures: programs that have the key may send messages to robots and about them; what others send is refused.
+"""Sign and verify messages: only programs that have the key may send messages to robots or about them.
 
-A signature follows the encoded message, so whoever decodes the message passes it over; LCM's decoders do so in every
-language. It is keyed BLAKE2b (RFC 7693) over the channel, the message, who sent it, and when.
+The signature follows the encoded message, where decoders ignore it; LCM's decoders in all languages do. It is keyed
+BLAKE2b (RFC 7693) over the channel, the message, who sent it, and when.
 """
 
 import hmac
@@ -17,30 +17,30 @@ from cmr.msg import estop_t
 
 KEY_BYTES = 32
 TAG_BYTES = 16
-MAGIC = b"CMR1"  # the last bytes of a message that is signed
-TRAILER = Struct(f">qq{TAG_BYTES}s{len(MAGIC)}s")  # who sent it, when [us since the Unix epoch], the tag, MAGIC
-SIGNED = Struct(">qq")  # the part of it that the tag covers, too
+MAGIC = b"CMR1"  # the last bytes of a signed message
+TRAILER = Struct(f">qq{TAG_BYTES}s{len(MAGIC)}s")  # sender, time of sending [us since the Unix epoch], tag, MAGIC
+SIGNED = Struct(">qq")  # the part of the trailer that the tag covers
 WINDOW = 1_000_000  # us by which the moment of sending may differ from the receiver's clock
-SET_BACK = 100_000  # us by which a clock may go back before its process takes another name
+SET_BACK = 100_000  # us by which a clock may go back before the process takes a new name
 NO_TAG = bytes(TAG_BYTES)
-# Names of the streams whose sender counts, also where there is no key.
+# Names of the streams whose sender matters even without a key.
 COMMANDING = frozenset(stream.name for stream in (MOTOR_COMMAND, WHEEL_SPEED_COMMAND, VELOCITY_COMMAND, COMMAND_CLAIM))
 
-# Why a message was refused for its signature. unsigned: it has none, and this process has a key. forged: its sender has
-# another key, or it was changed. stale: sent more than a second before or after now, as in a log that is replayed; or
-# clocks of computers differ by as much. repeated: it came before.
+# Why a message was refused for its signature. unsigned: it has no signature, and this process has a key. forged: its
+# sender has another key, or it was changed. stale: sent more than a second before or after now, as in a log that is
+# replayed; or clocks of computers differ by as much. repeated: it was received before.
 SIGNATURE_REASONS = ("unsigned", "forged", "stale", "repeated")
 
 
 class Signed(NamedTuple):
-    """A message without its signature, and who sent it: a name that each process makes up for itself; None: unknown."""
+    """A message without its signature, and its sender: a random name that each process chooses; None if unknown."""
 
     data: bytes
     sender: int | None
 
 
 class RefusedSignature(Exception):  # noqa: N818 - it is a finding, not a failure of the program
-    """A message that is not taken for its signature; `reason` is one of SIGNATURE_REASONS."""
+    """A message was refused because of its signature; `reason` is one of SIGNATURE_REASONS."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
@@ -48,9 +48,9 @@ class RefusedSignature(Exception):  # noqa: N818 - it is a finding, not a failur
 
 
 class Signer:
-    """Signs what a process sends. Without a key it only writes its name under commands.
+    """Signs what a process sends. Without a key it only adds the sender's name to commands.
 
-    No two signatures of a process are of the same moment, so that a message that is repeated is known.
+    No two signatures of a process have the same time, so a repeated message is recognised.
     """
 
     def __init__(self, key: bytes | None, utime: Callable[[], int] = now_utime) -> None:
@@ -59,12 +59,12 @@ class Signer:
         self.sender = _new_name()
 
     def sign(self, channel: str, data: bytes) -> bytes:
-        """Return a message as it goes onto the bus."""
+        """Return a message with its signature, as sent on the bus."""
         if self._key is None and not _is_commanding(channel):
             return data
         now = self._utime()
         if now < self._latest - SET_BACK:
-            self.sender = _new_name()  # else nothing would be taken until the clock is where it was
+            self.sender = _new_name()  # otherwise everything would be refused until the clock is back where it was
         elif now <= self._latest:
             now = self._latest + 1
         self._latest = now
@@ -73,7 +73,7 @@ class Signer:
 
 
 class Verifier:
-    """Verifies what a process receives: with a key each signature; without one it takes all as it comes."""
+    """Verifies what a process receives: with a key every signature; without one it accepts all messages."""
 
     def __init__(self, key: bytes | None, utime: Callable[[], int] = now_utime) -> None:
         self._key, self._utime = key, utime
@@ -83,7 +83,7 @@ class Verifier:
     def verify(self, channel: str, data: bytes) -> Signed:
         """Return a message and its sender. An emergency stop that is engaged needs no signature.
 
-        Raises RefusedSignature for any other that cannot be taken.
+        Raises RefusedSignature for any other message without a valid signature.
         """
         try:
             return self._verified(channel, data)
@@ -112,20 +112,20 @@ class Verifier:
             raise RefusedSignature("forged")
 
     def _note(self, sender: int, channel: str, sent: int) -> None:
-        """Refuse what is not of now, or no later than what the sender sent last on this channel."""
+        """Refuse a message not sent around now, or not later than the sender's last one on this channel."""
         now = self._utime()
         if abs(now - sent) > WINDOW:
             raise RefusedSignature("stale")
         if sent <= self._latest.get((sender, channel), 0):
             raise RefusedSignature("repeated")
         self._latest[sender, channel] = sent
-        if abs(now - self._forgotten) > WINDOW:  # what is older would be stale
+        if abs(now - self._forgotten) > WINDOW:  # older senders would be stale anyway
             self._forgotten = now
             self._latest = {which: last for which, last in self._latest.items() if abs(now - last) <= 2 * WINDOW}
 
 
 def without_signature(data: bytes) -> bytes:
-    """Return a message as it was encoded, whether it is signed or not."""
+    """Return the encoded message without its signature, if it has one."""
     return data[: -TRAILER.size] if _has_trailer(data) else data
 
 

@@ -1,4 +1,4 @@
-"""The latest state of every robot that was heard of: a table with a row for each, known by its id and origin."""
+"""The latest state of every known robot: a table with one row per id and origin."""
 
 from typing import TypeAlias
 
@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 Integers: TypeAlias = NDArray[np.int64]
 Floats: TypeAlias = NDArray[np.float64]
 
-NEVER = -(2**62)  # us; when a robot was heard of whose row is only being made
-FIRST_ROOM = 64  # rows; room doubles whenever it is used up
-MOST_SETS_REMEMBERED = 100  # sets of robots whose rows are not looked for again
+NEVER = -(2**62)  # us; stamp of a new row, before its first state
+FIRST_ROOM = 64  # initial number of rows; doubled when full
+MOST_SETS_REMEMBERED = 100  # sets of robots whose row numbers are cached
 
 
 class StateTable:
     """Rows of robots, in the order in which they were first asked for; a robot keeps its row.
 
     `robot_id`, `origin` and `utime` [us], shape (room,), and `state`, shape (quantities, room), have an entry for each
-    row and are written to by the caller. Of rows that are new `utime` is NEVER and the state NaN.
+    row; the caller writes to them. New rows have `utime` NEVER and a state of NaN.
     """
 
     def __init__(self, quantities: int) -> None:
@@ -29,7 +29,7 @@ class StateTable:
         self._rows_of: dict[bytes, Integers] = {}
 
     def row(self, robot_id: int, origin: int) -> int:
-        """Return the row of a robot, a new one if it has none."""
+        """Return the row of a robot, adding one if needed."""
         row = self._row_of.setdefault((robot_id, origin), len(self._row_of))
         if row == len(self.utime):
             self._make_room(max(FIRST_ROOM, row))
@@ -37,7 +37,7 @@ class StateTable:
         return row
 
     def rows(self, robot_id: Integers, origin: Integers) -> Integers:
-        """Return the rows of robots, shape (n,); those of a set that came before are remembered."""
+        """Return the rows of robots, shape (n,); known sets of robots are cached."""
         key = robot_id.tobytes() + origin.tobytes()
         rows = self._rows_of.get(key)
         if rows is None:

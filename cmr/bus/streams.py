@@ -11,17 +11,16 @@ from cmr.cli.configuration import LARGEST_ROBOT_ID
 
 LCM_CHANNEL_NAME_LIMIT = 63  # bytes; LCM refuses longer names
 COMMAND_LIFETIME = 500_000  # us; an older command of any kind means zero, for real and simulated robots alike
-SELF_TEST = "CMR_SELF_TEST"  # on which a process of ours tries the bus when it starts
-SELF_TESTS = (SELF_TEST, "LCM_SELF_TEST")  # and LCM's own; whatever comes there is meant for nobody else
+SELF_TEST = "CMR_SELF_TEST"  # channel on which our processes test the bus when they start
+SELF_TESTS = (SELF_TEST, "LCM_SELF_TEST")  # ours and LCM's own; messages on them are for nobody else
 
 
 @dataclass(frozen=True)
 class Stream(Generic[M_co]):
     """One kind of channel.
 
-    `name` is the whole channel name, or its beginning where each robot has a channel of its own
-    (MOTOR_COMMAND_7 for robot 7). `rate_hz` is the least rate at which its owner publishes while in
-    service; None means on occasion.
+    `name` is the whole channel name, or its beginning where each robot has a channel of its own (MOTOR_COMMAND_7 for
+    robot 7). `rate_hz` is the lowest rate at which its owner publishes while in service; None means irregularly.
     """
 
     name: str
@@ -31,7 +30,7 @@ class Stream(Generic[M_co]):
     owner: str
 
     def channel(self, robot_id: int | None = None) -> str:
-        """Return the channel name; `robot_id` is needed exactly if each robot has its own.
+        """Return the channel name; `robot_id` is required if and only if each robot has a channel of its own.
 
         Raises ValueError when `robot_id` is missing, superfluous, negative or too large for a message.
         """
@@ -101,12 +100,12 @@ STREAMS: tuple[Stream[Message], ...] = (
 
 _BY_NAME = {stream.name: stream for stream in STREAMS}
 _ROBOT_CHANNEL = re.compile(r"([A-Z_]+)_(0|[1-9][0-9]{0,9})")
-_MOST_REMEMBERED = 16_384  # channel names, which also strangers choose: those of a thousand robots
+_MOST_REMEMBERED = 16_384  # cached channel names, which any sender can choose; enough for a thousand robots
 
 
-@lru_cache(_MOST_REMEMBERED)  # every handler of a message asks, and parsing a name takes longer than most of them
+@lru_cache(_MOST_REMEMBERED)  # called for every message, and parsing a name takes longer than most handlers
 def identify(channel: str) -> tuple[Stream[Message], int | None] | None:
-    """Return the stream and the robot id of a channel name; None if it is none of ours."""
+    """Return the stream and the robot id of a channel name; None for an unknown channel."""
     stream = _BY_NAME.get(channel)
     if stream is not None and not stream.per_robot:
         return stream, None

@@ -1,4 +1,4 @@
-"""The texts in messages, made plain where they come in from the bus: so they can be shown, whatever was sent."""
+"""Sanitise the texts in incoming messages, so that they are safe to show."""
 
 from cmr.bus.message import Message
 from cmr.bus.streams import PARAMETERS, STREAMS
@@ -6,7 +6,7 @@ from cmr.plain_text import plain
 
 LONGEST_TEXT = 2_000  # characters
 LONGEST_DIGESTS = 100_000  # of a thousand parameter files that a simulator uses
-# By type of message its texts and how long they may be. That of a parameter file is read as it is, or not at all.
+# The texts of each message type, and their greatest lengths. The text of a parameter file is kept as it is, or refused.
 TEXTS = {
     stream.message_type: {
         name: LONGEST_DIGESTS if name == "parameters_sha256" else LONGEST_TEXT
@@ -20,6 +20,6 @@ TEXTS = {message_type: texts for message_type, texts in TEXTS.items() if texts}
 
 
 def make_plain(message: Message) -> None:
-    """Take what a terminal obeys out of a message's texts, and cut those that are too long."""
+    """Remove terminal control characters from a message's texts, and truncate texts that are too long."""
     for name, longest in TEXTS.get(type(message), {}).items():
         setattr(message, name, plain(getattr(message, name), longest))

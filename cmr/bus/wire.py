@@ -1,7 +1,7 @@
-"""Messages as bytes: where their fields lie, and what can be seen of them without decoding.
+"""Messages as bytes: the layout of their fields, and checks without decoding.
 
 Every message begins with the fingerprint of its type and its `utime`; where a type has a `robot_id`, that comes next.
-How the rest lies follows from the generated class, once, so that it cannot disagree with lcmtypes/.
+The layout of the rest is derived from the generated class, so it always agrees with lcmtypes/.
 """
 
 import struct
@@ -29,13 +29,13 @@ WIRE_TYPES = {
     "byte": ">u1",
 }
 TYPES = {stream.message_type._get_packed_fingerprint(): stream.message_type for stream in STREAMS}
-MOST_CHANNELS = 5000  # that are distinguished; a log with more names is a damaged one
+MOST_CHANNELS = 5000  # names that are distinguished; a log with more is damaged
 _UTIME = struct.Struct(">q")
 
 
 @cache
 def layout_of(message_type: type[Message]) -> np.dtype[np.void]:
-    """Return how an encoded message of this generated class lies in memory: fingerprint, then its fields.
+    """Return the NumPy dtype of an encoded message of this class: fingerprint, then its fields.
 
     Raises TypeError for a class that is not of fixed size.
     """
@@ -62,16 +62,16 @@ def offsets(message_type: type[Message]) -> dict[str, int]:
 
 
 def utime_of(data: bytes) -> int:
-    """Return the `utime` of a message [us since the Unix epoch]; the message has at least that."""
+    """Return the `utime` of a message [us since the Unix epoch]; it must be at least that long."""
     utime: int = _UTIME.unpack_from(data, UTIME_AT)[0]
     return utime
 
 
 class Channel(NamedTuple):
-    """A channel of ours: its stream, its robot (None: all), and what the bytes of its messages have in common.
+    """A known channel: its stream, its robot (None: all), and the properties of its encoded messages.
 
-    `least` is the size of its shortest message [bytes], and if `is_fixed` of each; `robot` are the bytes that name the
-    robot, empty on a channel of all.
+    `least` is the size of its shortest message [bytes], if `is_fixed` of all; `robot` are the bytes of the robot id,
+    empty on a channel for all robots.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Channel(NamedTuple):
     robot: bytes
 
     def fault(self, data: bytes) -> str:
-        """Return why this is no message of the channel, one of REASONS; empty where its bytes show no reason."""
+        """Return why these bytes cannot be a message of the channel, one of REASONS; empty if they can."""
         if not data.startswith(self.fingerprint):
             return "foreign"
         if len(data) < self.least:
@@ -91,7 +91,8 @@ class Channel(NamedTuple):
         return "" if data.startswith(self.robot, ROBOT_ID_AT) else "wrong_robot"
 
     def check(self, data: bytes) -> Message | None:
-        """Return the message, decoded, where its size varies; None where it does not: then the bytes are as they are.
+        """Check an encoded message. Return it decoded if its size varies, None if the size is fixed and no decoding is
+        needed.
 
         Raises RejectedMessage when it cannot be used.
         """
@@ -105,7 +106,7 @@ class Channel(NamedTuple):
 
 @lru_cache(maxsize=MOST_CHANNELS)
 def channel_of(name: str) -> Channel | None:
-    """Return the channel of this name, None if it is none of ours."""
+    """Return the channel of this name, None for an unknown channel."""
     identity = identify(name)
     if identity is None:
         return None

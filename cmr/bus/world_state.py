@@ -1,4 +1,4 @@
-"""WORLD_STATE as arrays: the bytes of the generated world_state_t, written and read at a fraction of its cost."""
+"""WORLD_STATE as arrays: encodes and decodes world_state_t much faster than the generated class."""
 
 import struct
 from collections.abc import Sequence
@@ -18,13 +18,13 @@ Kind: TypeAlias = np.dtype[np.int32] | np.dtype[np.int8]
 WholeNumbers: TypeAlias = Sequence[int] | NDArray[np.int64]
 Numbers: TypeAlias = Sequence[float] | NDArray[np.float64]
 ID, ORIGIN, FLOAT = np.dtype(">i4"), np.dtype("i1"), np.dtype(">f4")
-MOST_REMEMBERED = 100  # sets of ids or origins that are kept as bytes
+MOST_REMEMBERED = 100  # sets of ids or origins whose bytes are cached
 
 
 class WorldState(world_state_t):
-    """A world_state_t whose fields may be arrays, and are arrays where it was decoded: of int64 and float64.
+    """A world_state_t whose fields may be arrays; after decoding they are arrays of int64 and float64.
 
-    `state` are all further fields that have an entry for each robot, from x to domega_right.
+    `state` holds all other per-robot fields, from x to domega_right.
     """
 
     def __init__(self, utime: int, robot_id: WholeNumbers, origin: WholeNumbers, *state: Numbers) -> None:
@@ -54,13 +54,13 @@ class WorldState(world_state_t):
         origins, floats = HEAD.size + 4 * n, HEAD.size + 5 * n
         ids = np.ndarray(n, ID, data, HEAD.size).astype(np.int64)
         kinds = np.ndarray(n, ORIGIN, data, origins).astype(np.int64)
-        with np.errstate(invalid="ignore"):  # NumPy warns of some bits that are no number, which anybody may send
+        with np.errstate(invalid="ignore"):  # NumPy warns about some NaN bit patterns, which any sender may produce
             columns = np.ndarray((FLOATS_PER_ROBOT, n), FLOAT, data, floats).astype(np.float64)
         return WorldState(utime, ids, kinds, *columns)
 
 
 def _bytes_of(numbers: WholeNumbers, kind: Kind) -> bytes:
-    """Return ids or origins as they lie in a message; a tuple, which comes again at each step, is converted once."""
+    """Return ids or origins encoded; a tuple, which repeats at every step, is converted only once."""
     return _bytes_of_tuple(numbers, kind) if isinstance(numbers, tuple) else np.asarray(numbers).astype(kind).tobytes()
 
 

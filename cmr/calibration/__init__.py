@@ -1,6 +1,6 @@
-"""Find the parameters with which the model drives the path that the real robot drove.
+"""Find the model parameters that reproduce the real robot's path.
 
-`calibrate(recording)` does it; `coverage` tells when a drive holds enough for it, `calibrator` joins the two for
+`calibrate(recording)` does it, `coverage` decides when a drive is sufficient, and `calibrator` combines the two for
 live use. Source of the method: Edwards, Gaskell and Olson, AAMAS 2018, section 2: grid search with numerical
 integration that minimises the Euclidean distance between real and simulated path at every time step.
 """

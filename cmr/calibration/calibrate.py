@@ -1,4 +1,4 @@
-"""Calibrate a robot: the paper's three parameters, in the presence of whatever else its recordings show."""
+"""Calibrate a robot: the paper's three parameters, together with any other effects in the recordings."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
 AVERAGE, PAPER = METHODS = ("average", "paper")
-# Times, and m, by which predicted paths may be worse than with the given parameters.
+# Limits, as a factor and in m, by which predicted paths may be worse than with the given parameters.
 WORSE, SLIGHTLY_WORSE = 1.1, 0.003
 WORSE_THAN_GIVEN = (
     "The given parameters stay: whatever is fitted to this recording predicts paths worse over 3 s ({after:.3f} m) "
@@ -40,15 +40,14 @@ def calibrate(
     method: str = AVERAGE,
     paper_only: bool = False,
 ) -> CalibrationResult:
-    """Find the parameters of one robot from one or more of its recordings, of any manoeuvre.
+    """Calibrate one robot from one or more of its recordings, of any manoeuvre.
 
-    `nominal` gives at least wheel_radius; by default it is what the recording announces. The parameters are averaged
-    over the effects that the recordings show or may hide (`cmr.estimation`), and the effects in use are part of the
-    result. With `paper_only` there are none: the three parameters are those that predict best by themselves. `method`
-    "paper" is the paper's: a grid search over the whole path, which knows no effects in any case. Of robots that take
-    duties, recordings without wheels have no other.
-    Raises EstimationError when nothing at all can be found, when signals contradict one another, or when whatever is
-    found predicts paths worse than `nominal` does.
+    `nominal` gives at least wheel_radius; the default is announced in the recording. The parameters are averaged over
+    detected and possible effects (`cmr.estimation`), and the effects in use are part of the result. With `paper_only`
+    there are no effects: the three parameters are those that predict best alone. `method` "paper" is the paper's grid
+    search over the whole path, which never uses effects. It is the only one for recordings without wheels of robots
+    that take duties. Raises EstimationError when nothing can be estimated, when signals contradict each other, or when
+    the result predicts paths worse than `nominal`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _require_one_robot(recordings)
@@ -62,7 +61,7 @@ def calibrate(
         return _motors_alone(recordings, nominal, controller)
     estimation = replace(estimate(recordings, nominal, against_nominal=False), controller=controller)
     if estimation.whole is None and not any(len(recording.poses) for recording in recordings):
-        return _motors_alone(recordings, nominal, controller)  # a gyro that cannot be trusted tells nothing
+        return _motors_alone(recordings, nominal, controller)  # without a trustworthy gyro there is no rotation
     if estimation.whole is None:
         raise EstimationError(estimation.ready.refused)
     ways = (_alone, _of_free_runs) if paper_only else (_in_presence, _of_free_runs)
@@ -96,7 +95,7 @@ def _in_presence(estimation: Estimation, nominal: ParameterFile) -> CalibrationR
 def _alone(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
     """Return the three parameters that predict best without any effect.
 
-    Where none was found these are the most likely ones; else those with which free runs over short windows err least.
+    If no effect was found, these are the most likely ones; otherwise those with the least errors of short free runs.
     """
     if estimation.found.named:
         return _of_free_runs(estimation, nominal)
@@ -104,7 +103,7 @@ def _alone(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
 
 
 def _of_free_runs(estimation: Estimation, nominal: ParameterFile) -> CalibrationResult:
-    """Return the three parameters with which free runs over short windows err least."""
+    """Return the three parameters with the least errors of free runs over short windows."""
     problem = estimation.ready.problem
     assert problem is not None
     courses = SimulationErrorProblem(problem.predictors, problem.gains, problem.excitation)
@@ -132,7 +131,7 @@ def _result(
     method: str,
     doubts: tuple[str, ...],
 ) -> CalibrationResult:
-    """Return the result; of a parameter that the data tell nothing of, the given value goes with the others."""
+    """Return the result; a parameter that the data do not determine keeps its given value."""
     unidentified, trusted = dict(estimation.ready.untold), dict(estimates)
     for name in set(estimates) & set(DEFINITIONS):
         if not tells(estimates[name]):
@@ -166,7 +165,7 @@ def _result(
 
 
 def _covariance(estimation: Estimation, estimates: Mapping[str, Estimate]) -> Floats:
-    """Return the covariance of the paper's parameters among these; what is in doubt besides has no correlation."""
+    """Return the covariance of the paper's parameters among these; additional uncertainty is uncorrelated."""
     assert estimation.whole is not None
     model = estimation.whole.model
     names = [name for name in estimates if name in DEFINITIONS]
@@ -177,7 +176,7 @@ def _covariance(estimation: Estimation, estimates: Mapping[str, Estimate]) -> Fl
 
 
 def _notes(estimation: Estimation) -> tuple[str, ...]:
-    """Return sentences on the data, and on what the parameters were found in the presence of."""
+    """Return sentences on the data, and on the effects found together with the parameters."""
     statements = [
         one.sentence for one in estimation.ready.checks if one.found and (one.check in REPORTED or one.set_aside)
     ]
@@ -186,7 +185,7 @@ def _notes(estimation: Estimation) -> tuple[str, ...]:
 
 
 def _radius_note(radius: float, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
-    """Tell when both wheels together turn more or less than the path says: the given radius or the ticks are wrong."""
+    """Report if both wheels turn more or less than the path requires: the given radius or the ticks are wrong."""
     wrong = {"wheel_radius_scale": -1.0, "encoder_scale": 1.0}
     for name, sign in wrong.items():
         one = estimates.get(name)

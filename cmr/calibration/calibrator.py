@@ -1,7 +1,7 @@
-"""Calibrate during a drive: gather messages, see when the manoeuvre is complete, and fit.
+"""Calibrate during a drive: collect messages, detect the end of the manoeuvre, and fit.
 
-It knows no bus and looks only at the time stamps of the messages, so a log, replayed at any speed or read directly,
-gives the same numbers as the drive itself.
+It is independent of the bus and uses only the messages' time stamps, so a log, replayed at any speed or read directly,
+gives the same results as the drive itself.
 """
 
 import math
@@ -28,32 +28,31 @@ from cmr.recordings.recording import Recorder, Recording
 from cmr.recordings.signal import SECONDS
 
 REST = 1_000_000  # us at rest that end the manoeuvre;
-LONG_REST = 3_000_000  # us, of one at a single speed: the robot may only be about to drive on at another
+LONG_REST = 3_000_000  # us of rest after a drive at a single speed: the robot may be about to continue at another
 STRAGGLERS = 500_000  # us beyond the end for which messages stamped before it are awaited
-# us before the first motion that are kept: more than the rest that is used, as a motor may be driven before it turns.
+# us kept before the first motion: more than is used, as a motor may be driven before it turns.
 BEFORE = 12_000_000
-FORGET = 20_000_000  # us; so often, what is older than BEFORE is forgotten of a robot that has not moved yet
-LONGEST = 1_200_000_000  # us of a drive that does not become covered; then it is forgotten, as memory has an end
-HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # all that a recording has
+FORGET = 20_000_000  # us; interval at which data older than BEFORE are dropped for a robot that has not moved yet
+LONGEST = 1_200_000_000  # us; a drive that is not covered after this is dropped, because memory is limited
+HEARD = (*dict.fromkeys(kept.stream for kept in KEPT.values()), PARAMETERS)  # all streams of a recording
 LAP = 30.0  # s, of a usual figure-eight
-FIRST_LOOK = 3.0  # s of motion that tell something
-ENOUGH = 10.0  # a robot that does not stop is calibrated when every bucket has this many times its minimum
+FIRST_LOOK = 3.0  # s of motion that give a first estimate
+ENOUGH = 10.0  # a robot that does not stop is calibrated once every bucket holds this many times its minimum
 LOADING = "Loading the estimator. At its first use on a computer it is compiled, which takes a minute."
 WAITING = (
     "Waiting for the robot to move: drive figure-eights, both lobes, best for 30 s at about 0.2 m/s and then for 30 s "
     "at about 0.5 m/s."
 )
-FORGOTTEN = f"The drive of {LONGEST * SECONDS / 60.0:.0f} minutes before lacked too much and is forgotten."
+FORGOTTEN = f"The drive of {LONGEST * SECONDS / 60.0:.0f} minutes so far was incomplete and has been discarded."
 
 
 class Calibrator:
     """The calibration of one robot.
 
     `nominal` gives at least the wheel radius; None takes the newest parameters announced during the drive. `method` and
-    `paper_only` are those of `calibrate`.
-    `state` is one of the states of calibration_status_t; `result` is there once `fit` succeeded. `preview` is what the
-    drive showed when `look` was last called, `averages` counts the averages so far. `missing` says what the drive
-    still lacks. While `loading` is true, `load` has not come to its end.
+    `paper_only` are those of `calibrate`. `state` is one of the states of calibration_status_t; `result` is there once
+    `fit` succeeded. `preview` is the estimate from the last call of `look`, `averages` counts the averages so far.
+    `missing` says what the drive still lacks. `loading` is true until `load` has finished.
     """
 
     def __init__(
@@ -76,11 +75,11 @@ class Calibrator:
         self._end: int | None = None
         self._latest = 0
         self._forgotten = 0
-        self._is_second = False  # whether a drive before this one was forgotten
-        self.left_out = 0.0  # s of a log that follow the manoeuvre
+        self._is_second = False  # whether an earlier drive was discarded
+        self.left_out = 0.0  # s of a log after the manoeuvre
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take one message; those of other robots, and those after the manoeuvre, are passed over."""
+        """Handle one message; those of other robots, and those after the manoeuvre, are ignored."""
         stream, robot_id = identify(channel) or (None, None)
         if stream is None or stream not in HEARD or robot_id != self.robot_id or self.complete:
             return
@@ -106,10 +105,10 @@ class Calibrator:
 
     @classmethod
     def of(cls, messages: RobotMessages, nominal: ParameterFile | None = None) -> "Calibrator":
-        """Return the calibrator that has seen a whole log; the same as if it had taken message by message.
+        """Return the calibrator after a whole log, as if it had handled message by message.
 
-        Only where a drive would end in another piece of the recording than it began, and these are shorter than a lap,
-        it takes all of them.
+        If a drive would end in another piece of the recording than it began, and pieces are shorter than a lap, it uses
+        all of them.
         """
         calibrator = cls(messages.robot_id, nominal)
         calibrator._log = messages
@@ -137,12 +136,12 @@ class Calibrator:
 
     @property
     def complete(self) -> bool:
-        """Whether the manoeuvre is over and all its messages have had time to arrive."""
+        """Whether the manoeuvre is over and all its messages had time to arrive."""
         return self._end is not None and self._latest > self._end + STRAGGLERS
 
     @property
     def measured(self) -> int:
-        """How many messages have come that only a real robot has."""
+        """The number of received messages that only a real robot sends."""
         return self._messages.measured
 
     @property
@@ -151,12 +150,12 @@ class Calibrator:
 
     @property
     def _known(self) -> ParameterFile | None:
-        """The nominal parameters, or those that were announced."""
+        """The nominal parameters, or the announced ones."""
         return self._nominal or (self._recorder.parameters if self._log is None else self._log.parameters)
 
     @property
     def missing(self) -> str:
-        """What the drive still lacks, for a person; empty when it is covered."""
+        """What the drive still lacks, as text; empty when it is covered."""
         return self._coverage.missing
 
     def recording(self) -> Recording:
@@ -171,7 +170,7 @@ class Calibrator:
         return self._running.averages
 
     def load(self) -> None:
-        """Load the estimator, and compile it the first time on a computer: fit a short drive that was made up."""
+        """Load the estimator, and compile it at the first use on a computer, by fitting a short synthetic drive."""
         try:
             recording = made_up_recording()
             running = self._running_fit(NOMINAL)
@@ -186,20 +185,20 @@ class Calibrator:
 
     @property
     def tells_something(self) -> bool:
-        """Whether the robot is being driven and has moved long enough for a first look."""
+        """Whether the robot is driven and has moved long enough for a first estimate."""
         return self.state == calibration_status_t.COLLECTING and self._coverage.seconds[MOVING_AT_ALL] > FIRST_LOOK
 
     def look(self, recording: Recording) -> None:
-        """Estimate the parameters from the drive so far, `recording()` of a moment ago, for `status` to tell."""
+        """Estimate the parameters from the drive so far, a recent `recording()`, for `status`."""
         try:
             self.preview = self._running.look(recording)
-        except Exception:  # too little to tell, yet; what is wrong with a whole drive its fit will say
+        except Exception:  # too little data yet; faults of the whole drive are reported by its fit
             self.preview = None
 
     def fit(self) -> CalibrationResult | None:
-        """Find the parameters from what has been gathered; None where there are none.
+        """Fit the parameters to the collected data; None if this fails.
 
-        `failure` explains why there are none, or why those found are not to be written.
+        `failure` explains why it failed, or why the result must not be written.
         """
         try:
             self.result = calibrate(self.recording(), self._nominal, method=self._method, paper_only=self._paper_only)
@@ -213,13 +212,13 @@ class Calibrator:
 
     @property
     def so_far(self) -> dict[str, Estimate]:
-        """What is known of the robot's parameters, by the names that its file has, as carefully as in `status`."""
+        """The current estimates, under the names in the robot's file, with the same caution as in `status`."""
         found = self.result or self.preview
         reported = found.reported if found else {}
         return {name: Estimate(one.value, one.std * self._caution) for name, one in reported.items()}
 
     def status(self) -> calibration_status_t:
-        """Return the calibration_status_t message of this moment."""
+        """Return the current calibration_status_t message."""
         fields: dict[str, float] = {}
         found = self.result or self.preview
         for name in PAPER_PARAMETERS:
@@ -240,17 +239,17 @@ class Calibrator:
 
     @property
     def _caution(self) -> float:
-        """By how much the deviations of a drive that goes on are widened; 1 for a whole one.
+        """The factor that widens the standard deviations of an ongoing drive; 1 for a complete one.
 
-        Friction and slip change as slowly as the robot goes round. Of a drive shorter than a lap the residuals do not
-        show that yet, and deviations drawn from them are too small.
+        Friction and slip vary over a lap. In a shorter drive the residuals do not show that yet, so standard deviations
+        computed from them are too small.
         """
         if self.result is not None:
             return 1.0
         return 1.0 + (LAP / max(self._coverage.seconds[MOVING_AT_ALL], FIRST_LOOK)) ** 2
 
     def _motion(self, messages: RobotMessages) -> Iterator[tuple[int, float, float]]:
-        """Yield what tells of the motion of both sides, in order: commands until wheels are heard, then these."""
+        """Yield the motion of both sides in order: from commands until wheels are received, then from these."""
         wheels = messages.arrivals["wheels"]
         first_wheels = wheels.number[0] if len(wheels.number) else LAST_NUMBER
         rows: list[tuple[int, int, float, float]] = []
@@ -264,17 +263,17 @@ class Calibrator:
         yield from zip(*(column.tolist() for column in columns), strict=True)
 
     def _asked(self, stream: Stream[Message], first: Q, second: Q) -> tuple[Q, Q]:
-        """Return what commands ask of the wheels of both sides: duties, or speeds.
+        """Return the commanded motion of both sides' wheels: duties, or speeds.
 
-        Turns of the body go by the width that is known; without one, commands say nothing.
+        Body rates are converted with the known width; without one, commands are not used.
         """
         if stream is not VELOCITY_COMMAND:
             return first, second
         width = self._known.counted_width if self._known else math.nan
-        return VelocityController(1.0, width, math.nan).wheels_of_body(first, second)  # m/s serve as well as rad/s
+        return VelocityController(1.0, width, math.nan).wheels_of_body(first, second)  # m/s are as good as rad/s here
 
     def _watch(self, utime: int, left: float, right: float) -> None:
-        """Follow the motion; decide when it is over."""
+        """Track the motion; detect its end."""
         if self._end is not None or not (math.isfinite(left) and math.isfinite(right)):
             return
         if self._coverage.add(utime, left, right):
@@ -288,11 +287,11 @@ class Calibrator:
             self.state = calibration_status_t.FITTING
 
     def _ends(self, rested: int) -> bool:
-        """Tell whether a rest of this time [us] ends a covered drive."""
+        """Return whether a rest of this duration [us] ends a covered drive."""
         return rested >= LONG_REST or (rested >= REST and self._coverage.only_speed is None)
 
     def _radius(self) -> float | None:
-        """Return the wheel radius [m] as far as it is known."""
+        """The wheel radius [m], if known."""
         nominal = self._known
         return nominal.value("wheel_radius") if nominal is not None and nominal.has("wheel_radius") else None
 

@@ -1,4 +1,4 @@
-"""Tell whether wheels and poses contradict each other: then the given wheel radius is wrong, or the ticks are."""
+"""Detect contradictions between wheels and poses, which indicate a wrong wheel radius or tick count."""
 
 import math
 from collections.abc import Sequence
@@ -8,9 +8,9 @@ import numpy as np
 from cmr.calibration.segments import Segment
 from cmr.recordings.signal import Floats
 
-SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction of wheels and path may be slip
-SHORTEST_WAY = 0.3  # m; root of the sum of squares of the ways of each interval
-INTERVAL = 0.5  # s; over more, the path between two poses is no arc, over less their noise counts
+SMALLEST_RADIUS_ERROR = 0.02  # relative; a smaller contradiction may be slip
+SHORTEST_WAY = 0.3  # m; root of the sum of squared distances per interval
+INTERVAL = 0.5  # s; the path between two poses is not an arc over longer intervals, and noise dominates in shorter ones
 RADIUS = (
     "The wheels turn {factor:.3f} times as far as the path says. Check wheel_radius ({fitting:.4g} m would fit instead "
     "of {radius:g} m) and the encoder's ticks per turn."
@@ -18,15 +18,15 @@ RADIUS = (
 
 
 def radius_sentence(factor: float, radius: float) -> str:
-    """Say that the wheels turn `factor` times as far as the path says; `radius` [m] is the given one of the wheels."""
+    """Return a sentence: the wheels turn `factor` times as far as the path requires; `radius` [m] is the given one."""
     return RADIUS.format(factor=factor, fitting=radius / factor, radius=radius)
 
 
 def wheels_against_poses(segments: Sequence[Segment], radius: float) -> float:
-    """Return how many times as far as by the poses the robot went by its wheels; NaN where that is not known.
+    """Return the ratio of the distances by wheels and by poses; NaN if unknown.
 
-    Ways are those of each half second: noise of the poses adds little to them, and a heading that drifts nothing.
-    `radius` [m] is that of the wheels.
+    Distances are per half second: pose noise adds little to them, and heading drift nothing. `radius` [m] is that of
+    the wheels.
     """
     by_wheels, by_poses = 0.0, 0.0
     for segment in segments:
@@ -38,7 +38,7 @@ def wheels_against_poses(segments: Sequence[Segment], radius: float) -> float:
 
 
 def _ways(segment: Segment) -> tuple[Floats, Floats]:
-    """Return the turns of the wheels [rad] and the ways by the poses [m] in each interval of a segment, (n,)."""
+    """Return the wheel rotations [rad] and the distances by the poses [m] in each interval of a segment, (n,)."""
     times = segment.border_times[segment.at]
     borders = np.arange(times[0], times[-1], INTERVAL)
     angle = (segment.angle_left + segment.angle_right) / 2.0

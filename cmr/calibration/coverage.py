@@ -1,10 +1,10 @@
-"""Tell whether a drive holds what a calibration needs, and if not, what is missing.
+"""Decide whether a drive is sufficient for a calibration, and what is missing.
 
-Both lobes of a figure-eight, both directions of turn: time is counted in buckets by what the wheels do, and each
-bucket must reach its minimum. Only wheel speeds are looked at (duties, where no wheels are measured), as the ratio
-of turning to driving, so that no parameter of the robot need be known beforehand.
+Both lobes of a figure-eight, both directions of turn: time is counted in buckets by what the wheels do, and each bucket
+must reach its minimum. Only wheel speeds are used (or duties without wheel data), as the ratio of turning to driving,
+so no parameter of the robot needs to be known.
 
-A drive at one speed is enough, but at two it tells more: `only_speed` tells which speed there was, if only one.
+A drive at one speed is enough, but one at two is more informative: `only_speed` returns the speed if there is only one.
 """
 
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ MOVING = 0.02  # sum of both sides' duty, or of wheel speeds as a share of the f
 TURNING = 0.05  # |right - left| / (|left| + |right|); a lobe of three base widths' radius has 0.17
 LONGEST_SAMPLE = 0.1  # s; a gap in the data does not count as driving
 SLOWEST_SPEED = 0.5  # rad/s; the fastest speed seen counts as at least this, so that encoder noise is not motion
-SPAN = 0.5  # s over which speeds are averaged; over less, the steps of an encoder would look like other speeds
+SPAN = 0.5  # s over which speeds are averaged; over less, encoder quantisation would look like different speeds
 RESTING = 0.1  # of the usual speed
 SLOW, FAST = 20.0, 80.0  # percentiles of the speeds while the robot moves
 ONE_SPEED = 1.6  # ratio of a drive's fast and slow speeds below which it has one speed
 SLOWER, FASTER = 0.4, 2.5  # second speeds, as multiples of the first
-BRISK = 0.35  # m/s; a robot that went as fast is asked to go slower, else faster
+BRISK = 0.35  # m/s; a robot this fast is asked to drive slower next, otherwise faster
 
 
 def only_speed(speeds: Floats) -> float | None:
-    """Return the speed of a drive that has only one, in the unit of `speeds` (n,), which are none below 0; else None.
+    """Return the speed of a drive that has only one, in the unit of `speeds` (n,), all non-negative; otherwise None.
 
-    One that only turned on the spot has none.
+    A robot that only turned on the spot has none.
     """
     usual = float(np.median(speeds)) if len(speeds) else 0.0
     if usual <= 0.0:
@@ -39,7 +39,7 @@ def only_speed(speeds: Floats) -> float | None:
 
 
 def second_speed(speed: float) -> float:
-    """Return the speed [m/s] at which it is worth driving on after a drive at one `speed` [m/s]."""
+    """Return the speed [m/s] for a useful further drive after one at `speed` [m/s]."""
     return (SLOWER if speed > BRISK else FASTER) * speed
 
 
@@ -58,7 +58,7 @@ BUCKETS = (LEFT, RIGHT, MOVING_AT_ALL)
 
 
 class Coverage:
-    """Time seen in each bucket; feed it the wheel speeds (or duties) in the order in which they were measured."""
+    """Time seen in each bucket; add the wheel speeds (or duties) in order."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(BUCKETS, 0.0)
@@ -68,7 +68,7 @@ class Coverage:
         self._way, self._time = 0.0, 0.0  # driven, and for how long [s], since the last of the speeds
 
     def add(self, utime: int, left: float, right: float) -> bool:
-        """Count one sample; tell whether the robot moves in it. One older than the last adds no time."""
+        """Count one sample; return whether the robot moves. One older than the last adds no time."""
         total = abs(left) + abs(right)
         self._fastest = max(self._fastest, total)
         moving = total > MOVING * self._fastest
@@ -90,7 +90,7 @@ class Coverage:
 
     @property
     def only_speed(self) -> float | None:
-        """The speed of both wheels together [rad/s, or duty] if there was only one so far, else None."""
+        """The common speed of both wheels [rad/s, or duty] if there was only one so far, otherwise None."""
         return only_speed(np.array(self._speeds))
 
     @property
@@ -104,11 +104,11 @@ class Coverage:
 
     @property
     def progress(self) -> float:
-        """Share of the needed time that has been seen, 0 to 1, averaged over the buckets."""
+        """The share of the required time so far, 0 to 1, averaged over the buckets."""
         return sum(min(seconds / bucket.seconds, 1.0) for bucket, seconds in self.seconds.items()) / len(BUCKETS)
 
     @property
     def missing(self) -> str:
-        """What is still missing, for a person; empty when nothing is."""
+        """What is still missing, as text; empty if nothing is."""
         lacking = [(bucket.name, bucket.seconds - seconds) for bucket, seconds in self.seconds.items()]
         return ", ".join(f"{name} for {seconds:.1f} s more" for name, seconds in lacking if seconds > 0.0)

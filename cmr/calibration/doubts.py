@@ -1,4 +1,4 @@
-"""Say which parameters a drive leaves in doubt, what may hide in them, and which second speed would tell."""
+"""Report poorly determined parameters, effects that may be confused with them, and a useful second speed."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,7 +13,8 @@ from cmr.model.catalogue import CATALOGUE
 from cmr.model.observer.observer import Observations
 from cmr.recordings.signal import Floats
 
-# Relative standard deviations beyond which a parameter is in doubt: more than a drive at two speeds leaves usually.
+# Relative standard deviations above which a parameter is poorly determined: more than a drive at two speeds usually
+# leaves.
 WIDE: Mapping[str, float] = {
     "k2_over_k3": 0.015,
     "k1": 0.006,
@@ -21,7 +22,7 @@ WIDE: Mapping[str, float] = {
     "speed_scale": 0.006,
     "base_width": 0.008,
 }
-# Beyond these a drive at one speed would gain by a second one: a minute at two leaves less (calibration.md).
+# Above these, a second speed would improve a drive at one speed: a minute at two speeds leaves less (calibration.md).
 WITH_TWO_SPEEDS: Mapping[str, float] = {
     "k2_over_k3": 0.006,
     "k1": 0.004,
@@ -30,7 +31,7 @@ WITH_TWO_SPEEDS: Mapping[str, float] = {
     "base_width": 0.005,
 }
 STANDS_FOR: Mapping[str, str] = {"response_time": "k2_over_k3", "speed_scale": "k1"}  # in the model, by the file's name
-POOR = 0.1  # relative standard deviation beyond which it is said what kind of driving tells a parameter
+POOR = 0.1  # relative standard deviation above which the kind of driving that would help is reported
 TELLING: Mapping[str, str] = {
     "k2_over_k3": "Stops, starts and other changes of speed determine k2_over_k3.",
     "k1": "Steady driving at two speeds determines k1.",
@@ -38,14 +39,14 @@ TELLING: Mapping[str, str] = {
     "speed_scale": "Steady driving determines speed_scale.",
     "base_width": "Turns in both directions determine base_width.",
 }
-HALF = 0.5  # of its standard deviation alone, below which a parameter is much surer beside effects
-ALONE = "Three parameters alone do not describe this robot: it has the effects that are named here."
-HIDING = 0.4  # correlation from which on an effect that was not named hides in a parameter
-UNSURE = (0.03, 0.97)  # probabilities between which an effect may or may not be there
+HALF = 0.5  # of its standard deviation alone: below it, effects make a parameter much more certain
+ALONE = "Three parameters alone do not describe this robot: it has the effects named here."
+HIDING = 0.4  # correlation above which an undetected effect can hide in a parameter
+UNSURE = (0.03, 0.97)  # probabilities between which the presence of an effect is open
 
 
 def in_doubt(estimation: Estimation) -> tuple[str, ...]:
-    """Return a sentence for each parameter of the robot that is in doubt, and one on the drive that would tell it."""
+    """Return a sentence for each poorly determined parameter, and one on the drive that would help."""
     assert estimation.whole is not None
     average, reported = estimation.whole.average, in_words_of(estimation.estimates, estimation.controller)
     wide = _wide(reported)
@@ -54,7 +55,7 @@ def in_doubt(estimation: Estimation) -> tuple[str, ...]:
 
 
 def in_doubt_alone(estimation: Estimation, alone: Mapping[str, Estimate]) -> tuple[str, ...]:
-    """Return what `in_doubt` does for the three parameters `alone`, or how sure effects would make them."""
+    """Return the same sentences for the three parameters `alone`, or how certain effects would make them."""
     alone, beside = (in_words_of(those, estimation.controller) for those in (alone, estimation.estimates))
     wide = _wide(alone)
     sentences = [_sentence(name, _share(alone[name]), None) for name in wide]
@@ -74,7 +75,7 @@ def _share(estimate: Estimate) -> float:
 
 
 def _telling(wide: Sequence[str], reported: Mapping[str, Estimate], speed: float | None) -> list[str]:
-    """Return what drive would tell what is in doubt, or more of a drive with only one `speed` [m/s]; None: several."""
+    """Return what further drive would help, especially after one at only one `speed` [m/s]; None: several speeds."""
     if speed is not None and (narrowed := _wide(reported, WITH_TWO_SPEEDS)):
         narrower = " and ".join(narrowed) if len(narrowed) < 3 else "all three"
         return [
@@ -90,11 +91,11 @@ def _sentence(name: str, share: float, average: Posterior | None) -> str:
     if average is None or not hiding:
         return f"{known}."
     listed = ", ".join(f"{effect} (probability {average.presence[effect]:.2f})" for effect in hiding)
-    return f"{known}: {listed} may hide in it."
+    return f"{known}: {listed} may be confused with it."
 
 
 def hiding_in(name: str, average: Posterior) -> list[str]:
-    """Return the effects that may or may not be there and that a parameter would go with, the most likely first."""
+    """Return possible effects that correlate with the parameter, the most likely first."""
     stds = np.sqrt(np.maximum(np.diag(average.covariance), 1e-300))
     at = average.names.index(STANDS_FOR.get(name, name))
     hiding = []

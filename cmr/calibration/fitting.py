@@ -1,4 +1,4 @@
-"""Fit the path, and bring the clocks of commands, wheels and poses together while doing so."""
+"""Fit the path, and align the clocks of commands, wheels and poses at the same time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from cmr.estimation.estimates import Estimate
 from cmr.recordings.signal import Floats
 
 PAPER_PARAMETERS: tuple[str, ...] = ("k2_over_k3", "k1", "base_width")
-ALIGNED = 5e-3  # s; clocks that are nearer need not be moved: the refinement treats such times as linear
+ALIGNED = 5e-3  # s; smaller offsets need no correction: the refinement linearises them
 ROUNDS = 4
-WORTH_TELLING = 0.02  # s; less may be friction or slip
+WORTH_TELLING = 0.02  # s; a smaller offset may be friction or slip
 POSES_LATE = "Poses are stamped {:.3f} s later than wheels and commands."
 POSES_EARLY = "Poses are stamped {:.3f} s earlier than wheels and commands."
 COMMANDS_LATE = "Commands take effect {:.3f} s later than they are stamped."
@@ -30,7 +30,7 @@ TAKEN_INTO_ACCOUNT = " The calibration has taken this into account."
 
 @dataclass(frozen=True)
 class Fit:
-    """The refined parameters, with the segments they were fitted to and the grid search before, None without one."""
+    """The refined parameters, with the fitted segments and the preceding grid search, None without one."""
 
     refined: Refined
     segments: list[Segment]
@@ -40,7 +40,7 @@ class Fit:
 
     @property
     def correlation(self) -> Floats:
-        """The correlation matrix of the estimates; 0 where one is not determined at all."""
+        """The correlation matrix of the estimates; 0 for undetermined ones."""
         spread = np.sqrt(np.diag(self.refined.covariance))
         scale = np.where(np.isfinite(spread) & (spread > 0.0), spread, np.inf)
         return np.asarray(np.nan_to_num(self.refined.covariance / np.outer(scale, scale)))
@@ -55,7 +55,7 @@ def fit_by_path(
 ) -> Fit:
     """Find `names` among the paper's parameters from commands and path; the others are `known`.
 
-    Raises EstimationError when commands and motion do not go together.
+    Raises EstimationError when commands and motion are inconsistent.
     """
     grid, method = None, "refine"
     if first is None:
@@ -74,7 +74,7 @@ def _aligned(
     method: str,
     grid: Grid | None,
 ) -> Fit:
-    """Refine; where the fit says that a clock is off, set it right and refine again."""
+    """Refine; if the fit shows a clock offset, correct it and refine again."""
     for _round in range(ROUNDS):
         rough = _refinement(prepared, segments, names, values).solve(rounds=1)
         values = dict(values) | {name: estimate.value for name, estimate in rough.estimates.items()}
@@ -96,7 +96,7 @@ def _refinement(
 
 
 def _statements(prepared: Prepared, offsets: Mapping[str, Estimate]) -> tuple[str, ...]:
-    """Say by how much the clocks were off, where that is sure and worth it."""
+    """Return sentences on significant clock offsets."""
     notes = []
     for name, shift, late, early in (
         (POSE_TIME, -prepared.poses_shifted, POSES_LATE, POSES_EARLY),

@@ -1,4 +1,4 @@
-"""The paper's grid search: every candidate drives the whole path; the nearest to the real path wins."""
+"""The paper's grid search: every candidate drives the whole path; the one nearest to the real path wins."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from cmr.model.motion import parts_of
 from cmr.model.parameters import DEFINITIONS
 from cmr.recordings.signal import Floats, Times
 
-# Motors of wheeled robots answer with time constants from that of a toy to that of a loaded tractor.
+# Motors of wheeled robots respond with time constants from that of a toy to that of a loaded tractor.
 TIME_CONSTANTS = (0.02, 1.0)  # s
 POINTS = (32, 40, 40)  # of k2_over_k3, k1, base_width
 K1_SPREAD = 1.5  # the grid spans the rough value of k1, found from distance over command, times and over this
@@ -41,7 +41,7 @@ class Grid:
 
     @property
     def at_the_edge(self) -> tuple[str, ...]:
-        """The parameters whose best value is the first or last of several: how far the error falls on is not known."""
+        """The parameters whose best value is at the edge of the grid, so that the minimum may lie outside."""
         axes: dict[str, Floats] = {name: getattr(self, name) for name in NAMES}
         return tuple(n for n, axis in axes.items() if len(axis) > 1 and self.best[n] in (axis[0], axis[-1]))
 
@@ -56,10 +56,10 @@ def search(segments: list[Segment], wheel_radius: float, axes: Axes) -> Grid:
 
 
 def minimum(segments: list[Segment], wheel_radius: float, axes: Axes) -> dict[str, float]:
-    """Return the best point of `search` sooner: candidates that can no longer win are not driven to the end.
+    """Return the best point of `search` faster, by abandoning candidates that can no longer win.
 
-    That is exact, because a candidate's error only grows on its way. A coarse part of the grid is driven first, so that
-    a good error is known early; then the rest, neighbours of the best so far first.
+    This is exact, because a candidate's error only grows along the path. A coarse part of the grid is driven first to
+    get a good error early; then the rest, starting with neighbours of the best point.
     """
     path = _path(segments, wheel_radius, axes)
     blocks = _blocks(axes)
@@ -81,9 +81,9 @@ class _Best(NamedTuple):
 
 
 class _Path(NamedTuple):
-    """All segments, one after the other, as `add_squared_distances` in cmr.calibration.sweep takes them.
+    """All segments in sequence, as arrays for `add_squared_distances` in cmr.calibration.sweep.
 
-    The poses measured before a segment begins to move are as far from every candidate: `squares_at_start` [m^2].
+    The poses before a segment moves have the same errors for all candidates: `squares_at_start` [m^2].
     """
 
     left: Floats
@@ -99,7 +99,7 @@ class _Path(NamedTuple):
 
 
 def _path(segments: list[Segment], wheel_radius: float, axes: Axes) -> _Path:
-    """Join the segments; spans in which a candidate may turn far are split, as the model's own drive splits them."""
+    """Join the segments; spans in which a candidate may turn far are split as in the model's own drive."""
     spans, ends, positions, starts = [], [], [], []
     first_spans, squares_at_start = [0], 0.0
     for segment in segments:
@@ -137,12 +137,13 @@ def _fastest(segment: Segment, axes: Axes) -> float:
 
 
 def _blocks(axes: Axes) -> Floats:
-    """Return the motors of the grid in blocks that are driven together, shape (blocks, 2, MOTORS).
+    """Return the motors of the grid in blocks that are simulated together, shape (blocks, 2, MOTORS).
 
-    k2_over_k3 changes fastest: it matters least, so that motors of a block go similar ways. The last block repeats the
-    last motor.
+    k2_over_k3 changes fastest: it has the least influence, so motors of a block follow similar paths. The last block
+    repeats the last motor.
     """
-    from cmr.calibration.sweep import MOTORS  # imports Numba, which commands that never calibrate should not wait for
+    # Imports Numba, which is slow and not needed by commands that do not calibrate.
+    from cmr.calibration.sweep import MOTORS
 
     k2_over_k3, k1, _ = axes
     motors = np.array([np.tile(k2_over_k3, len(k1)), np.repeat(k1, len(k2_over_k3))])
@@ -153,7 +154,7 @@ def _blocks(axes: Axes) -> Floats:
 def _squares(path: _Path, motors: Floats, base_width: Floats, bound: float) -> Floats:
     """Return the sum of squared distances [m^2] of a block of motors times all base widths, shape (MOTORS, widths).
 
-    Infinite where it exceeds `bound` for certain; it then need not be known.
+    Infinite if it certainly exceeds `bound`.
     """
     from cmr.calibration import sweep
 
@@ -184,10 +185,10 @@ def _point(axes: Axes, index: int) -> dict[str, float]:
 
 
 def axes_for(segments: list[Segment], wheel_radius: float, base_width: float | None) -> tuple[Floats, Floats, Floats]:
-    """Choose the grid's axes from the data alone, so that a wrong nominal value cannot mislead the search.
+    """Choose the grid's axes from the data alone, so that wrong nominal values do not matter.
 
-    `base_width` fixes that axis where the robot did not turn. Raises EstimationError when commands and motion
-    do not go together.
+    `base_width` fixes that axis if the robot did not turn. Raises EstimationError when commands and motion are
+    inconsistent.
     """
     commanded, distance, difference, angle = 0.0, 0.0, 0.0, 0.0
     for segment in segments:
@@ -207,7 +208,7 @@ def axes_for(segments: list[Segment], wheel_radius: float, base_width: float | N
 
 
 NAMES = ("k2_over_k3", "k1", "base_width")  # the axes of a grid
-ALIKE = 1.1  # times the least path error, up to which errors count as alike
+ALIKE = 1.1  # factor to the least path error below which errors count as equal
 AT_THE_EDGE = (
     "the error surface does not determine it: from {low:.4g} to {high:.4g} {unit}, the edge of the grid, the path "
     "error is within 10 % of the least, which is at {best:.4g}"
@@ -215,10 +216,10 @@ AT_THE_EDGE = (
 
 
 def told_by_surface(grid: Grid, names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, str]]:
-    """Return the estimates that the surface tells, and why it does not tell the others, both by name.
+    """Return the estimates that the error surface determines, and why it does not determine the others, by name.
 
-    A value is that of the least error. Its standard deviation is half the range in which errors are alike, whatever the
-    other two parameters are; where that reaches the edge of the grid, nobody knows how far it goes.
+    A value is that of the least error. Its standard deviation is half the range of values with nearly equal error, over
+    all other parameters; if that reaches the edge of the grid, the range is unknown.
     """
     estimates, untold = {}, {}
     for name in names:
@@ -235,6 +236,6 @@ def told_by_surface(grid: Grid, names: Sequence[str]) -> tuple[dict[str, Estimat
 
 
 def _step(values: Floats, at: float) -> float:
-    """Return how far apart the grid's values are around one of them."""
+    """Return the spacing of the grid's values around one of them."""
     index = int(np.searchsorted(values, at))
     return float(values[min(index + 1, len(values) - 1)] - values[max(index - 1, 0)])

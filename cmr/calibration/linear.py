@@ -1,7 +1,6 @@
-"""Residuals of one segment, and how they change with every unknown of the fit.
+"""Residuals of one segment, and their derivatives by all unknowns of the fit.
 
-The unknowns are either shared by all segments or the segment's own; `Unknowns` says which there are and in which
-column each stands.
+The unknowns are either shared by all segments or belong to one segment; `Unknowns` assigns columns to them.
 """
 
 from collections.abc import Mapping
@@ -24,12 +23,12 @@ RELATIVE_STEP, PSI_STEP = 1e-5, 1e-4  # 1; rad/s
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The columns of a fit: `shared` unknowns, the first `parameters` of which are the model's; then OWN ones.
+    """The columns of a fit: `shared` unknowns, of which the first `parameters` are the model's, then OWN ones.
 
-    Shared: logarithms of model parameters; the times [s] by which commands take effect, and poses are stamped, later
-    than they say; the logarithm of the factor between measured and modelled wheel angles. Own: shift (m, m) and
-    rotation (rad) of the start pose, angle of the marker on the robot (rad), angles (rad) at which the encoders began,
-    and by how much the wheels were faster at the start than measured (rad/s).
+    Shared: logarithms of model parameters; the delays [s] of commands and of pose stamps; the logarithm of the factor
+    between measured and modelled wheel angles. Own: shift (m, m) and rotation (rad) of the start pose, angle of the
+    marker on the robot (rad), initial angles of the encoders (rad), and corrections to the measured wheel speeds at the
+    start (rad/s).
     """
 
     shared: tuple[str, ...]
@@ -49,7 +48,7 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Candidates:
-    """The present point and its neighbours, a step up and a step down for each unknown that the model knows.
+    """The current point and its neighbours, a step up and a step down in each unknown of the model.
 
     `factors` (1 + 2 k, parameters) multiply the parameters, `psi` (1 + 2 k, 2) is added to the wheel speeds at the
     start; k counts the parameters, and both speeds where `with_psi`.
@@ -113,7 +112,7 @@ class Linear:
         return "heading", self._at_poses(self.trajectory.theta[segment.at], offset, rate, own)
 
     def _wheels(self) -> list[tuple[str, Series]]:
-        """Return the series of each side's wheel angle [rad]; none where the wheels are followed."""
+        """Return the series of each side's wheel angle [rad]; empty if the wheels are the input."""
         segment, path = self.segment, self.trajectory
         column = self.unknowns.column(WHEEL_FACTOR)
         if column is None:
@@ -137,10 +136,10 @@ class Linear:
         return self._series(modelled, offset, self.segment.border_times[self.segment.at], known)
 
     def _rate(self, values: Floats) -> Floats:
-        """Return the derivative by time, at the poses, of what is known at the borders.
+        """Return the time derivative, at the poses, of a quantity given at the borders.
 
-        Where the path begins at the first pose as measured, a late clock moves that one too: what counts is the rate
-        beyond that at the start.
+        If the path begins at the first measured pose, a late clock shifts that pose as well, so the rate at the start
+        is subtracted.
         """
         time, at = self.segment.border_times, self.segment.at
         before, after = np.maximum(at - 1, 0), np.minimum(at + 1, len(time) - 1)
@@ -150,8 +149,8 @@ class Linear:
     def _series(self, modelled: Floats, offset: Floats, times: Floats, known: Mapping[str, Floats | float]) -> Series:
         """Return the series of `modelled` (n, candidates) plus `offset` (n,), with its derivatives.
 
-        Those by model parameters are differences of candidates, the others are `known`. Times enter linearly: what
-        happens later by a little is less by that much of its rate.
+        Those by model parameters are differences of candidates, the others are `known`. Delays enter linearly, through
+        the rates.
         """
         stepped, sizes = self._stepped
         derivatives = {name: values for name, values in known.items() if self.unknowns.column(name) is not None}
@@ -168,7 +167,7 @@ class Linear:
 
     @property
     def _stepped(self) -> tuple[list[int], Floats]:
-        """The columns of what the candidates were stepped in, with the factors from differences to derivatives."""
+        """The columns of the stepped unknowns, with the factors that turn differences into derivatives."""
         parameters = self.unknowns.parameters
         with_psi = self.trajectory.x.shape[1] > 1 + 2 * parameters
         columns, sizes = list(range(parameters)), [0.5 / RELATIVE_STEP] * parameters

@@ -1,4 +1,4 @@
-"""A short drive that was made up: to fit it loads the estimator, and compiles it the first time on a computer."""
+"""A short synthetic drive: fitting it loads the estimator, and compiles it at the first use on a computer."""
 
 import numpy as np
 

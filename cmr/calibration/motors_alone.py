@@ -1,4 +1,4 @@
-"""What wheels alone tell, without poses and without a gyro: the motors, from commands and wheel speeds."""
+"""Estimate the motors from commands and wheel speeds alone, without poses and gyro."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,7 @@ WITHOUT_TURNS = "Neither poses nor a gyro that moves were recorded."
 
 
 def calibrate_motors(recordings: Sequence[Recording], nominal: ParameterFile) -> CalibrationResult:
-    """Find k2_over_k3 and k1 by the wheel speeds, for both motors alike; the base width stays unknown.
+    """Estimate k2_over_k3 and k1 from wheel speeds, equal for both motors; the base width stays unknown.
 
     Raises EstimationError where nothing moved or nothing was commanded.
     """
@@ -61,8 +61,8 @@ def calibrate_motors(recordings: Sequence[Recording], nominal: ParameterFile) ->
 def fit_motor(recordings: list[Recording], sides: tuple[str, ...] = ("left", "right")) -> dict[str, Estimate]:
     """Fit k2_over_k3 and k1 to measured wheel speeds of the given sides, driving the recorded commands.
 
-    Several time constants are tried as a first guess. Plain least squares: a robust loss would draw the speeds of a
-    coarse encoder to the nearest whole tick. Standard deviations allow for correlated residuals.
+    Several time constants are tried as initial guesses. Plain least squares are used, because a robust loss would bias
+    speeds of a coarse encoder to the nearest whole tick. Standard deviations allow for correlated residuals.
     """
     drives = [(r.duty, r.wheels, side) for r in recordings for side in sides]
     commanded = sum(float(np.sum(np.abs(hold(duty, side, w.utime)) * _spans(w))) for duty, w, side in drives)

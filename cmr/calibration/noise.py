@@ -1,9 +1,9 @@
-"""The noise of a signal: what of its residuals follows from those before, and what is new at each sample.
+"""The noise of a signal: the predictable part of its residuals, and the innovations.
 
-Residuals of a free-running simulation follow one another: pose trackers smooth, a slip once made stays. Least squares
-is at its best, and its standard deviations are true, on what is new at each sample; so residuals and their derivatives
-pass through the autoregression that predicts each residual from the ones before it (generalised least squares;
-Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949).
+Residuals of a free-running simulation are autocorrelated: pose trackers smooth, and slip errors persist. Least squares
+is efficient, and its standard deviations are correct, on the innovations; so residuals and their derivatives are
+filtered by the autoregression that predicts each residual from the previous ones (generalised least squares; Cochrane
+and Orcutt, J. Am. Stat. Assoc. 44, 1949).
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from cmr.recordings.recording import Floats
 
-ORDER = 4  # residuals that predict the next one; more cost data and tell little
+ORDER = 4  # number of previous residuals used; more cost data and add little
 # A series needs this many samples for each coefficient: in shorter ones a model that does not fit looks like noise that
 # grows, and whitening would remove what there is to learn.
 SAMPLES_PER_ORDER = 50
 BATCHES = 16  # per series; each then lasts some seconds of a figure-eight, longer than disturbances last
 CHANCE = 2.0  # standard deviations by which batch means may scatter more than white noise before it counts
-LONGEST_INTERVAL = 1.5  # usual intervals; after a longer one a sample has no past
-LEAST_FREEDOM = 0.2  # however few independent residuals there seem to be
+LONGEST_INTERVAL = 1.5  # usual intervals; after a longer one a sample has no history
+LEAST_FREEDOM = 0.2  # lower limit for the share of independent residuals
 TINY = 1e-300
 SMALLEST_NOISE = 1e-12  # keeps perfect, made-up data from dividing by zero
 
@@ -45,13 +45,13 @@ class Series:
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of one signal: its autoregression, shape (order,), and the size of what is new at each sample."""
+    """The noise of one signal: its autoregression, shape (order,), and the size of the innovations."""
 
     coefficients: Floats
     size: float = 1.0
 
     def whiten(self, rows: Floats, times: Floats) -> Floats:
-        """Return what is new in rows of shape (m, n), in units of the noise, at the times with a whole past."""
+        """Return the innovations of rows of shape (m, n), in units of the noise, at times with complete history."""
         order = len(self.coefficients)
         new = rows[:, order:] / self.size
         for lag, coefficient in enumerate(self.coefficients, start=1):
@@ -59,7 +59,7 @@ class Noise:
         return np.asarray(new[:, _with_past(times, order)])
 
     def products(self, series: Series) -> Floats:
-        """Return W W^T, shape (m, m), of what is new, W, in all rows of a series."""
+        """Return W W^T, shape (m, m), of the innovations W of all rows of a series."""
         from cmr.calibration.products import add_products
 
         weights = np.concatenate([[1.0], -self.coefficients]) / self.size
@@ -76,20 +76,20 @@ def noise_of(series: Sequence[Series], order: int = ORDER, unknowns: int = 0) ->
     count = max(sum(len(values) for values in new), 1)
     size = _size(new, count)
     total = sum(_squares(one.residuals) for one in series) / sum(len(one.residuals) for one in series)
-    # So many independent residuals would tell as much about a slow cause as these do; unknowns use them up.
+    # This many independent residuals would be as informative about a slow cause; unknowns use them up.
     independent = count * min(max(total * (1.0 - float(np.sum(coefficients))) ** 2 / max(size**2, TINY), 0.0), 1.0)
     freedom = max(1.0 - unknowns / max(independent, 1.0), LEAST_FREEDOM)
     return Noise(coefficients, max(size / float(np.sqrt(freedom)), SMALLEST_NOISE))
 
 
 def _longest_order(series: Sequence[Series]) -> int:
-    """Return how many coefficients series of this length can bear; long series count for more."""
+    """Return the order that series of this length support; long series count for more."""
     lengths = np.array([len(one.residuals) for one in series], dtype=float)
     return int(np.sum(lengths**2) / np.sum(lengths)) // SAMPLES_PER_ORDER
 
 
 def _with_past(times: Floats, order: int) -> NDArray[np.bool_]:
-    """Tell which of the samples from number `order` on follow that many others without a gap."""
+    """Return which samples from number `order` on follow that many others without a gap."""
     if order == 0 or len(times) <= order:
         return np.ones(max(len(times) - order, 0), dtype=bool)
     interval = np.diff(times)
@@ -113,7 +113,7 @@ def _autoregression(series: Sequence[Series], order: int) -> Floats:
 
 
 def _stable(coefficients: Floats) -> Floats:
-    """Return the coefficients, drawn in so far that what they predict does not grow without bound."""
+    """Return the coefficients, shrunk so far that the prediction is stable."""
     order = len(coefficients)
     companion = np.vstack([coefficients, np.eye(order)[:-1]])
     growth = max(float(np.max(np.abs(np.linalg.eigvals(companion)))), 1.0)
@@ -121,10 +121,10 @@ def _stable(coefficients: Floats) -> Floats:
 
 
 def _size(new: Sequence[Floats], count: int) -> float:
-    """Return the size of the noise, enlarged where slow disturbances remain.
+    """Return the size of the noise, enlarged for remaining slow disturbances.
 
-    The means of batches of n independent residuals scatter with a variance n times smaller than the residuals do.
-    Where they scatter more than chance allows, that many times more counts as noise (method of batch means).
+    The means of batches of n independent residuals scatter with a variance n times smaller than the residuals do. If
+    they scatter more than expected, the noise is enlarged by that ratio (method of batch means).
     """
     batches = [batch for values in new for batch in np.array_split(values, min(BATCHES, max(len(values), 1)))]
     white = sum(_squares(values) for values in new) / count
@@ -134,5 +134,5 @@ def _size(new: Sequence[Floats], count: int) -> float:
 
 
 def _squares(values: Floats) -> float:
-    """Return the sum of the squares; a dot product would start threads for as little."""
+    """Return the sum of squares; a dot product would start threads for so little."""
     return float(np.einsum("i,i", values, values))

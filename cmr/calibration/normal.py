@@ -1,8 +1,7 @@
-"""Normal equations with two kinds of unknowns: shared ones, and some that only one segment knows.
+"""Normal equations with shared unknowns and unknowns that belong to single segments.
 
-The unknowns of a segment meet no other segment's, so they are eliminated segment by segment (Schur complement) and
-the cost grows with the number of segments, not with its cube. Source: Triggs et al., Bundle Adjustment, 2000,
-section 6.
+The unknowns of different segments are not coupled, so they are eliminated segment by segment (Schur complement) and the
+cost grows with the number of segments, not with its cube. Source: Triggs et al., Bundle Adjustment, 2000, section 6.
 """
 
 from collections.abc import Sequence
@@ -54,7 +53,7 @@ class NormalEquations:
         return shared, -np.einsum("sij,sj->si", inverse, own_right)
 
     def covariance(self) -> Floats:
-        """Return the covariance of the shared unknowns, (shared, shared); infinite where the data are silent."""
+        """Return the covariance of the shared unknowns, (shared, shared); infinite for undetermined ones."""
         n = self.shared
         mixed = self.normal[:, :n, n:]
         gain = mixed @ np.linalg.pinv(self.normal[:, n:, n:], hermitian=True)
@@ -72,7 +71,7 @@ def _diagonal(values: Floats) -> Floats:
 
 
 def _solve(normal: Floats, right: Floats) -> Floats:
-    """Solve with every unknown in its own scale; one that nothing tells about stays where it is."""
+    """Solve with every unknown scaled; undetermined ones keep their values."""
     scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
     scale = np.where(scale == 0.0, 1.0, scale)
     return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) @ (right / scale) / scale)

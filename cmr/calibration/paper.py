@@ -1,7 +1,7 @@
 """The paper's method (section 2): a grid search over the whole path, simulated freely, and a refinement.
 
-Its error surface explains best what calibration is. A robot that is not quite as the paper's model has it strays from
-the whole path, whatever its parameters; `calibrate` is for those.
+Its error surface illustrates calibration best. A robot that differs from the paper's model deviates over the whole path
+whatever its parameters; use `calibrate` for those.
 """
 
 import math
@@ -25,10 +25,11 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
-SMALLEST_TURN = 0.5  # rad; less says nothing about the base width
-WORST_FACTOR = 3.0  # of wheel angles to the path; beyond it, or under one over it, something is wrong, not inexact
-WORST_PATH_ERROR = 0.1  # of the way driven; a larger one means that the model does not explain the drive
-CONFUSED = 0.95  # correlation from which on two parameters are called confused
+SMALLEST_TURN = 0.5  # rad; less does not determine the base width
+# Ratio of wheel angles to the path; beyond it, or below its inverse, something is wrong rather than inexact.
+WORST_FACTOR = 3.0
+WORST_PATH_ERROR = 0.1  # of the distance driven; a larger error means that the model does not explain the drive
+CONFUSED = 0.95  # correlation above which two parameters cannot be distinguished
 
 
 def calibrate_by_paper(
@@ -37,9 +38,9 @@ def calibrate_by_paper(
     """Find the parameters of one robot by the paper's own method, from commands and poses.
 
     A grid search over the path that is simulated freely over the whole drive, then a refinement from its best point.
-    `nominal` gives at least wheel_radius; effects that it has are left out, and the result says so. `first`, a good
-    first guess of the three parameters, saves the grid search.
-    Raises EstimationError when nothing at all can be found, or when signals contradict one another.
+    `nominal` gives at least wheel_radius; its effects are ignored, and the result says so. With `first`, a good initial
+    guess of the three parameters, the grid search is skipped. Raises EstimationError when nothing can be estimated, or
+    when signals contradict each other.
     """
     prepared = prepare(recordings)
     if nominal.effects:
@@ -76,7 +77,7 @@ def _by_path(
 
 
 def _explains(fit: Fit) -> bool:
-    """Tell whether a fit makes sense: the wheels turn about as far as the path needs, and something was found."""
+    """Return whether a fit is plausible: the wheels turn about as far as the path requires, and something was found."""
     factor = fit.refined.nuisance.get(WHEEL_FACTOR)
     plausible = factor is None or 1.0 / WORST_FACTOR < factor.value < WORST_FACTOR
     return plausible and any(map(tells, fit.refined.estimates.values()))
@@ -85,7 +86,7 @@ def _explains(fit: Fit) -> bool:
 def _looked_for(
     segments: list[Segment], nominal: ParameterFile
 ) -> tuple[tuple[str, ...], dict[str, float], dict[str, str]]:
-    """Return what is looked for, the values that are known, and why what else there is cannot be found."""
+    """Return the unknowns, the known values, and why other parameters cannot be found."""
     names, known = PAPER_PARAMETERS, {"wheel_radius": nominal.value("wheel_radius")}
     if heading_range(segments) >= SMALLEST_TURN:
         return names, known, {}
@@ -115,9 +116,9 @@ def _distrusted(
 
 
 def minimum_so_far(recording: Recording, nominal: ParameterFile) -> CalibrationResult:
-    """Return the minimum of the grid for a drive that goes on.
+    """Return the minimum of the grid for an ongoing drive.
 
-    Raises EstimationError when there is nothing to compare, yet.
+    Raises EstimationError when there is nothing to compare yet.
     """
     prepared = prepare([recording])
     segments = prepared.segments()
@@ -132,7 +133,7 @@ def _axes(segments: list[Segment], known: Mapping[str, float]) -> Axes:
 
 
 def _of_surface(prepared: Prepared, segments: list[Segment], nominal: ParameterFile, grid: Grid) -> CalibrationResult:
-    """Return the result of a grid search alone: its minimum, with what the surface tells of each parameter."""
+    """Return the result of the grid search alone: its minimum, and what the surface says on each parameter."""
     names, known, unidentified = _looked_for(segments, nominal)
     estimates, untold = told_by_surface(grid, names)
     values = {**known, **grid.best}
@@ -156,7 +157,9 @@ def _of_surface(prepared: Prepared, segments: list[Segment], nominal: ParameterF
 def _trust(
     prepared: Prepared, names: tuple[str, ...], known: Mapping[str, float], fit: Fit, result: CalibrationResult
 ) -> str:
-    """Say how far the result can be trusted: how far the path strays, and how much both halves of the drive differ."""
+    """Return a sentence on how far to trust the result: the path error, and the difference between halves of the
+    drive.
+    """
     way = sum(travelled(segment.x, segment.y) for segment in fit.segments)
     strays = f"the simulated path strays {result.path_rmse_after:.2g} m on a way of {way:.3g} m"
     first = {name: one.value for name, one in fit.refined.estimates.items()}
@@ -184,13 +187,13 @@ def _half(recording: Recording, part: int) -> Recording:
 
 
 TRUST = (
-    "How far to trust these numbers: {}. Where that is much, the robot is not quite as the paper's model has it; leave "
-    "out --method paper to find out how."
+    "How far to trust these numbers: {}. If that is a lot, the robot differs from the paper's model; leave out "
+    "--method paper to find out how."
 )
 NOT_EXPLAINED = (
-    "Do not trust these numbers: the model does not explain the path of this drive as a whole. At best it strays "
-    "{after:.2g} m (root mean square) on a way of {way:.3g} m.{apart} This method simulates the whole drive freely, so "
-    "that a heading that drifts bends all that follows. Unequal motors or wheels make it drift, and so do a wrong "
+    "Do not trust these numbers: the model does not explain the path of this drive as a whole. At best it is off by "
+    "{after:.2g} m (root mean square) on a way of {way:.3g} m.{apart} This method simulates the whole drive freely, "
+    "so heading drift bends the rest of the path. Unequal motors or wheels make it drift, and so do a wrong "
     "wheel_radius, ticks per turn or poses (m, rad, y to the left). Leave out --method paper to find out which."
 )
 BENT = (
@@ -213,7 +216,7 @@ def _result(
     reason: str,
     notes: tuple[str, ...],
 ) -> CalibrationResult:
-    """Return the result of a fit to the path; `known` are values that the path is simulated with besides."""
+    """Return the result of a fit to the path; `known` are the other values of the simulation."""
     found = fit.refined.estimates
     estimates = _trusted(found, fit.correlation, unidentified, reason)
     given = dict(known) | _values(nominal)
@@ -244,7 +247,7 @@ def _trusted(
     unidentified: dict[str, str],
     reason: str,
 ) -> dict[str, Estimate]:
-    """Return the estimates that the information in the data determines; add the others to `unidentified`."""
+    """Return the estimates that the data determine; add the others to `unidentified`."""
     trusted = {}
     for row, (name, estimate) in enumerate(found.items()):
         if tells(estimate):
@@ -258,7 +261,7 @@ def _trusted(
 
 
 def _radius_note(segments: list[Segment], radius: float, factor: Estimate | None) -> tuple[str, ...]:
-    """Say what contradicts what where the wheels turn less or more than the fitted path says, by `factor`."""
+    """Report the contradiction if the wheels turn less or more than the fitted path requires, by `factor`."""
     if factor is None or abs(factor.value - 1.0) < max(SMALLEST_RADIUS_ERROR, 3.0 * factor.std):
         return ()
     by_seconds = wheels_against_poses(segments, radius)
@@ -272,7 +275,7 @@ def _values(parameters: ParameterFile) -> dict[str, float]:
 
 
 def _error(segments: list[Segment], values: Mapping[str, float]) -> float:
-    """Return the path error [m]; NaN where a parameter is not known."""
+    """Return the path error [m]; NaN if a parameter is unknown."""
     if not set(RobotParameters._fields) <= set(values):
         return math.nan
     parameters = RobotParameters.of(values)

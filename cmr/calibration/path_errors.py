@@ -1,4 +1,4 @@
-"""How far free runs stray from the real path before a calibration and after it."""
+"""Path errors of free runs before and after a calibration."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from cmr.model.parameters import RobotParameters
 def path_errors(problem: Problem, given: Mapping[str, float], found: Mapping[str, float]) -> tuple[float, float]:
     """Return the root mean square path errors [m] of free runs with the given and with the found parameters.
 
-    Each is NaN where a parameter of the paper is not known, or no path was recorded.
+    Each is NaN if one of the paper's parameters is unknown, or no path was recorded.
     """
     known = [set(RobotParameters._fields) <= set(values) for values in (given, found)]
     if not known[1]:

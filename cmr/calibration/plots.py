@@ -1,4 +1,4 @@
-"""Draw what a calibration found: the path before and after, what is left in time, and the error surface."""
+"""Plot a calibration: the path before and after, residuals over time, and the error surface."""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SLICES = (("k2_over_k3", "k1"), ("k1", "base_width"), ("k2_over_k3", "base_width"))
 BEFORE_COLOUR, RIGHT_COLOUR, REFINED_COLOUR = "#9db4f0", "#d8581f", "#ffd700"  # pale blue, orange, gold
 WINDOW_OF_ERRORS = free_runs.WINDOW  # s
-WINDOW = 0.1  # s over which wheel speeds are averaged; over less, the steps of an encoder hide all else
+WINDOW = 0.1  # s over which wheel speeds are averaged; over less, encoder quantisation dominates
 LEVELS = 25  # of the error surface
 COARSE_TICKS, FINE_TICKS = (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # of a logarithmic axis
 
@@ -38,7 +38,7 @@ Paths = list[Trajectory] | None  # one for each segment; None where parameters a
 
 
 def figure_of(result: CalibrationResult) -> "Figure":
-    """Return a figure of a result: paths, residuals in time and slices of the error surface, as far as there are any.
+    """Return a figure of a result: paths, residuals in time and slices of the error surface, if available.
 
     Real paths are yellow and simulated ones blue. The slices go through the best grid point. Without a path, the
     figure holds the table of the estimates.
@@ -63,7 +63,7 @@ def figure_of(result: CalibrationResult) -> "Figure":
 
 
 def _title(result: CalibrationResult) -> str:
-    """Return what was found in a line."""
+    """Return a one-line summary."""
     estimates = result.estimates.items()
     found = (f"{name} {e.value:.4g} \u00b1 {e.std:.2g} {DEFINITIONS[name].unit}" for name, e in estimates)
     trust = UNEXPLAINED if result.method == GRID else ""
@@ -71,7 +71,7 @@ def _title(result: CalibrationResult) -> str:
 
 
 def _paths(result: CalibrationResult, values: Mapping[str, float], error: float) -> Paths:
-    """Drive all segments; None where the path error is not known. What is not identifiable does not matter to it."""
+    """Simulate all segments; None if the path error is unknown. Unidentifiable parameters do not matter."""
     if not math.isfinite(error):
         return None
     parameters = RobotParameters.of(dict.fromkeys(result.unidentified, 1.0) | dict(values))
@@ -118,7 +118,7 @@ def _draw_position_errors(axes: "Axes", segments: list[Segment], before: Paths, 
             distances = [np.hypot(p.x[s.at] - s.x, p.y[s.at] - s.y) for s, p in zip(segments, paths, strict=True)]
             axes.plot(times, _joined(distances), color=colour, linewidth=1.2, label=label)
     axes.set_yscale("log")
-    axes.set_title("What is left, in time")
+    axes.set_title("Residual over time")
     axes.set_xlabel("time driven [s]")
     axes.set_ylabel("position error [m]")
     axes.grid(alpha=0.3)
@@ -147,7 +147,8 @@ def _draw_surface(figure: "SubFigure", grid: Grid, values: Mapping[str, float]) 
     slices = _slices(grid)
     errors = [np.sqrt(_slice(grid, *names)) for names in slices]
     lowest, highest = min(float(error.min()) for error in errors), max(float(error.max()) for error in errors)
-    levels = np.geomspace(lowest, highest * (1.0 + 1e-9), LEVELS)  # the highest error is inside, and levels differ
+    # Includes the highest error, and keeps levels distinct.
+    levels = np.geomspace(lowest, highest * (1.0 + 1e-9), LEVELS)
     places = figure.subplots(1, len(slices), squeeze=False)[0]
     for place, names, error in zip(places, slices, errors, strict=True):
         filled = _draw_slice(place, grid, names, error, levels)
@@ -166,7 +167,7 @@ def _draw_surface(figure: "SubFigure", grid: Grid, values: Mapping[str, float]) 
 
 
 def _slices(grid: Grid) -> list[tuple[str, str]]:
-    """Return the pairs of parameters of which the grid holds more than one value."""
+    """Return the pairs of parameters with more than one value in the grid."""
     return [(first, second) for first, second in SLICES if len(getattr(grid, first)) > 1 < len(getattr(grid, second))]
 
 

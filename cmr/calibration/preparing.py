@@ -1,4 +1,4 @@
-"""Make recordings ready to be fitted: set aside what cannot be true, and say so."""
+"""Prepare recordings for fitting: remove impossible data, and report it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from cmr.recordings.signal import SECONDS, Signal
 
 UNKNOWN_CLOCK_STD, SERIAL_LINE_STD = 0.1, 1e-3  # s
 USUAL_MOTOR = 0.15  # s that wheels lag their commands
-# Findings of the data checks that are worth telling though nothing was set aside.
+# Findings of data checks that are reported although nothing was removed.
 REPORTED = ("pose_jumps", "uneven_stamps", "gaps", "unusable_messages", "rejected_messages", "damaged_log")
 LEAST_LAG = 0.02  # s; the refinement finds a smaller one itself
 LAG_MARGIN, LEAST_CLOCK_STD = 3.0, 2e-3  # standard deviations of the lag; s
@@ -22,11 +22,10 @@ LAG_MARGIN, LEAST_CLOCK_STD = 3.0, 2e-3  # standard deviations of the lag; s
 
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings without what cannot be true; `splits` are the utimes [us] at which each one's path jumps.
+    """Recordings without impossible data; `splits` are the utimes [us] at which each path jumps.
 
-    `notes` are sentences on what was set aside, `pose_clock_std` [s] tells how well the clocks of wheels and poses are
-    known to agree. `commands_shifted` and `poses_shifted` [s] tell by how much the stamps
-    were moved, at most.
+    `notes` are sentences on what was removed, `pose_clock_std` [s] is the uncertainty of the offset between the clocks
+    of wheels and poses. `commands_shifted` and `poses_shifted` [s] are the largest corrections of stamps.
     """
 
     recordings: list[Recording]
@@ -38,10 +37,10 @@ class Prepared:
 
     @property
     def command_clock_std(self) -> float:
-        """How well it is known when a command takes effect [s].
+        """The standard deviation of the time at which a command takes effect [s].
 
-        What the driver says it sent bears the clock of the wheels, and is off by no more than a serial line takes.
-        Commands from elsewhere may have any clock; without wheels nothing could tell a wrong one from a slow motor.
+        Duties reported by the driver have the wheels' clock, and are off by no more than a serial line takes. Other
+        commands may have any clock; without wheels, a wrong clock could not be told from a slow motor.
         """
         own_clock = [len(r.wheels) > 1 and r.duty is r.commands for r in self.recordings]
         return UNKNOWN_CLOCK_STD if all(own_clock) else SERIAL_LINE_STD
@@ -52,7 +51,7 @@ class Prepared:
         return [segment for recording, splits in pairs for segment in segments_of(recording, splits)]
 
     def shifted(self, commands: float = 0.0, poses: float = 0.0) -> "Prepared":
-        """Return the same with the stamps of commands and poses moved on by these times [s]."""
+        """Return the same with the stamps of commands and poses shifted by these times [s]."""
         late, moved = round(commands / SECONDS), round(poses / SECONDS)
         return replace(
             self,
@@ -64,14 +63,14 @@ class Prepared:
 
 
 def prepare(recordings: Sequence[Recording]) -> Prepared:
-    """Check the recordings, set aside what cannot be true, and set clocks that are far off by that of the wheels."""
+    """Check the recordings, remove impossible data, and align clocks that are far off with that of the wheels."""
     ready, splits, notes, moved, doubts = [], [], [], [], []
     for recording in recordings:
         findings = check(recording)
         recording = findings.stamped(recording)
         poses, commands = _pose_lag(findings), _command_lag(findings, recording)
         late = poses.seconds if poses and abs(poses.seconds) > LEAST_LAG else 0.0
-        # A command that moves the wheels before it is sent, or long after, was stamped by another clock.
+        # A command that moves the wheels before it is sent, or long after, was stamped by a different clock.
         wrong = commands and clocks_differ(commands, findings.rates, slowest_response(recording))
         early = commands.seconds - USUAL_MOTOR if commands and wrong else 0.0
         ready.append(_shifted(findings.cleaned(recording), round(early / SECONDS), -round(late / SECONDS)))
@@ -84,20 +83,20 @@ def prepare(recordings: Sequence[Recording]) -> Prepared:
 
 
 def _pose_lag(findings: Findings) -> Lag | None:
-    """Return by how much poses lag the wheels; against commands a slow motor would look like a late pose."""
+    """Return the lag of poses behind the wheels; compared with commands, a slow motor would look like late poses."""
     lag = findings.lag("poses")
     return lag if lag is not None and lag.reference == "wheels" else None
 
 
 def _command_lag(findings: Findings, recording: Recording) -> Lag | None:
-    """Return by how much the wheels lag the commands; None where the wheels themselves tell what drove them."""
+    """Return the lag of the wheels behind the commands; None if the feedback contains the applied duties."""
     return findings.lag("wheels") if recording.duty is recording.commands else None
 
 
 def _shifted(recording: Recording, commands: int, poses: int) -> Recording:
-    """Return the recording with the stamps of commands and poses moved on by these times [us]."""
+    """Return the recording with the stamps of commands and poses shifted by these times [us]."""
     if commands:
-        # What was really sent stands in the wheels' messages; as commands of their own it can have another clock.
+        # The applied duties are in the wheels' messages; as separate commands they can have a different clock.
         duty = recording.duty
         unknown = np.full(len(recording.wheels), np.nan)
         fields = recording.wheels.fields | {"applied_left": unknown, "applied_right": unknown}

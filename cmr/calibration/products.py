@@ -1,18 +1,18 @@
-"""The sums of products that least squares is made of, in one pass over the measurements."""
+"""Sums of products for least squares, in one pass over the measurements."""
 
 import numpy as np
 
 from cmr.model.compiled import compiled
 
-BLOCK = 256  # samples whitened at a time: they stay in the processor's first cache
+BLOCK = 256  # samples whitened at a time, to fit in the L1 cache
 
 
 @compiled("void(f8[:, ::1], b1[::1], f8[::1], f8[:, ::1])")
 def add_products(rows, past, weights, products):  # type: ignore[no-untyped-def]
-    """Add to the lower half of `products` (m, m) those of what is new in `rows` (m, n).
+    """Add the products of the innovations of `rows` (m, n) to the lower half of `products` (m, m).
 
-    New is sum_l weights[l] rows[:, k - l], with `weights` of shape (order + 1,); `past` (n - order,) tells which
-    samples have a whole past, the others do not count.
+    Innovations are sum_l weights[l] rows[:, k - l], with `weights` of shape (order + 1,); `past` (n - order,) marks
+    samples with complete history, others do not count.
     """
     order = len(weights) - 1
     count, samples = rows.shape
@@ -35,7 +35,7 @@ def add_products(rows, past, weights, products):  # type: ignore[no-untyped-def]
             for k in range(j + 1):
                 a, b = new[j], new[k]
                 s0 = s1 = s2 = s3 = 0.0
-                # Four sums side by side become one instruction.
+                # Four sums side by side vectorise.
                 for i in range(0, BLOCK, 4):
                     s0 += a[i] * b[i]
                     s1 += a[i + 1] * b[i + 1]

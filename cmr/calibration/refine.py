@@ -1,10 +1,10 @@
-"""Refine parameters by least squares, and tell how well the data determine them.
+"""Refine parameters by least squares, with standard deviations.
 
-Three signals are compared with the model, as far as they were recorded: the measured positions, which the paper's
-calibration minimises; the measured headings; and, where the commands are driven, the angles through which the wheels
-have turned. Positions fix how far and how tightly the robot goes (k1, base_width). They say little about how fast the
-motors answer, because every small disturbance of the drive adds up in them; the wheels fix just that. A free factor
-between measured and modelled wheel angles keeps a wrong wheel radius, or a wrong number of ticks per turn, out of it.
+Three signals are compared with the model, if recorded: the measured positions, which the paper's calibration minimises;
+the measured headings; and, where the commands are driven, the angles through which the wheels have turned. Positions
+fix how far and how tightly the robot goes (k1, base_width). They hardly determine how fast the motors respond, because
+small disturbances accumulate in them; wheel angles determine exactly that. A free factor between measured and modelled
+wheel angles makes this independent of a wrong wheel radius, or a wrong number of ticks per turn.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,22 +21,22 @@ from cmr.model.motion import Trajectory
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats
 
-PREFIXES = (5.0, 15.0, 40.0)  # s; a bad first guess is led to the optimum by fitting ever longer beginnings
+PREFIXES = (5.0, 15.0, 40.0)  # s; fitting longer and longer beginnings leads a bad initial guess to the optimum
 SMALLEST_PSI_STD = 1e-3  # rad/s; of a wheel that rests while the other one turns
-GUESS_STD = float(np.log(2.0))  # of a parameter's logarithm, where a beginning tells little
-COARSE = 1000  # measurements of each signal are enough to find the way
-ROUNDS = 6  # fits, each with the noise that the one before left; most settle in two or three
-SETTLED = 0.1  # standard deviations; less is no news
+GUESS_STD = float(np.log(2.0))  # of a parameter's logarithm, while a beginning is not informative
+COARSE = 1000  # measurements of each signal suffice for the first fits
+ROUNDS = 6  # fits, each with the noise estimated from the previous one; most converge in two or three
+SETTLED = 0.1  # standard deviations; smaller changes count as converged
 ITERATIONS = 40
-LONGEST_STEP = 1.0  # of a parameter's logarithm; further away nothing is known from here
+LONGEST_STEP = 1.0  # of a parameter's logarithm; the linearisation is invalid beyond
 NEGLIGIBLE = 1e-3  # of the cost function; parameters are then some hundredths of a standard deviation from the optimum
-NEAR = 0.01  # share of the cost; enough where a better fit follows
+NEAR = 0.01  # share of the cost; sufficient if a better fit follows
 FIRST_DAMPING, LEAST_RAISED_DAMPING, HOPELESS_DAMPING = 1e-6, 1e-3, 1e6
 
 
 @dataclass(frozen=True)
 class Refined:
-    """The estimates of the parameters with their covariance, in their units and order, and those of other unknowns.
+    """Estimates of the parameters with their covariance, in their units and order, and those of the other unknowns.
 
     The covariance is the inverse of the Fisher information of the data with the noise as estimated: the Cramer-Rao
     bound. `cost` is half the sum of squared residuals in units of their noise.
@@ -50,7 +50,7 @@ class Refined:
 
 @dataclass(frozen=True)
 class _Point:
-    """Where the fit is: shared unknowns (m,), and those of each segment (segments, len(OWN))."""
+    """The current point of the fit: shared unknowns (m,), and those of each segment (segments, len(OWN))."""
 
     shared: Floats
     own: Floats
@@ -61,9 +61,9 @@ class Refinement:
     """Least squares fit of the parameters `names` to all segments.
 
     `values` holds all four parameters: a first guess of those in `names`, and the fixed value of the others.
-    `pose_clock_std` [s] tells how well the clocks of wheels and poses are known to agree beforehand,
-    `command_clock_std` [s] how well it is known when a command takes effect, `guess_std` how far the first guess may be
-    off, in logarithms.
+    `pose_clock_std` [s] is the prior uncertainty of the offset between the clocks of wheels and poses,
+    `command_clock_std` [s] that of the time at which a command takes effect, `guess_std` that of the initial guess, in
+    logarithms.
     """
 
     segments: list[Segment]
@@ -72,19 +72,19 @@ class Refinement:
     pose_clock_std: float = 0.1
     command_clock_std: float = 0.1
     guess_std: float = np.inf
-    # The newest linearisation; noise and normal equations are often asked for at the same point.
+    # The newest linearisation; noise and normal equations are often requested at the same point.
     _last: tuple[_Point, list[tuple[int, str, Series]]] | None = field(default=None, init=False, repr=False)
 
     def solve(self, *, far: bool = False, rounds: int = ROUNDS) -> Refined:
-        """Return the estimates of `names`; a standard deviation is infinite where the data say nothing.
+        """Return the estimates of `names`; a standard deviation is infinite if the data do not determine it.
 
-        `far` tells that the first guess may be off by a factor of two. With fewer `rounds` the result is a rough one.
+        `far` says that the initial guess may be off by a factor of two. With fewer `rounds` the result is approximate.
         """
         point = self._first_point()
         for seconds in PREFIXES if far else ():
             beginnings = self._coarse(seconds)
             point = replace(point, shared=beginnings._fit(point, beginnings._noise(point, 0), NEAR).shared)
-        # At a first guess the residuals show how wrong it is; only near the optimum do they show the noise.
+        # Far from the optimum, residuals show the error of the initial guess; only near it do they show the noise.
         coarse = self._coarse()
         point = coarse._fit(point, coarse._noise(point, 0), NEAR)
         for _round in range(rounds):
@@ -97,13 +97,13 @@ class Refinement:
         return self._refined(point, equations)
 
     def _coarse(self, seconds: float = np.inf) -> "Refinement":
-        """Return the fit of the segments' beginnings to some of their measurements, not far from the first guess."""
+        """Return a fit of the segments' beginnings to some of their measurements, near the initial guess."""
         coarse = [segment.beginning(seconds).thinned(COARSE) for segment in self.segments]
         return replace(self, segments=coarse, guess_std=GUESS_STD if np.isfinite(seconds) else np.inf)
 
     @property
     def unknowns(self) -> Unknowns:
-        """What is fitted beside `names` depends on what was recorded."""
+        """The other unknowns depend on what was recorded."""
         if self._has_wheels:
             return Unknowns((*self.names, COMMAND_TIME, POSE_TIME, WHEEL_FACTOR), len(self.names))
         return Unknowns((*self.names, COMMAND_TIME), len(self.names))
@@ -123,7 +123,7 @@ class Refinement:
 
     def _refined(self, point: _Point, equations: NormalEquations) -> Refined:
         covariance = equations.covariance()
-        # Logarithms become the values themselves; times stay times.
+        # Convert logarithms to values; times stay times.
         shared = self.unknowns.shared
         scale = np.array([1.0 if name in TIMES else np.exp(x) for name, x in zip(shared, point.shared, strict=True)])
         values = np.where([name in TIMES for name in shared], point.shared, scale)
@@ -169,7 +169,7 @@ class Refinement:
         return point
 
     def _equations(self, point: _Point, noise: Mapping[str, Noise]) -> NormalEquations:
-        """Return the normal equations at a point; what is known beforehand of times counts as one more sample."""
+        """Return the normal equations at a point; prior knowledge of times counts as one more sample."""
         unknowns = self.unknowns
         equations = NormalEquations.empty(len(self.segments), len(unknowns.shared), len(OWN))
         for segment, signal, series in self._linearised(point):
@@ -185,7 +185,7 @@ class Refinement:
         return equations
 
     def _know_start_speeds(self, equations: NormalEquations, point: _Point) -> None:
-        """Count what the encoders say of the wheel speeds at the start of each segment as measurements."""
+        """Add the encoders' wheel speeds at the start of each segment as measurements."""
         for index, segment in enumerate(self.segments):
             for name, std in zip(("psi left", "psi right"), segment.start_psi_std, strict=True):
                 if segment.fits_start_psi:

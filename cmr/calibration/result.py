@@ -1,4 +1,4 @@
-"""What a calibration found: estimates, what could not be identified and why, and the path error."""
+"""The result of a calibration: estimates, unidentifiable parameters with reasons, and the path error."""
 
 import math
 from collections.abc import Mapping
@@ -33,25 +33,25 @@ NO_MINIMUM = (
 
 
 def tells(estimate: Estimate) -> bool:
-    """Tell whether an estimate says anything of a parameter that is positive: its 95 % interval is."""
+    """Return whether an estimate of a positive parameter is informative: its 95 % interval is positive."""
     return estimate.interval[0] > 0.0
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CalibrationResult:
-    """What was found of one robot.
+    """The calibration of one robot.
 
     `estimates` holds each identified parameter's value and standard deviation. `covariance` [products of units] is
-    theirs, in their order. `unidentified` tells, by parameter, why the data do not determine it. `nominal` is what was
-    known before, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the root
+    theirs, in their order. `unidentified` gives, by parameter, why the data do not determine it. `nominal` are the
+    prior values, `samples` how many measurements were compared. `path_rmse_before` and `path_rmse_after` are the root
     mean square distances [m] between the real path and the one simulated freely with the nominal and with the found
     parameters, over windows of 3 s (the paper's method: over the whole drive), NaN where there is no path to compare.
-    `notes` are sentences on what else was noticed. `parameters` are all values that the robot is to be simulated with,
-    `effects` the estimates of those of effects in use, both by name; without any, they are the nominal values and the
-    estimates. `named` are the effects that the drive shows. `recordings` are what was compared, `segments` the same cut
-    for the paper's method, `grid` the error surface of its grid search, None without one; `by_wheels` tells that the
-    path follows the measured wheels, not the commands. `controller` is the robot's own for its speed, None if it takes
-    duties; k2_over_k3 and k1 then stand for it, and the file and the summary tell its own parameters.
+    `notes` are further remarks. `parameters` are all values for simulating the robot, `effects` the estimates of those
+    of effects in use, both by name; without any, they are the nominal values and the estimates. `named` are the
+    detected effects. `recordings` are the data, `segments` the same cut for the paper's method, `grid` the error
+    surface of its grid search, None without one; `by_wheels` says that the path follows the measured wheels instead of
+    the commands. `controller` is the robot's velocity controller, None if it takes duties; k2_over_k3 and k1 then
+    represent it, and file and summary contain its own parameters.
     """
 
     robot_id: int
@@ -81,7 +81,9 @@ class CalibrationResult:
 
     @property
     def why_no_file(self) -> str:
-        """Why these values are no robot's, in a sentence that says what to do; empty if a file may be written."""
+        """Why these values are not those of a robot, in a sentence that says what to do; empty if a file may be
+        written.
+        """
         at_the_edge = self.grid.at_the_edge if self.grid is not None and self.method == GRID else ()
         values = [f"{name} {self.values[name]:.4g} {DEFINITIONS[name].unit}" for name in at_the_edge]
         return NO_MINIMUM.format(", ".join(values)) if values else ""
@@ -104,18 +106,18 @@ class CalibrationResult:
 
     @property
     def reported(self) -> dict[str, Estimate]:
-        """The estimates of the robot's parameters as its file names them."""
+        """The estimates under the names in the robot's file."""
         return in_words_of(self.estimates, self.controller, correlation_of_motor(list(self.estimates), self.covariance))
 
     def _written(self, name: str, value: float) -> Value:
-        """Return a value as the file holds it: with its deviation, or as it was given."""
+        """Return a value for the file: with its standard deviation, or as given."""
         reported, given = {**self.reported, **self.effects}, self.nominal.values.get(name)
         if name in reported:
             return Value(value, reported[name].std)
         return given if given is not None and given.value == value else Value(value)
 
     def to_dict(self) -> dict[str, object]:
-        """Return what was found as plain values, for JSON: units are those of the parameter file."""
+        """Return the result as plain values, for JSON, in the units of the parameter file."""
         return {
             "robot_id": self.robot_id,
             "method": self.method,
@@ -136,7 +138,7 @@ class CalibrationResult:
         return f"<pre>{escape(self.summary())}</pre>"
 
     def summary(self) -> str:
-        """Return a table for a person."""
+        """Return a table as text."""
         lines = [f"Calibration of robot {self.robot_id}: {self.method}, {self.samples} samples", *self._table()]
         effects = [name for name in values_in_words_of(self.values, self.controller) if self._is_of_effect(name)]
         lines += ["", f"  {EFFECTS}"] if effects else []

@@ -1,4 +1,4 @@
-"""The parameters while a drive goes on: fitted at each look, averaged over what may be hidden every few seconds."""
+"""Estimates during a drive: a fit at each call, averaged over possible effects every few seconds."""
 
 import math
 import time
@@ -23,17 +23,16 @@ from cmr.model.velocity_controller import VelocityController
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 
-AVERAGE_PERIOD = 4.0  # s of the drive, from the beginning of one average to that of the next
-LONGEST = 2.0  # s that an average may take; where it takes longer, the next one uses fewer readings
+AVERAGE_PERIOD = 4.0  # s of the drive between the starts of two averages
+LONGEST = 2.0  # s that an average may take; if it takes longer, the next one uses fewer readings
 
 
 class RunningFit:
-    """The estimates of a drive that goes on; `averages` counts the averages so far.
+    """Estimates for an ongoing drive; `averages` counts the averages so far.
 
-    Between two averages the parameters are fitted with the effects that the last one found likely. With `paper_only`
-    there are no effects: in place of the averages the three parameters are fitted that predict best by themselves, and
-    nothing is fitted in between; with `paper`, they are those of the paper's grid. `clock` tells how long work takes
-    [s].
+    Between two averages the parameters are fitted with the likely effects of the last one. With `paper_only` there are
+    no effects: the three parameters that predict best alone are fitted instead of each average, with nothing in
+    between; with `paper`, they come from the paper's grid. `clock` measures computing time [s].
     """
 
     def __init__(
@@ -51,16 +50,16 @@ class RunningFit:
         self._newest: CalibrationResult | None = None
         self._controller: VelocityController | None = None
         self._averaged_at = -math.inf  # s of the drive
-        self._quick = 0.0  # s that the last fit took
-        self._every = 1  # one of so many readings is used
+        self._quick = 0.0  # duration of the last fit [s]
+        self._every = 1  # every n-th reading is used
 
     def look(self, recording: Recording) -> CalibrationResult:
-        """Return what a drive tells so far; the recording must begin where that of the look before did.
+        """Return the estimates from the drive so far; the recording must begin where that of the previous call did.
 
-        Raises EstimationError where it tells nothing, yet.
+        Raises EstimationError if it is not sufficient yet.
         """
         began, seconds = self._clock(), _length(recording)
-        # The next look begins when this one ends: if that would be late for an average, it is due now.
+        # The next call comes when this one returns: if that would be late for an average, it is due now.
         due = self._newest is None or seconds + self._quick > self._averaged_at + AVERAGE_PERIOD
         if self._newest is not None and (self._paper or self._paper_only) and not due:
             return self._newest
@@ -87,9 +86,9 @@ class RunningFit:
         return self._newest
 
     def _controller_of(self, recording: Recording, nominal: ParameterFile) -> VelocityController | None:
-        """Return the robot's velocity controller; one found before stays until faster wheels are commanded.
+        """Return the robot's velocity controller; a previous one is kept until faster wheels are commanded.
 
-        Its top wheel speed is the unit of an average, which is of no use in another one.
+        Its top wheel speed is the unit of an average, which is useless in another unit.
         """
         controller, before = controller_of([recording], nominal), self._controller
         if controller and before and controller.top_wheel_speed <= HEADROOM * before.top_wheel_speed:
@@ -99,7 +98,7 @@ class RunningFit:
         return controller
 
     def _prepared(self, recording: Recording, nominal: ParameterFile) -> Ready:
-        """Return the recording ready to be fitted, with as many of its readings as there is time for."""
+        """Return the recording prepared for a fit, with as many readings as time allows."""
         thinning = Thinning(PerSensor(self._every, self._every, self._every))
         looked = [
             replace(one, segments=tuple(thinned(segment, thinning) for segment in one.segments))
@@ -111,14 +110,14 @@ class RunningFit:
         return ready
 
     def _averaged(self, ready: Ready) -> tuple[Mapping[str, float], dict[str, Estimate]]:
-        """Return values and estimates averaged over what may be hidden."""
+        """Return values and estimates averaged over possible effects."""
         assert ready.problem is not None
         assert ready.base is not None
         self._average = average = averaged(ready.problem, ready.base, 1.0, [], SEARCHING_STEPS)
         return average.values, {name: _estimate(average, name) for name in ready.base.names}
 
     def _alone(self, ready: Ready) -> tuple[Mapping[str, float], dict[str, Estimate]]:
-        """Return values and estimates of the three parameters with which free runs err least."""
+        """Return values and estimates of the three parameters with the least free-run errors."""
         assert ready.problem is not None
         assert ready.base is not None
         courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
@@ -130,19 +129,19 @@ class RunningFit:
     def _fitted(
         self, ready: Ready, average: Posterior, seconds: float
     ) -> tuple[Mapping[str, float], dict[str, Estimate]]:
-        """Return values and estimates of a fit with the effects that the last average found likely.
+        """Return values and estimates of a fit with the likely effects of the last average.
 
-        The others stay as the average has them: without them the parameters would move at each average, and back.
+        Other effects stay as in the average; without them the parameters would jump at each average.
         """
         assert ready.problem is not None
         assert ready.base is not None
         own = [parameter.name for name in average.likely for parameter in CATALOGUE[name].parameters]
         noise = ready.problem.found(ready.problem.errors(average.values))
         fit = ready.problem.fit(average.values, (*ready.base.names, *own), noise, renew=0)
-        # Of sizes the average knows what is usual: where that tells more than the data do, the fit tells nothing new.
+        # The average includes priors on sizes: if these are more informative than the data, the fit adds nothing.
         if any(not fit.std(name) <= average.std(name) for name in ready.base.names):
             return average.values, {name: _estimate(average, name) for name in ready.base.names}
-        # What the fit does not know of may still be there: less of it the longer the drive.
+        # Allow for effects unknown to the fit, less so the longer the drive.
         shrinking = float(np.sqrt(self._averaged_at / seconds))
         stds = {name: max(fit.std(name), shrinking * average.std(name)) for name in ready.base.names}
         return fit.values, {name: Estimate(fit.values[name], std) for name, std in stds.items()}

@@ -1,8 +1,8 @@
-"""Score parameters on recordings on which they were not found: the model runs freely, the errors are counted.
+"""Score parameters on other recordings than they were fitted to, by the errors of free runs.
 
-Errors over a whole drive show what a user sees, but one wrong turn early on spoils all that follows. Errors at the
-end of short pieces, each started at the measured pose, show what the parameters are worth. The pose of a robot at
-rest is the mean of all measured before it begins to move.
+Errors over a whole drive are what a user sees, but a single early rotation error affects everything after it. Errors at
+the end of short pieces, each started at the measured pose, show the quality of the parameters. The pose of a robot at
+rest is the mean of all measurements before it moves.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, hold
 
-COMPLETE = 0.95  # share of its length that a piece must have: the last pose seldom falls on the end
+COMPLETE = 0.95  # share of its length required of a piece: the last pose is seldom exactly at the end
 
 
 class EndErrors(NamedTuple):
@@ -27,7 +27,7 @@ class EndErrors(NamedTuple):
 
 
 def pieces(recording: Recording, seconds: float) -> list[Recording]:
-    """Cut a recording into pieces of `seconds`, end to end from its first pose on; a shorter rest is left out."""
+    """Cut a recording into pieces of `seconds`, end to end from its first pose on; a shorter remainder is dropped."""
     if len(recording.poses) == 0:
         return []
     first, last = int(recording.poses.utime[0]), int(recording.poses.utime[-1])

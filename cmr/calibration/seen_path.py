@@ -1,4 +1,4 @@
-"""Where the pose's sensor would see a robot that follows its wheels, or its commands, with all effects of its file."""
+"""The path that the pose sensor would measure, of a robot that follows its wheels or commands, with all effects."""
 
 from collections.abc import Mapping
 
@@ -12,15 +12,15 @@ from cmr.model.observer.observer import FOLLOWED, RESTART, Observations, observe
 from cmr.model.parameters import RobotParameters
 
 STEP = 0.01  # s
-BEGINNINGS = 2  # where the tracked point is depends on the heading, which the first one sets
+BEGINNINGS = 2  # iterations: the position of the tracked point depends on the heading, which the first one sets
 
 
 def seen_path(segment: Segment, parameters: RobotParameters, *, by_wheels: bool) -> Trajectory:
     """Return the poses that would be measured at the segment's borders, (T + 1,), from its first pose on.
 
-    The robot turns its wheels as they were measured (`by_wheels`), or drives the recorded duties. Effects of the pose's
-    sensor count: a point ahead of the turning centre is seen swinging out; poses that are as late as the wheels which
-    are followed are not late beside them. Wheel speeds and angles come back as NaN.
+    The robot follows the measured wheels (`by_wheels`), or the recorded duties. Effects of the pose sensor are
+    included: a point ahead of the turning centre swings out; if wheels are followed, only the pose latency relative to
+    them counts. Wheel speeds and angles are returned as NaN.
     """
     time = segment.border_times
     steps = int(np.ceil(time[-1] / STEP))
@@ -57,11 +57,11 @@ def seen_path(segment: Segment, parameters: RobotParameters, *, by_wheels: bool)
 
 
 def _beside_wheels(values: Mapping[str, float]) -> dict[str, float]:
-    """Return the parameters with poses as late as they are beside the wheels, by these wheels' time stamps."""
+    """Return the parameters with the pose latency relative to the wheels' time stamps."""
     late = values.get("pose_latency", 0.0) - values.get("wheel_speed_latency", 0.0)
     return {**values, "pose_latency": late}
 
 
 def _turns(theta: float, near: float) -> float:
-    """Return the whole turns [rad] that bring a heading nearest to another."""
+    """Return the multiple of full turns [rad] that brings a heading nearest to another."""
     return float(np.round((near - theta) / (2.0 * np.pi)) * 2.0 * np.pi)

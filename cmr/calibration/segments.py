@@ -15,27 +15,27 @@ from cmr.recordings.signal import SECONDS, Floats, Signal, Times, hold, no_times
 from cmr.recordings.wheel_angles import wheel_angles
 
 SIDES = ("left", "right")
-LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is not known and a new segment begins
-LONGEST_DRIVE_GAP = 0.25  # s; over a longer one nobody knows what a moving robot was commanded
-FEWEST_POSES = 3  # a segment with fewer says nothing about its path
+LONGEST_POSE_GAP = 1.0  # s; over a longer one the path is unknown and a new segment begins
+LONGEST_DRIVE_GAP = 0.25  # s; over a longer one the commands of a moving robot are unknown
+FEWEST_POSES = 3  # a segment with fewer is not informative
 LEAD = 1.0  # s of rest kept before the robot begins to move: enough to average its start pose
-MOVING_DUTY = 1e-3  # commands below are rest
+MOVING_DUTY = 1e-3  # smaller commands count as rest
 START_SPAN = 0.15  # s around the start over which the wheel speeds are averaged
 LEAST_PSI_DOUBT, UNKNOWN_PSI = 0.02, 10.0  # of the speed; rad/s
-LEAST_TURN, LEAST_WAY = 0.2, 0.1  # rad, m; what poses differ by less is taken as their noise
-FEWEST_POSES_FOR_START = 50  # with fewer, the start pose is taken as measured and not fitted
+LEAST_TURN, LEAST_WAY = 0.2, 0.1  # rad, m; smaller differences of poses count as noise
+FEWEST_POSES_FOR_START = 50  # with fewer, the measured start pose is used and not fitted
 
 
 @dataclass(frozen=True)
 class Segment:
     """One drive between two gaps of the external pose.
 
-    The drive is made of T spans of constant duty: `dt` [s], `left`, `right` [duty], shape (T,), and of the wheel
-    angles `angle_left`, `angle_right` [rad] at their T + 1 borders (empty where no wheels were recorded). At the
-    borders `left_at` and `right_at` that side's encoder has just moved on, and its wheel stood at `left_edge`,
-    `right_edge` [rad]. The M measured poses `x`, `y` [m], `theta` [rad, unwrapped] fall on the borders `at`; `utime`
-    are their times. `start` is the state at the first border, as measured; `start_psi_std` [rad/s] tells how well the
-    speeds of its left and right wheels are known, 0 for a robot that rests.
+    The drive is made of T spans of constant duty: `dt` [s], `left`, `right` [duty], shape (T,), and of the wheel angles
+    `angle_left`, `angle_right` [rad] at their T + 1 borders (empty where no wheels were recorded). At the borders
+    `left_at` and `right_at` that side's encoder has just advanced, and its wheel was at `left_edge`, `right_edge`
+    [rad]. The M measured poses `x`, `y` [m], `theta` [rad, unwrapped] fall on the borders `at`; `utime` are their
+    times. `start` is the state at the first border, as measured; `start_psi_std` [rad/s] is the uncertainty of the
+    speeds of its left and right wheels, 0 for a robot at rest.
     """
 
     dt: Floats
@@ -57,7 +57,7 @@ class Segment:
 
     @property
     def fits_start(self) -> bool:
-        """Whether there are poses enough to fit the start pose along with the parameters."""
+        """Whether there are enough poses to fit the start pose along with the parameters."""
         return len(self.x) >= FEWEST_POSES_FOR_START
 
     @cached_property
@@ -108,13 +108,13 @@ class Segment:
 
     @property
     def fits_start_psi(self) -> bool:
-        """Whether the robot moved when the segment began, so that its wheel speeds are known only roughly."""
+        """Whether the robot moved when the segment began, so that its wheel speeds are only known roughly."""
         return max(self.start_psi_std) > 0.0
 
     def simulate(self, parameters: RobotParameters, psi: tuple[ArrayLike, ArrayLike] | None = None) -> Trajectory:
-        """Drive the recorded duties with the motor model; the trajectory at all borders.
+        """Drive the recorded duties with the motor model; return the trajectory at all borders.
 
-        `psi` are wheel speeds at the start [rad/s], arrays of candidates perhaps, in place of the measured ones.
+        `psi` are wheel speeds at the start [rad/s], possibly arrays of candidates, replacing the measured ones.
         """
         left, right = psi or (self.start.psi_left, self.start.psi_right)
         start = self.start._replace(psi_left=left, psi_right=right)
@@ -122,7 +122,7 @@ class Segment:
 
 
 def segments_of(recording: Recording, splits: Sequence[int] = ()) -> list[Segment]:
-    """Return the segments of a recording; none where no pose was recorded.
+    """Return the segments of a recording; empty without poses.
 
     A new one begins where the poses, or the commands of a moving robot, have a gap, and at each of the utimes `splits`.
     """
@@ -138,13 +138,13 @@ def segments_of(recording: Recording, splits: Sequence[int] = ()) -> list[Segmen
 
 
 def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:
-    """Return where nothing was heard for longer than `longest` [s]: utimes before and after."""
+    """Return the gaps without samples of more than `longest` [s]: utimes before and after."""
     at = np.flatnonzero(np.diff(utime) > longest / SECONDS)
     return [(int(utime[index]), int(utime[index + 1])) for index in at]
 
 
 def _drive_gaps(recording: Recording) -> list[tuple[int, int]]:
-    """Return the gaps in what the wheels were commanded while the robot moved."""
+    """Return the gaps in the commands while the robot moved."""
     duty = recording.duty
     if len(recording.wheels) == 0:
         return []
@@ -195,9 +195,9 @@ def _segment(recording: Recording, first: int, last: int) -> Segment | None:
 
 
 def _edges(wheels: Signal, side: str, angle: Floats, times: Times) -> tuple[Times, Floats]:
-    """Return at which borders `times` [us] a side's encoder has just moved on, and where its wheel then stood [rad].
+    """Return at which borders `times` [us] a side's encoder has just advanced, and the wheel angle there [rad].
 
-    `angle` [rad] is what it read at each time of `wheels`. One that says again what it said tells nothing new.
+    `angle` [rad] is what it read at each time of `wheels`. Repeated readings are not informative.
     """
     steps = np.diff(angle, prepend=angle[:1])
     beyond, _width = within_tick(steps, tick_of(angle, wheels[f"ticks_{side}"]))
@@ -235,8 +235,8 @@ def _start(poses: Signal, theta: Floats, onset: int, psi: tuple[float, float]) -
 def _start_psi(recording: Recording, start: int, duties: tuple[float, float]) -> list[tuple[float, float]]:
     """Return the speed [rad/s] of each side's wheels at a time, and how well it is known: 0 for a robot at rest.
 
-    Speeds are averages over the time before; while a robot speeds up the truth lies somewhere in what is measured
-    around the time. Without wheels only the commands tell that the robot may have been moving.
+    Speeds are averages over the preceding time; while a robot accelerates, the true speed lies within the measurements
+    around the time. Without wheels, only the commands show that the robot may have been moving.
     """
     span = int(START_SPAN / SECONDS)
     near = recording.wheels.between(start - span, start + span)
@@ -265,12 +265,12 @@ def heading_range(segments: list[Segment]) -> float:
 
 
 def turned_angle(theta: Floats) -> float:
-    """Return the sum of turns [rad], both ways counted up; wiggles under LEAST_TURN are taken as noise."""
+    """Return the sum of turns [rad], in both directions; changes below LEAST_TURN count as noise."""
     return _variation(theta, theta * 0.0, LEAST_TURN)
 
 
 def travelled(x: Floats, y: Floats) -> float:
-    """Return the length of the path [m]; steps under LEAST_WAY are taken as noise."""
+    """Return the length of the path [m]; steps below LEAST_WAY count as noise."""
     return _variation(x, y, LEAST_WAY)
 
 

@@ -1,4 +1,4 @@
-"""Drive a whole path with many candidates at once, as fast as the structure of the problem allows.
+"""Simulate many candidates over a whole path at once, as fast as the structure of the problem allows.
 
 Three facts make it fast, and none of them is an approximation beyond rounding:
 
@@ -11,8 +11,8 @@ Three facts make it fast, and none of them is an approximation beyond rounding:
   heading, q_j(z) the series up to pose j, and r_j the pose as measured, the sum of |p + u q_j - r_j|^2 falls into sums
   over j of q_j, of q_j conj(r_j) and of |q_j|^2, which are series in z as well.
 
-What is left for each candidate is, once a leg, to turn u and to evaluate the series. The points driven through, and
-their lengths, are those of the model's own step (two Gauss points a span), so the result is the model's.
+For each candidate it remains, once per leg, to rotate u and to evaluate the series. The points and their lengths are
+those of the model's own step (two Gauss points per span), so the result is the model's.
 """
 
 import numpy as np
@@ -54,7 +54,7 @@ def _respond(response, radius, motors, duration):  # type: ignore[no-untyped-def
 
 @compiled("void(f8[::1], f8[::1], f8[::1], f8, f8)")
 def _roll(before, after, response, left, right):  # type: ignore[no-untyped-def]
-    """Let one span pass for the wheels of all motors: `moved` of cmr.model.paper, up to where the base width enters."""
+    """Advance the wheels of all motors by one span: `moved` of cmr.model.paper, up to where the base width enters."""
     for i in range(MOTORS):
         final_left, final_right = left * response[i], right * response[i]
         psi_left, psi_right = before[PSI_LEFT + i], before[PSI_RIGHT + i]
@@ -81,7 +81,7 @@ def _roll(before, after, response, left, right):  # type: ignore[no-untyped-def]
 
 @inlined
 def _turn(span):  # type: ignore[no-untyped-def]
-    """Return the largest range of headings, times base width, that any of the motors has covered [rad m]."""
+    """Return the largest range of headings, times base width, covered by any of the motors [rad m]."""
     largest = 0.0
     for i in range(MOTORS):
         largest = max(largest, span[HIGHEST + i] - span[LOWEST + i])
@@ -107,7 +107,7 @@ def _leg(trail, response, motors, radius, left, right, dt, first, last, largest_
 
 @inlined
 def _add_span(series, span, middle):  # type: ignore[no-untyped-def]
-    """Add the way of one span to the series of the way; headings count from `middle`."""
+    """Add the displacement of one span to the series; headings count from `middle`."""
     for i in range(MOTORS):
         first, second = span[FIRST_LENGTH + i], span[SECOND_LENGTH + i]
         first_angle, second_angle = span[FIRST_ANGLE + i] - middle[i], span[SECOND_ANGLE + i] - middle[i]
@@ -167,7 +167,7 @@ def _collect(series, trail, middle, pose_from, x, y, first, spans, centre_x, cen
 
 @inlined
 def _every_other(series, row):  # type: ignore[no-untyped-def]
-    """Return every other coefficient of a series, as numbers: they stay in registers while many lanes use them."""
+    """Return every other coefficient of a series, as scalars, which stay in registers while used by many lanes."""
     return (
         series[row],
         series[row + 2 * MOTORS],
@@ -215,7 +215,7 @@ def _nearest(lanes, block):  # type: ignore[no-untyped-def]
 
 @compiled("void(f8[::1], b1[::1], f8, f8[::1], i8, f8, f8, f8, f8, f8)")
 def _advance(lanes, alive, turn, series, motor, poses, centre_x, centre_y, scatter, bound):  # type: ignore
-    """Take the candidates of one motor over a leg and add its squared distances to their errors.
+    """Advance the candidates of one motor by a leg and add its squared distances to their errors.
 
     `turn` leads from the middle heading of the leg before to that of this one. Blocks of candidates whose errors all
     exceed `bound` are marked as not alive.
@@ -246,7 +246,7 @@ def _advance(lanes, alive, turn, series, motor, poses, centre_x, centre_y, scatt
             lanes[i + DIRECTION_X], lanes[i + DIRECTION_Y] = u_x, u_y
             lanes[i + X] = x + (u_x * way_x - u_y * way_y)
             lanes[i + Y] = y + (u_x * way_y + u_y * way_x)
-            lanes[i + ERROR] += max(error, 0.0)  # rounding must not let it shrink
+            lanes[i + ERROR] += max(error, 0.0)  # rounding must not reduce it
         if bound < np.inf:
             alive[block] = _nearest(lanes, block) <= bound
 

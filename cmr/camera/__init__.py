@@ -1,1 +1,1 @@
-"""A camera over the floor: where robots with tags are, and virtual robots drawn into its picture."""
+"""A camera over the floor: finds the poses of tagged robots and draws virtual robots into the picture."""

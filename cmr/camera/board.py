@@ -1,4 +1,4 @@
-"""What to print: the board for the lens, and tags for floor and robots, as PDF in their true size."""
+"""Printable PDFs in true size: the calibration board, and tags for floor and robots."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -28,7 +28,7 @@ QUIET_CELLS = 1  # of white around a tag, at least
 
 
 class BoardError(Exception):
-    """What cannot be printed; the text says why."""
+    """Something cannot be printed; the text says why."""
 
 
 def board() -> "cv2.aruco.CharucoBoard":
@@ -75,7 +75,7 @@ def save_tags(path: Path, numbers: Sequence[int], size: float, paper: str = "a4"
 
 @contextmanager
 def _pages(path: Path) -> Iterator["Save"]:
-    """Open a PDF; what it gives appends a figure as a page."""
+    """Open a PDF; yields a function that appends a figure as a page."""
     from matplotlib.backends.backend_pdf import PdfPages  # takes half a second, and only printing needs it
 
     path.parent.mkdir(parents=True, exist_ok=True)

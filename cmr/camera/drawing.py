@@ -1,4 +1,4 @@
-"""Virtual robots, waypoints and trails in the camera's picture: at their place and size, behind what hides them."""
+"""Virtual robots, waypoints and trails in the camera's picture: at their place and size, occluded by real robots."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -21,15 +21,15 @@ RED: Colour = (40, 40, 220)
 WHITE: Colour = (255, 255, 255)
 SHIFT = 4  # bits behind the point: OpenCV draws to a sixteenth of a pixel
 NEAREST = 0.05  # m before the camera; what is nearer cannot be drawn
-BEYOND = 1.3  # times the picture: what is further out is not drawn, as the lens is not known there
-OPAQUE = 0.85  # of a virtual robot; the floor shines through a little, so that it is seen not to be real
+BEYOND = 1.3  # times the picture's size; farther out nothing is drawn, as the lens model is not valid there
+OPAQUE = 0.85  # opacity of a virtual robot; the floor shines through a little, to show that it is not real
 # Faces of a box by its corners, as `box` returns them, with how bright each is.
 SIDES = (((0, 1, 5, 4), 0.75), ((1, 2, 6, 5), 0.55), ((2, 3, 7, 6), 0.65), ((3, 0, 4, 7), 0.55))
 TOP = (4, 5, 6, 7)
 
 
 class Waypoints(NamedTuple):
-    """Where a robot is to drive [m; world]."""
+    """The waypoints of a robot [m; world]."""
 
     x: Sequence[float]
     y: Sequence[float]
@@ -61,7 +61,7 @@ class Drawer:
         real: Iterable[tuple[Shown, RobotTag]],
         waypoints: Iterable[Waypoints] = (),
     ) -> Picture:
-        """Return the picture with virtual robots in it; the real ones hide what is on the floor or farther off."""
+        """Return the picture with virtual robots in it; real robots hide what is on the floor or behind them."""
         drawn = picture.copy()
         virtual = list(virtual)
         for robot in virtual:
@@ -110,7 +110,7 @@ class Drawer:
                 _filled(drawn, pixels, RED)
 
     def _line(self, drawn: Picture, pixels: Floats, colour: Colour, width: int) -> None:
-        """Draw a line on the floor; where it leaves the picture it is broken."""
+        """Draw a line on the floor; points outside the picture break it."""
         breaks = np.flatnonzero(~np.isfinite(pixels).all(axis=1))
         for part in np.split(pixels, breaks):
             part = part[np.isfinite(part).all(axis=1)]
@@ -118,7 +118,7 @@ class Drawer:
                 cv2.polylines(drawn, [_fixed(part)], False, colour, width, cv2.LINE_AA, SHIFT)
 
     def _robot(self, drawn: Picture, place: Place, robot: Shown, corners: Floats, pixels: Floats) -> None:
-        """Draw the sides that are seen, the top, an arrow ahead and the id."""
+        """Draw the visible sides, the top, an arrow ahead and the id."""
         left, top = np.clip(np.floor(pixels.min(axis=0)) - 2, 0, None).astype(int)
         right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + 3
         window = drawn[top:bottom, left:right]
@@ -142,13 +142,13 @@ def _distance(place: Place, robot: Shown) -> float:
 
 
 def _seen_from_outside(face: Floats, eye: Floats) -> bool:
-    """Tell whether the eye is on the outer side of a face whose corners `SIDES` lists."""
+    """Return whether the eye is on the outer side of a face whose corners `SIDES` lists."""
     normal = np.cross(face[3] - face[0], face[1] - face[0])
     return float(normal @ (eye - face[0])) > 0.0
 
 
 def _fixed(pixels: Floats) -> NDArray[np.int32]:
-    """Return pixels as OpenCV's drawing wants them."""
+    """Return pixels in the fixed-point format of OpenCV's drawing functions."""
     return np.round(pixels * (1 << SHIFT)).astype(np.int32)
 
 
@@ -163,7 +163,7 @@ def _label(drawn: Picture, text: str, middle: Floats) -> None:
 
 
 def _restored(drawn: Picture, picture: Picture, pixels: Floats) -> None:
-    """Show the picture again where a real robot's box is: it hides what was drawn there."""
+    """Show the picture again where a real robot's box is: it covers what was drawn there."""
     mask = np.zeros(picture.shape[:2], np.uint8)
     hull = cv2.convexHull(pixels.astype(np.float32)).reshape(-1, 2).astype(float)
     cv2.fillConvexPoly(mask, _fixed(hull), 255, cv2.LINE_8, SHIFT)

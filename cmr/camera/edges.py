@@ -1,8 +1,9 @@
 """Corners of tags from the edges of their black squares, to a few hundredths of a pixel.
 
-OpenCV's own ways are slower or less exact (scripts/benchmarks/camera.py measures them): its AprilTag refinement looks
-for all quads again, and its sub-pixel corners are drawn inwards by blur. Blur does not move a straight edge: here each
-of a square's four sides is found as a line through some twenty crossings from black to white, and lines are met.
+OpenCV's own methods are slower or less accurate (scripts/benchmarks/camera.py measures them): its AprilTag refinement
+detects all quads again, and blur shifts its sub-pixel corners inwards. Blur does not move a straight edge: here a line
+is fitted to each of a square's four sides, through some twenty crossings from black to white, and the corners are the
+intersections of these lines.
 """
 
 import numpy as np
@@ -10,18 +11,20 @@ from numpy.typing import NDArray
 
 from cmr.camera.lens import Floats, Lens
 
-ALONG = np.linspace(0.08, 0.92, 24)  # shares of a side at which it is looked for: off the corners, which blur rounds
+# Shares of a side at which the edge is located: away from the corners, which blur rounds.
+ALONG = np.linspace(0.08, 0.92, 24)
 ACROSS = np.linspace(-1.0, 1.0, 13)  # shares of the reach
-REACH = 3.0  # pixels to each side of where the edge was thought to be,
+REACH = 3.0  # pixels to each side of the estimated edge,
 REACH_CELLS = 0.7  # and at most this share of a tag's cell, beyond which its pattern begins
-LOOKS = 2  # the second looks around what the first found
+LOOKS = 2  # iterations; the second searches around the result of the first
 CELLS = 8  # of a tag of 36h11 along a side, with its black border
 
 
 def refined(picture: Floats, corners: Floats, lens: Lens) -> Floats:
-    """Return the corners (n, 4, 2) of tags in straight pixels, of those found roughly, in pixels of the picture.
+    """Return the corners (n, 4, 2) of tags in undistorted pixels, from approximate corners in pixels of the picture.
 
-    `picture` (height, width) is grey; the tags are black on white. What cannot be found better stays as it was.
+    `picture` (height, width) is grey; the tags are black on white. A corner that cannot be refined is returned
+    unchanged.
     """
     count = len(corners)
     for _ in range(LOOKS):
@@ -37,7 +40,7 @@ def refined(picture: Floats, corners: Floats, lens: Lens) -> Floats:
 
 
 def _crossings(picture: Floats, corners: Floats) -> tuple[Floats, Floats]:
-    """Return for each side of each tag where it was crossed (n, 4, along, 2), and how surely (n, 4, along)."""
+    """Return the crossings of each side of each tag (n, 4, along, 2), and their weights (n, 4, along)."""
     following = np.roll(corners, -1, axis=1)
     side = following - corners
     length = np.maximum(np.linalg.norm(side, axis=2, keepdims=True), 1e-9)
@@ -55,7 +58,7 @@ def _crossings(picture: Floats, corners: Floats) -> tuple[Floats, Floats]:
 
 
 def _brightness(picture: Floats, places: Floats) -> Floats:
-    """Return the brightness at places between pixels; beyond the picture that of its edge."""
+    """Return the brightness at places between pixels; beyond the picture, that of its edge."""
     height, width = picture.shape
     u = np.clip(places[..., 0], 0.0, width - 1.001)
     v = np.clip(places[..., 1], 0.0, height - 1.001)
@@ -70,9 +73,9 @@ def _brightness(picture: Floats, places: Floats) -> Floats:
 
 
 def _lines(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Return a place on (n, 2) and the direction of (n, 2) the lines through points (n, k, 2).
+    """Return for each line a point on it (n, 2) and its direction (n, 2), fitted to points (n, k, 2).
 
-    Points that are far off the others' line, where something lies over the edge, count nothing.
+    Points far off the line of the others, where something covers the edge, have no weight.
     """
     weights = weights + 1e-12
     for _ in range(2):
@@ -89,7 +92,7 @@ def _lines(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
 
 
 def _meetings(places: Floats, directions: Floats) -> Floats:
-    """Return corners (n, 4, 2): where each side's line meets the one of the side before."""
+    """Return corners (n, 4, 2): the intersections of each side's line with that of the side before."""
     earlier, along = np.roll(places, 1, axis=1), np.roll(directions, 1, axis=1)
     cross = along[..., 0] * directions[..., 1] - along[..., 1] * directions[..., 0]
     gap = places - earlier
@@ -99,7 +102,7 @@ def _meetings(places: Floats, directions: Floats) -> Floats:
 
 
 def _near(found: Floats, rough: Floats) -> NDArray[np.bool_]:
-    """Tell by tag whether all of its corners are near where they were roughly (n, 1, 1)."""
+    """Return per tag whether all of its corners are near the approximate ones (n, 1, 1)."""
     off = np.linalg.norm(found - rough, axis=2).max(axis=1)
     near: NDArray[np.bool_] = (off < 2.0 * REACH)[:, None, None]
     return near

@@ -16,7 +16,7 @@ LARGEST_TAG = 586  # of the family 36h11
 
 @dataclass(frozen=True)
 class FloorTag:
-    """A tag lying on the floor: its centre [m; world], where its top points [rad], edge of its black square [m]."""
+    """A tag lying on the floor: its centre [m; world], the direction of its top [rad], edge of its black square [m]."""
 
     x: float
     y: float
@@ -31,9 +31,9 @@ class FloorTag:
 
 @dataclass(frozen=True)
 class RobotTag:
-    """The tag on a robot: edge of its black square [m], height above the floor [m], and where it is on the robot.
+    """The tag on a robot: edge of its black square [m], height above the floor [m], and its pose on the robot.
 
-    (x, y) [m; robot, from the tracked point] is the tag's centre, `theta` [rad] where its top points: 0 ahead.
+    (x, y) [m; robot, from the tracked point] is the tag's centre, `theta` [rad] the direction of its top: 0 is ahead.
     `length`, `width` [m] and `height` are the robot's own box, which hides what is drawn behind it.
     """
 
@@ -48,10 +48,10 @@ class RobotTag:
 
 @dataclass(frozen=True)
 class Floor:
-    """Tags of the floor by number, and how robots carry theirs.
+    """Tags of the floor by number, and how they are mounted on robots.
 
-    `robots` are those described by themselves, by the tag's number; `robot_ids` gives the robot's id where it is not
-    the tag's number. `only` are the tags that count as robots', None for all that are not on the floor.
+    `robots` are those with an entry of their own, by the tag's number; `robot_ids` gives the robot's id where it
+    differs from the tag's number. `only` lists the tags that count as robots'; None: all that are not on the floor.
     """
 
     tags: Mapping[int, FloorTag]
@@ -61,7 +61,7 @@ class Floor:
     only: frozenset[int] | None = None
 
     def robot_id(self, number: int) -> int | None:
-        """Return whose tag this is, None if no robot's."""
+        """Return the id of the robot with this tag, None if it is not a robot's."""
         if number in self.tags or (self.only is not None and number not in self.only):
             return None
         return self.robot_ids.get(number, number)
@@ -71,12 +71,12 @@ class Floor:
         return next((number for number, known in self.robot_ids.items() if known == robot_id), robot_id)
 
     def robot_tag(self, number: int) -> RobotTag:
-        """Return how the robot with this tag carries it."""
+        """Return how the tag with this number is mounted on its robot."""
         return self.robots.get(number, self.usual)
 
     @classmethod
     def load(cls, path: Path) -> "Floor":
-        """Read a floor file, as `cmr-camera --help` shows one. Raises CameraFileError."""
+        """Read a floor file, in the format shown by `cmr-camera --help`. Raises CameraFileError."""
         root, content = read_camera_file(path)
         try:
             return _floor(content)
@@ -159,7 +159,7 @@ def _positive(name: str, value: object, *keys: str) -> float:
 
 
 def _float(value: Any) -> float:
-    """Return a value as a number, NaN for one that is none."""
+    """Return a value as a number, NaN if it is not one."""
     try:
         return float(value)
     except (TypeError, ValueError):

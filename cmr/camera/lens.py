@@ -1,4 +1,4 @@
-"""What a lens does to the picture: focal lengths, centre and distortion, as `cmr-camera calibrate` finds them."""
+"""Lens model: focal lengths, centre and distortion, as `cmr-camera calibrate` estimates them."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from cmr.documents.document import DocumentError, Item, quoted, read_file
 from cmr.files import write_atomically
 
 Floats = NDArray[np.float64]
-Content: TypeAlias = dict[str, Any]  # a mapping of a camera file as YAML has it; whoever takes a value checks it
+Content: TypeAlias = dict[str, Any]  # a mapping of a camera file as YAML has it; values are checked where they are read
 SCHEMA = 1
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # OpenCV's order
 # Until the next step is below a thousandth of a pixel; a wide lens takes more steps than OpenCV's five.
@@ -30,10 +30,9 @@ class CameraFileError(DocumentError):
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens and the pictures behind it: size, focal lengths and centre [pixels], distortion k1, k2, p1, p2, k3.
+    """Lens model with the size of its pictures; focal lengths and centre [pixels], distortion k1, k2, p1, p2, k3.
 
-    Pixel (0, 0) has its centre at u = 0, v = 0. What is called straight below are pixels of the same camera without
-    its distortion.
+    Pixel (0, 0) has its centre at u = 0, v = 0. `straight` pixels are those of the same camera without distortion.
     """
 
     width: int
@@ -47,11 +46,11 @@ class Lens:
 
     @property
     def matrix(self) -> Floats:
-        """The matrix that OpenCV calls camera matrix."""
+        """OpenCV's camera matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def straight(self, pixels: Floats) -> Floats:
-        """Return straight pixels (n, 2) of pixels of the picture (n, 2)."""
+        """Return undistorted pixels (n, 2) for pixels of the picture (n, 2)."""
         if not any(self.distortion):
             return np.asarray(pixels, float)
         points = np.asarray(pixels, float).reshape(-1, 1, 2)
@@ -60,7 +59,9 @@ class Lens:
         ).reshape(-1, 2)
 
     def pixels(self, points: Floats) -> Floats:
-        """Return where points before the camera (n, 3) [m; x right, y down, z ahead] are in the picture (n, 2)."""
+        """Return the pixels (n, 2) at which points in front of the camera (n, 3) [m; x right, y down, z ahead]
+        appear.
+        """
         seen, _ = cv2.projectPoints(
             np.asarray(points, float).reshape(-1, 1, 3),
             np.zeros(3),
@@ -71,7 +72,7 @@ class Lens:
         return np.asarray(seen, float).reshape(-1, 2)
 
     def directions(self, straight: Floats) -> Floats:
-        """Return the directions (n, 3) of straight pixels (n, 2), one long ahead; axes as in `pixels`."""
+        """Return the directions (n, 3) of undistorted pixels (n, 2), with z = 1; axes as in `pixels`."""
         x = (straight[:, 0] - self.cx) / self.fx
         y = (straight[:, 1] - self.cy) / self.fy
         return np.stack([x, y, np.ones_like(x)], axis=1)
@@ -112,7 +113,7 @@ class Lens:
 
 
 def read_camera_file(path: Path) -> tuple[Item, Content]:
-    """Return the document of a YAML file of schema 1, and the mapping that it is. Raises CameraFileError."""
+    """Return the document of a YAML file of schema 1, and its mapping. Raises CameraFileError."""
     root = read_file(path, CameraFileError)
     content = root.value
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:

@@ -1,4 +1,4 @@
-"""The lens from pictures of the printed board."""
+"""Estimate the lens from pictures of the printed board."""
 
 import math
 from collections.abc import Iterable
@@ -16,23 +16,24 @@ FEWEST_CORNERS = 8  # of 24, in a picture that counts
 WORST_PICTURE = 2.5  # times the median: a picture that fits worse was blurred, and is left out
 WORST_RMS = 1.0  # pixels; a board that fits worse is bent, or not ours
 FEWEST_FIELDS = 7  # of 3 x 3 fields of the picture in which the board's corners were seen
-MOST_UNSURE = 0.01  # standard deviation of the focal length, as a share of it: else the board was never tilted
+# Largest standard deviation of the focal length, as a share of it: above, the board was never tilted.
+MOST_UNSURE = 0.01
 
 
 class LensError(Exception):
-    """No lens can be found from these pictures; the text says what to do."""
+    """No lens can be estimated from these pictures; the text says what to do."""
 
 
 @dataclass(frozen=True)
 class View:
-    """The board in a picture: its corners [m; board] (n, 3), and where they are [pixels] (n, 2)."""
+    """The board in a picture: its corners [m; board] (n, 3) and their pixels (n, 2)."""
 
     points: Floats
     pixels: Floats
 
 
 class LensFit:
-    """Collects pictures of the board, and finds the lens from them."""
+    """Collects pictures of the board, and estimates the lens from them."""
 
     def __init__(self) -> None:
         self.size: tuple[int, int] | None = None
@@ -41,7 +42,7 @@ class LensFit:
         self._finder = cv2.aruco.CharucoDetector(self._board)
 
     def see(self, grey: NDArray[np.uint8]) -> bool:
-        """Take a picture; tell whether the board was found in it.
+        """Add a picture; return whether the board was found in it.
 
         Raises LensError when it is of another size than those before.
         """
@@ -69,7 +70,7 @@ class LensFit:
         if not lens.rms <= WORST_RMS:
             raise LensError(f"The board's corners are {lens.rms:.1f} pixels off: is it flat, and was it printed by us?")
         if not unsure <= MOST_UNSURE * lens.fx:
-            raise LensError("The focal length stays unsure: hold the board tilted, by 30 to 45 degrees, to all sides.")
+            raise LensError("The focal length is uncertain: hold the board tilted, by 30 to 45 degrees, to all sides.")
         return lens
 
 
@@ -84,8 +85,8 @@ def _covered(views: Iterable[View], size: tuple[int, int]) -> None:
 
 
 def _fitted(views: list[View], size: tuple[int, int]) -> tuple[Lens, Floats, float]:
-    """Return the lens, how far off each picture is (rms) [pixels], and the focal length's standard deviation."""
-    # k3 stays 0: three radial terms fit the middle no better, and bend the corners where no board was seen.
+    """Return the lens, the rms residual of each picture [pixels], and the focal length's standard deviation."""
+    # k3 stays 0: a third radial term does not improve the centre and distorts corners where no board was seen.
     rms, matrix, bent, _, _, unsure, _, offs = cv2.calibrateCameraExtended(
         [view.points.astype(np.float32) for view in views],
         [view.pixels.astype(np.float32) for view in views],

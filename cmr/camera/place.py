@@ -1,4 +1,4 @@
-"""Where the camera is, from the tags on the floor."""
+"""Estimate the pose of the camera from the tags on the floor."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from cmr.camera.floor import Floor
 from cmr.camera.lens import Floats, Lens
 from cmr.camera.tags import Tag
 
-FEWEST_SEEN = 3  # tags on the floor, to place the camera at all; a fourth shows one that was moved
-MEMORY = 200  # pictures over which the corners of the floor's tags are averaged, as long as nothing moves
-SETTLING = 20  # pictures after something was new in which the place is found again each time
-MOVED = 1.5  # pixels by which a corner is elsewhere than before when the camera, or the tag, was moved
-WORST = 3.0  # pixels (rms) between a tag's corners and where they should be; else its place in the file is wrong
+FEWEST_SEEN = 3  # tags on the floor needed to place the camera; a fourth reveals one that was moved
+MEMORY = 200  # pictures over which the corners of the floor's tags are averaged, while nothing moves
+SETTLING = 20  # pictures after a change during which the pose is estimated again each time
+MOVED = 1.5  # pixels by which a corner must shift for the camera, or the tag, to count as moved
+WORST = 3.0  # pixels (rms) residual of a tag's corners; above, its place in the file is wrong
 
 
 class Unplaced(Exception):  # noqa: N818 - it is a finding, not a failure of the program
@@ -23,9 +23,9 @@ class Unplaced(Exception):  # noqa: N818 - it is a finding, not a failure of the
 
 @dataclass(frozen=True)
 class Place:
-    """Where the camera is: `axes` (3, 3), rows its right, down and ahead in the world, and `eye` (3) [m; world].
+    """Pose of the camera: `axes` (3, 3), rows its right, down and ahead in the world, and `eye` (3) [m; world].
 
-    `rms` [pixels] is how well the floor's tags fit.
+    `rms` [pixels] is the residual of the floor's tags.
     """
 
     axes: Floats
@@ -39,7 +39,7 @@ class Place:
     def on_plane(self, directions: Floats, z: float) -> Floats:
         """Return where rays in these directions (n, 3) of the camera's axes meet a height (n, 3) [m; world].
 
-        NaN where they never do.
+        NaN where they do not.
         """
         rays = directions @ self.axes
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -49,7 +49,7 @@ class Place:
 
 
 class PlaceFinder:
-    """Keeps the camera's place from the floor's tags, which it averages as long as the camera stands still."""
+    """Tracks the camera's pose from the floor's tags, averaged while the camera stands still."""
 
     def __init__(self, lens: Lens, floor: Floor) -> None:
         self.lens, self.floor = lens, floor
@@ -57,13 +57,13 @@ class PlaceFinder:
         self.problem = "No picture yet."
         self._corners: dict[int, Floats] = {}
         self._seen: dict[int, int] = {}
-        self._pictures = 0  # since something was new
+        self._pictures = 0  # since the last change
 
     def see(self, tags: Iterable[Tag]) -> None:
-        """Take the tags of a picture; `place` is None, and `problem` says why, while the camera cannot be placed."""
+        """Process the tags of a picture. While the camera cannot be placed, `place` is None and `problem` says why."""
         on_floor = {tag.number: tag.corners for tag in tags if tag.number in self.floor.tags}
         moved = [number for number, corners in on_floor.items() if self._moved(number, corners)]
-        if len(moved) > len(on_floor) // 2:  # not a tag was moved, but the camera
+        if len(moved) > len(on_floor) // 2:  # most tags moved: the camera did
             self._corners.clear()
             self._seen.clear()
         for number in moved:
@@ -73,7 +73,7 @@ class PlaceFinder:
             count = min(self._seen.get(number, 0) + 1, MEMORY)
             before = self._corners[number] if count > 1 else corners
             self._seen[number], self._corners[number] = count, before + (corners - before) / count
-        # Averages over many pictures change little with each: then the place is found again at times.
+        # One more picture hardly changes an average over many: then the pose is estimated only now and then.
         self._pictures = 0 if news else self._pictures + 1
         if self.place is None or self._pictures < SETTLING or self._pictures % SETTLING == 0:
             self._find()
@@ -95,7 +95,7 @@ class PlaceFinder:
 def found(lens: Lens, world: Mapping[int, Floats], seen: Mapping[int, Floats]) -> Place:
     """Return the camera's place from the corners of tags in the world (4, 3) and in straight pixels (4, 2), by number.
 
-    Raises Unplaced, if too few tags are seen, or one does not fit, which it names.
+    Raises Unplaced, if too few tags are seen, or if one does not fit (named in the text).
     """
     if len(seen) < FEWEST_SEEN:
         raise Unplaced(f"{len(seen)} of the floor's {FEWEST_SEEN} needed tags are seen.")
@@ -109,7 +109,7 @@ def found(lens: Lens, world: Mapping[int, Floats], seen: Mapping[int, Floats]) -
 def _suspect(
     lens: Lens, numbers: list[int], world: Mapping[int, Floats], seen: Mapping[int, Floats], off: Floats
 ) -> str:
-    """Say which tag is not where the file says: without it, all others fit."""
+    """Return a sentence that names the tag whose place in the file is wrong: without it, all others fit."""
     for left_out in numbers:
         others = [n for n in numbers if n != left_out]
         if len(others) >= FEWEST_SEEN:
@@ -118,12 +118,13 @@ def _suspect(
                 return f"Tag {left_out} is not where the floor file says; the others fit without it."
     worst = numbers[int(off.argmax())]
     return (
-        f"The tags are not where the floor file says, by {off.max():.0f} pixels at tag {worst}; or the lens is another."
+        f"The tags are not where the floor file says, by {off.max():.0f} pixels at tag {worst}; or this is not the "
+        "calibrated lens."
     )
 
 
 def _fitted(lens: Lens, world: list[Floats], seen: list[Floats]) -> tuple[Place, Floats]:
-    """Return the place that fits best, and for each tag how far off its corners are (rms) [pixels]."""
+    """Return the best-fitting camera pose, and for each tag the rms residual of its corners [pixels]."""
     points, pixels = np.concatenate(world), np.concatenate(seen)
     found, turn, shift = cv2.solvePnP(points, pixels, lens.matrix, None, flags=cv2.SOLVEPNP_IPPE)
     if not found:

@@ -1,4 +1,4 @@
-"""The pose of a robot from its tag: where the tag's corners meet the plane in which the robot carries it."""
+"""The pose of a robot from its tag: its corners are projected onto the plane in which it is mounted."""
 
 import math
 from typing import NamedTuple
@@ -17,16 +17,16 @@ REASONS = (TOO_SMALL, TOO_OBLIQUE, AMBIGUOUS, OFF_FLOOR)
 
 SMALLEST = 20.0  # pixels, the shortest side of a tag: below, a heading may be off by more than 0.3 degrees
 MOST_OBLIQUE = math.radians(70.0)  # between the line of sight and the vertical
-# A square flat in its plane fits the corners to some hundredths of a pixel, more with blur and a lens not quite known.
-WORST_FIT = 0.5  # pixels (rms); from 2.5 m a tag of 16 cm that is 3 cm higher than said fits worse
-WORST_SHARE = 0.008  # of the tag's side, where that is more: its print is not known better
-TILTED = math.radians(25.0)  # from here on a tag counts as not flat
-AS_GOOD = 1.5  # a tilted tag that fits no worse than a flat one by this factor fits as well
+# A flat square in its plane fits the corners to some hundredths of a pixel; blur and lens errors add to that.
+WORST_FIT = 0.5  # pixels (rms); from 2.5 m a tag of 16 cm that is 3 cm higher than stated fits worse
+WORST_SHARE = 0.008  # of the tag's side, if that is larger: accuracy of the print
+TILTED = math.radians(25.0)  # from this angle on, a tag counts as tilted
+AS_GOOD = 1.5  # a tilted fit is as good as a flat one if its error is at most this factor larger
 NOISE = 0.1  # pixels (rms) below which a fit is as good as any
 
 
 class Pose(NamedTuple):
-    """Where a robot is: its tracked point [m; world] and heading [rad; world]; `off` [pixels] is how well it fits."""
+    """Pose of a robot: its tracked point [m; world] and heading [rad; world]; `off` [pixels] is the residual."""
 
     x: float
     y: float
@@ -54,7 +54,7 @@ def robot_pose(tag: Tag, carried: RobotTag, lens: Lens, place: Place) -> Pose | 
 
 
 def _flat(corners: Floats, size: float) -> Floats:
-    """Return x, y [m], theta [rad] of the square whose corners are nearest to these (4, 3)."""
+    """Return x, y [m], theta [rad] of the square that best fits these corners (4, 3)."""
     middle = corners.mean(axis=0)[:2]
     shape, seen = square(size), corners[:, :2] - middle
     along = float((shape * seen).sum())
@@ -63,7 +63,7 @@ def _flat(corners: Floats, size: float) -> Floats:
 
 
 def _refined(flat: Floats, tag: Tag, carried: RobotTag, lens: Lens, place: Place) -> Floats:
-    """Return the flat pose after a Gauss-Newton step to what fits best in the picture."""
+    """Return the flat pose after one Gauss-Newton step on the residuals in the picture."""
     steps = (1e-4, 1e-4, 1e-3)
     here = _misfit(flat, tag, carried, lens, place)
     slopes = [(_misfit(flat + np.eye(3)[k] * steps[k], tag, carried, lens, place) - here) / steps[k] for k in range(3)]
@@ -72,7 +72,7 @@ def _refined(flat: Floats, tag: Tag, carried: RobotTag, lens: Lens, place: Place
 
 
 def _misfit(flat: Floats, tag: Tag, carried: RobotTag, lens: Lens, place: Place) -> Floats:
-    """Return how far a tag at a flat pose would be from where its corners are (8) [pixels]."""
+    """Return the residuals (8) [pixels] of the tag's corners for a flat pose."""
     corners = turned(square(carried.size), float(flat[2])) + flat[:2]
     seen = place.before_camera(np.column_stack([corners, np.full(4, carried.height)]))
     again = seen[:, :2] / seen[:, 2:] * (lens.fx, lens.fy) + (lens.cx, lens.cy)
@@ -84,10 +84,10 @@ def _rms(flat: Floats, tag: Tag, carried: RobotTag, lens: Lens, place: Place) ->
 
 
 def _fits_tilted(tag: Tag, carried: RobotTag, lens: Lens, place: Place, off: float) -> bool:
-    """Tell whether the picture speaks as much for a tag that is tilted, as of a robot that fell or is carried.
+    """Return whether a tilted tag, as of a robot that fell or is carried, fits the picture as well.
 
-    A small square has two poses that look nearly alike; of a tag that lies flat, the other one is tilted by twice the
-    angle at which it is seen.
+    A small square has two poses that look nearly alike; for a tag that lies flat, the other one is tilted by twice the
+    viewing angle.
     """
     across_and_up = square(carried.size)[:, ::-1] * (-1.0, 1.0)  # as OpenCV wants it
     shape = np.column_stack([across_and_up, np.zeros(4)])
@@ -95,7 +95,7 @@ def _fits_tilted(tag: Tag, carried: RobotTag, lens: Lens, place: Place, off: flo
     for k in range(count):
         upwards = place.axes.T @ np.asarray(cv2.Rodrigues(turns[k])[0])[:, 2]
         tilt = math.acos(float(np.clip(upwards[2], -1.0, 1.0)))
-        fit = float(np.ravel(offs[k])[0]) * math.sqrt(2.0)  # OpenCV's is by coordinate, not by corner
+        fit = float(np.ravel(offs[k])[0]) * math.sqrt(2.0)  # OpenCV's rms is per coordinate, not per corner
         if tilt > TILTED and fit < AS_GOOD * max(off, NOISE):
             return True
     return False

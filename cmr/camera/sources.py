@@ -1,4 +1,4 @@
-"""Where pictures come from: a USB camera, an address of a stream, a video file, or a folder of pictures."""
+"""Sources of pictures: a USB camera, the address of a stream, a video file, or a folder of pictures."""
 
 import time
 from collections.abc import Callable
@@ -10,30 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
-FIRST_UTIME = 1_000_000_000_000_000  # us; a picture whose name is such a number was taken then
-OLDEST = 1.0  # s; a time stamp of the camera that is older is on another clock
+FIRST_UTIME = 1_000_000_000_000_000  # us; a picture whose name is a number from this on was taken at that time
+OLDEST = 1.0  # s; a time stamp of the camera that is older comes from another clock
 CODES = {".mp4": "mp4v", ".mkv": "mp4v", ".avi": "MJPG"}  # of videos, by the file's suffix
 LONGEST_GAP = 10.0  # s; after a longer one a video goes on at once
-PATIENCE = 10.0  # s with a network camera; its first whole picture takes some
-LATE = 1.0  # s that a player may be behind; then it goes on from there instead of hurrying
+PATIENCE = 10.0  # s to wait for a network camera; its first complete picture takes a while
+LATE = 1.0  # s by which playback may lag; above, it resumes from there instead of catching up
 
 
 class SourceError(Exception):
-    """Pictures cannot be had; the text says why, and what to do."""
+    """Pictures cannot be read; the text says why, and what to do."""
 
 
 class Taken(NamedTuple):
-    """A picture, blue-green-red, and the moment of its exposure [us since the Unix epoch]."""
+    """A picture, blue-green-red, and its time of exposure [us since the Unix epoch]."""
 
     utime: int
     picture: NDArray[np.uint8]
 
 
 class Camera:
-    """A USB camera by its number, or a network camera by its address. `lag` [s] is between exposure and time stamp.
+    """A USB camera by its number, or a network camera by its address. `lag` [s] is the delay from exposure to time
+    stamp.
 
-    A USB camera's pictures carry the time at which the kernel took them, a network camera's only that of their arrival.
-    Raises SourceError when it cannot be opened.
+    Pictures of a USB camera are stamped by the kernel when taken, those of a network camera only on arrival. Raises
+    SourceError if the camera cannot be opened.
     """
 
     ends = False
@@ -56,13 +57,13 @@ class Camera:
         there, picture = self._capture.read()
         arrived, ticks = time.time(), time.monotonic()
         if not there:
-            raise SourceError(f"The camera {self.what} sends no pictures any more.")
+            raise SourceError(f"The camera {self.what} has stopped sending pictures.")
         stamp = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3 if self._is_usb else 0.0
         age = ticks - stamp if 0.0 <= ticks - stamp < OLDEST else 0.0
         return Taken(int((arrived - age - self.lag) * 1e6), np.asarray(picture, np.uint8))
 
     def close(self) -> None:
-        """Give the camera back."""
+        """Release the camera."""
         self._capture.release()
 
 
@@ -88,7 +89,7 @@ def _network_camera(address: str) -> "cv2.VideoCapture":
 
 
 class Film:
-    """A video file or a folder of pictures, at its own pace, or at any (`hurry`).
+    """A video file or a folder of pictures, at its own pace, or as fast as possible (`hurry`).
 
     Pictures in a folder whose names are numbers of microseconds since 1970 were taken then; all others, and those of a
     video, were taken as if the first were taken now, `rate` of them a second in a folder.
@@ -179,7 +180,7 @@ def open_source(what: str, size: tuple[int, int], rate: float, lag: float, *, hu
 
 
 class Video:
-    """Writes pictures into a video of constant rate [Hz]; each stays until the next one's time comes.
+    """Writes pictures into a video of constant rate [Hz]; each is repeated until the time of the next one.
 
     Raises SourceError when the file cannot be written.
     """
@@ -211,7 +212,7 @@ class Video:
             self._written = max(self._written, wanted)
 
     def close(self) -> None:
-        """Complete the file."""
+        """Complete and close the file."""
         if self._writer is not None:
             self._writer.release()
             self._writer = None

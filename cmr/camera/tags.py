@@ -1,4 +1,4 @@
-"""Find tags of the AprilTag family 36h11 in a picture."""
+"""Detect tags of the AprilTag family 36h11 in a picture."""
 
 from typing import NamedTuple
 
@@ -10,13 +10,13 @@ from cmr.camera.edges import refined
 from cmr.camera.lens import Floats, Lens
 
 FAMILY = cv2.aruco.DICT_APRILTAG_36h11
-MOST_WRONG_BITS = 1  # of 36. Each more finds some more tags in bad light, and 30 times as many where there are none.
+MOST_WRONG_BITS = 1  # of 36. Each further one detects a few more tags in bad light, and 30 times as many false ones.
 MOST_WRONG_BORDER = 0.1  # share of the black border's cells that may be white
-MIN_SIDE = 12.0  # pixels; in smaller tags a cell is no more than a pixel and a half
+MIN_SIDE = 12.0  # pixels; in smaller tags a cell has at most 1.5 pixels
 
 
 class Tag(NamedTuple):
-    """A tag in a picture: its number and its corners (4, 2) [straight pixels], from top left as one sees the tag."""
+    """A tag in a picture: its number and its corners (4, 2) [undistorted pixels], from top left as one sees the tag."""
 
     number: int
     corners: Floats
@@ -43,7 +43,7 @@ class TagFinder:
     def find(self, grey: NDArray[np.uint8]) -> list[Tag]:
         """Return the tags of a grey picture of the lens's size, each number once at most.
 
-        Of a number that is there twice nobody knows which is meant: neither is returned.
+        A number seen twice is ambiguous: neither tag is returned.
         """
         corners, numbers, _ = self._detector.detectMarkers(grey)
         if numbers is None or not len(numbers):

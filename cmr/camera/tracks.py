@@ -1,4 +1,4 @@
-"""Where robots of the world are and were, for drawing them at the moment of a picture."""
+"""Tracks of the world's robots, for drawing them at the time of a picture."""
 
 import math
 from bisect import bisect_right
@@ -10,12 +10,12 @@ from cmr.msg import robot_state_t, world_state_t
 
 REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
-SILENT = 1_000_000  # us after which a robot of which nothing is heard is no longer shown
-AHEAD = 100_000  # us that the newest state may be older than the picture, and is drawn on at its speed
+SILENT = 1_000_000  # us without a state after which a robot is no longer shown
+AHEAD = 100_000  # us by which the newest state may be older than the picture; it is extrapolated at its speed
 
 
 class Shown(NamedTuple):
-    """A robot at the moment of a picture [m, rad; world], and where it was before, oldest first."""
+    """A robot at the time of a picture [m, rad; world], and its earlier positions, oldest first."""
 
     robot_id: int
     x: float
@@ -32,11 +32,11 @@ class Track:
         self.states: deque[tuple[int, float, float, float]] = deque()
 
     def at(self, utime: int, trail: int) -> Shown:
-        """Return the robot at this time, with a trail so long [us]."""
+        """Return the robot at this time, with a trail of this duration [us]."""
         states = self.states
         after = bisect_right([state[0] for state in states], utime)
         first, second = max(after - 1, 0), min(max(after, 1), len(states) - 1)
-        if after == len(states) and after > 1:  # the picture is newer than all: on from the last two
+        if after == len(states) and after > 1:  # the picture is newer than all: extrapolate from the last two
             first, second = after - 2, after - 1
         (t0, x0, y0, theta0), (t1, x1, y1, theta1) = states[first], states[second]
         share = (min(utime, states[-1][0] + AHEAD) - t0) / (t1 - t0) if t1 > t0 else 0.0
@@ -49,14 +49,14 @@ class Track:
 
 
 class Tracks:
-    """All real and virtual robots, from WORLD_STATE messages; twins are left out. `trail` [us] is remembered."""
+    """All real and virtual robots, from WORLD_STATE messages; twins are left out. `trail` [us] is the history kept."""
 
     def __init__(self, trail: int) -> None:
         self.trail = trail
         self._tracks: dict[tuple[int, int], Track] = {}
 
     def handle(self, utime: int, message: world_state_t) -> None:
-        """Take a world_state_t, the whole world or a part of it."""
+        """Add a world_state_t, which holds the whole world or part of it."""
         columns: list[Floats] = [getattr(message, name) for name in ("robot_id", "origin", "x", "y", "theta")]
         for robot_id, origin, x, y, theta in zip(*(list(map(float, column)) for column in columns), strict=True):
             key = (int(robot_id), int(origin))
@@ -72,7 +72,7 @@ class Tracks:
                 states.popleft()
 
     def at(self, utime: int, origin: int) -> list[Shown]:
-        """Return the robots of an origin, REAL or VIRTUAL, at the moment of a picture."""
+        """Return the robots of an origin, REAL or VIRTUAL, at the time of a picture."""
         self._tracks = {
             key: track for key, track in self._tracks.items() if utime - track.states[-1][0] <= max(self.trail, SILENT)
         }

@@ -14,7 +14,7 @@ from cmr.camera.tags import TagFinder
 
 
 class Watcher:
-    """Finds robots in the pictures of one camera; it knows neither cameras nor the bus.
+    """Finds robots in the pictures of one camera; it uses neither cameras nor the bus.
 
     `rejected` counts the robots' tags that gave no pose, by reason; `problem` says why there are no poses at all.
     """
@@ -28,16 +28,16 @@ class Watcher:
 
     @property
     def place(self) -> Place | None:
-        """Where the camera is, None while that is not known."""
+        """Pose of the camera, None while it is unknown."""
         return self._place.place
 
     def watch(self, picture: NDArray[np.uint8]) -> dict[int, Pose]:
-        """Return the poses by robot id in a picture, grey or blue-green-red."""
+        """Return the poses of robots in a picture, grey or blue-green-red, by robot id."""
         height, width = picture.shape[:2]
         if (width, height) != (self.lens.width, self.lens.height):
             self.problem = (
                 f"The pictures are {width} x {height}, the lens was calibrated with {self.lens.width} x "
-                f"{self.lens.height}: set the camera so, or calibrate again."
+                f"{self.lens.height}: set the camera to that size, or calibrate again."
             )
             return {}
         grey = picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)

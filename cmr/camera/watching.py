@@ -1,4 +1,4 @@
-"""Watching a camera in a thread of its own, so that the process goes on listening meanwhile."""
+"""Process a camera's pictures in a separate thread, so that the process handles messages meanwhile."""
 
 import threading
 import time
@@ -11,13 +11,13 @@ from cmr.camera.robots import Pose
 from cmr.camera.sources import Camera, Film, SourceError, Taken
 from cmr.camera.watcher import Watcher
 
-MOST_WAITING = 100  # results that nobody has taken yet; then the oldest is dropped
-LIVE = 60.0  # s; pictures that are older were recorded earlier, and have no latency
-AGAIN = 2.0  # s after which a camera that was lost is tried again
+MOST_WAITING = 100  # results not yet taken; above, the oldest is dropped
+LIVE = 60.0  # s; older pictures are from a recording and have no latency
+AGAIN = 2.0  # s between attempts to reopen a lost camera
 
 
 class Seen(NamedTuple):
-    """What a picture showed: poses by robot id, and where the camera was, None where that is not known."""
+    """What a picture showed: poses by robot id, and the camera's pose, None if it is unknown."""
 
     taken: Taken
     poses: dict[int, Pose]
@@ -25,10 +25,10 @@ class Seen(NamedTuple):
 
 
 class Watching:
-    """A thread that reads a source's pictures and has them watched; `results` hands over what was seen.
+    """A thread that reads a source's pictures and finds the robots in them; `results` returns what was seen.
 
-    `problem` says what keeps it from seeing robots; `done` tells that the source has ended, `failed` that it
-    broke off. `reopen` opens a camera again after it was lost.
+    `problem` says why no robots are seen; `done` is set when the source has ended, `failed` when it broke off. `reopen`
+    opens a camera again after it was lost.
     """
 
     def __init__(self, source: Camera | Film, reopen: Callable[[], Camera | Film], watcher: Watcher) -> None:
@@ -43,7 +43,7 @@ class Watching:
 
     @property
     def done(self) -> bool:
-        """Whether the source has ended and all that was seen has been handed over."""
+        """Whether the source has ended and all results have been returned."""
         return not self._thread.is_alive() and not self._results
 
     def results(self) -> list[Seen]:
@@ -54,7 +54,7 @@ class Watching:
         return results
 
     def close(self) -> None:
-        """Stop, and give the camera back, unless it keeps us waiting."""
+        """Stop, and release the camera unless it is blocked."""
         self._stop.set()
         self._thread.join(0.5)
 
@@ -89,19 +89,19 @@ class Watching:
 
 
 class Latency:
-    """How old poses are when they are published: the median and the worst [s] since the last summary."""
+    """Age of poses when they are published: the median and the largest [s] since the last summary."""
 
     def __init__(self) -> None:
         self._ages: list[float] = []
 
     def take(self, utime: int) -> None:
-        """Note that what was exposed at `utime` [us] is published now."""
+        """Record that a picture exposed at `utime` [us] is published now."""
         age = time.time() - utime / 1e6
         if age < LIVE:
             self._ages.append(age)
 
     def summary(self) -> str:
-        """Return the latency in words, and begin again; empty where nothing was published."""
+        """Return the latency in words and reset it; empty if nothing was published."""
         ages, self._ages = sorted(self._ages), []
         if not ages:
             return ""

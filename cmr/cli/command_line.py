@@ -1,4 +1,4 @@
-"""What all cmr-* commands share on the command line: help with an example, --version, exit codes, errors."""
+"""The shared command-line behaviour of all cmr-* commands: help with an example, --version, exit codes, errors."""
 
 import argparse
 import json
@@ -26,12 +26,13 @@ exit codes:
   1    failed, or something was found: one line on stderr says what, and what to do
   2    wrong usage
   130  interrupted by Ctrl-C, SIGTERM or SIGHUP"""
-UNPRINTED = re.compile("[\x7f-\x9f\xad\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]")  # that JSON leaves as they are
+# Unprintable characters that JSON does not escape.
+UNPRINTED = re.compile("[\x7f-\x9f\xad\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]")
 HELP_WIDTH = 79  # characters; a terminal's usual 80 leave room for no more
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
-    """Keeps the examples' lines as they are, and shows the defaults that say something."""
+    """Keeps the lines of examples, and shows meaningful defaults."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         said = action.help is not None and "(default: " in action.help
@@ -62,9 +63,9 @@ def parser(name: str, description: str, example: str, bus: str = USUAL_BUS) -> a
 
 
 def usual_options(bus: str = USUAL_BUS) -> argparse.ArgumentParser:
-    """Return the parent of subcommands' parsers, which take --json and the options that every command has, too."""
+    """Return the parent of subcommands' parsers, with --json and the common options."""
     result = argparse.ArgumentParser(add_help=False)
-    _add_usual(result, bus, argparse.SUPPRESS)  # what is given before the subcommand stays
+    _add_usual(result, bus, argparse.SUPPRESS)  # keep values given before the subcommand
     result.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help=JSON_HELP)
     return result
 
@@ -75,13 +76,13 @@ def _add_usual(options: argparse.ArgumentParser, bus: str, default: str | None) 
         "--insecure",
         action=_Insecure,
         nargs=0,
-        help="share the bus with other computers without a key: whoever is on the network can drive the robots",
+        help="share the bus with other computers without a key: anybody on the network can drive the robots",
     )
     options.add_argument("--quiet", action=_Quiet, nargs=0, help="print errors and results only: no news, no progress")
 
 
 class _Version(argparse.Action):
-    """Prints the version; it is looked up only then, because that takes as long as all the rest of a start."""
+    """Prints the version; it is only looked up on demand, because that takes as long as the rest of a start."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_arguments: object) -> None:
         print(f"{parser.prog} {version()}")
@@ -89,32 +90,34 @@ class _Version(argparse.Action):
 
 
 class _Insecure(argparse.Action):
-    """Has this process, and those that it starts, take messages that nobody signed."""
+    """Makes this process, and its children, accept unsigned messages."""
 
     def __call__(self, *_arguments: object) -> None:
         configuration.be_insecure()
 
 
 class _Quiet(argparse.Action):
-    """Ends news and progress, wherever in the program they are made."""
+    """Disables news and progress in the whole program."""
 
     def __call__(self, *_arguments: object) -> None:
         be_quiet()
 
 
 def check_writable(folder: Path) -> None:
-    """Refuse a folder for results that cannot be made or written, before anything takes long. Raises CommandError."""
+    """Refuse a folder for results that cannot be created or written, before any long computation. Raises
+    CommandError.
+    """
     if why := why_not_writable(folder):
         raise CommandError(f"{folder}: cannot be written: {why}. Choose another place with --out.")
 
 
 def add_robot(options: argparse.ArgumentParser) -> None:
-    """Add the option that names the robot; otherwise it is that of the environment or the configuration file."""
+    """Add the option for the robot; the default comes from the environment or the configuration file."""
     options.add_argument("--robot", type=parse_robot_id, default=configuration.robot(), metavar="N", help="robot id")
 
 
 def add_begin_with(options: argparse.ArgumentParser, meanwhile: str) -> None:
-    """Add the option that names the program with which robots begin; `meanwhile` says what they do until then."""
+    """Add the option for the program that starts the robots; `meanwhile` says what they do until then."""
     options.add_argument(
         "--begin-with",
         default="",
@@ -124,7 +127,7 @@ def add_begin_with(options: argparse.ArgumentParser, meanwhile: str) -> None:
 
 
 def add_nominal(options: argparse.ArgumentParser) -> None:
-    """Add the option for the parameters with which an estimate begins."""
+    """Add the option for the nominal parameters of an estimate."""
     options.add_argument(
         "--parameters",
         type=Path,
@@ -135,7 +138,7 @@ def add_nominal(options: argparse.ArgumentParser) -> None:
 
 
 def add_logs(options: argparse.ArgumentParser, what: str, single: bool = False) -> None:
-    """Add event logs, or a single one, which are named by themselves or after --log; `logs_of` returns them."""
+    """Add event logs, or a single one, given as arguments or with --log; `logs_of` returns them."""
     options.add_argument("logs", type=Path, nargs="?" if single else "*", metavar="RUN.lcm", help=what)
     options.add_argument(
         "--log",
@@ -148,7 +151,7 @@ def add_logs(options: argparse.ArgumentParser, what: str, single: bool = False) 
 
 
 def logs_of(chosen: argparse.Namespace) -> list[Path]:
-    """Return the logs that were named in one way or the other."""
+    """Return the logs given in either way."""
     logs: list[Path] = []
     for given in (chosen.logs, chosen.log):
         logs += [given] if isinstance(given, Path) else given or []
@@ -167,7 +170,7 @@ def add_channels(options: argparse.ArgumentParser) -> None:
 
 
 def add_without(options: argparse.ArgumentParser) -> None:
-    """Add the option that leaves channels out."""
+    """Add the option that excludes channels."""
     options.add_argument(
         "--without",
         action="append",
@@ -183,9 +186,9 @@ def add_json(options: argparse.ArgumentParser) -> None:
 
 
 def print_json(result: object, indent: int | None = 2) -> None:
-    """Print a result for programs; what is not finite becomes null, which JSON has no numbers for.
+    """Print a result for programs; non-finite numbers, which JSON does not have, become null.
 
-    Without `indent` it is one line, which a reader gets at once.
+    Without `indent` it is one line, flushed immediately.
     """
     text = json.dumps(_finite(result), indent=indent, ensure_ascii=False, default=str)
     print(UNPRINTED.sub(lambda found: f"\\u{ord(found[0]):04x}", text), flush=indent is None)
@@ -224,7 +227,7 @@ def parse_number(
 ) -> float:
     """Parse a finite number for argparse, of `least` to `most`, and greater than `above`.
 
-    Raises argparse.ArgumentTypeError, which says `otherwise`, where the text is none.
+    Raises argparse.ArgumentTypeError with the message `otherwise` if the text is invalid.
     """
     try:
         number = float(text)
@@ -243,15 +246,15 @@ def _say_why_failed(sentence: str) -> None:
 
 
 def _say_nothing_more(stream: TextIO) -> None:
-    """Let what is printed from now on, and what is still kept of it, go nowhere."""
-    with suppress(OSError, ValueError):  # it is no file of the system's, as in a notebook
+    """Discard all further output, including what is buffered."""
+    with suppress(OSError, ValueError):  # not a system file, as in a notebook
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
-    """Run `main`; turn an expected error, or a disk that is full, into one line on stderr and exit code 1.
+    """Run `main`; turn expected errors, and a full disk, into one line on stderr and exit code 1.
 
-    Where nobody reads what it says any more, as after `| head`, it says nothing more.
+    If nobody reads the output any more, as after `| head`, it ends silently.
     """
     try:
         code = main(arguments)
@@ -267,7 +270,7 @@ def guarded(main: Callable[[list[str]], int], arguments: list[str]) -> int:
         if error.errno not in NO_ROOM:
             raise
         where = f"{error.filename}: " if error.filename else ""
-        _say_nothing_more(sys.stdout)  # it may be the file for which there is no room
+        _say_nothing_more(sys.stdout)  # it may be the file on the full disk
         _say_why_failed(f"{where}{error.strerror}. Free some space on that disk, then try again.")
         return 1
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""What a user sets once for all commands: bus, key, robot and folders. Command line and environment come before it.
+"""A user's settings for all commands: bus, key, robot and folders. Command line and environment take precedence.
 
 The file is `$XDG_CONFIG_HOME/cmr/config.yaml`, usually `~/.config/cmr/config.yaml`.
 """
@@ -10,7 +10,7 @@ from cmr.cli.errors import ExpectedError
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"  # of LCM; stays on this host
 LARGEST_ROBOT_ID = 2**31 - 1  # what the int32 of the messages holds
-# Each setting with the environment variable that comes before it.
+# Each setting with the environment variable that takes precedence.
 SETTINGS = {
     "lcm_url": "LCM_DEFAULT_URL",  # LCM's own name for it
     "robot": "CMR_ROBOT",
@@ -18,7 +18,7 @@ SETTINGS = {
     "results": "CMR_RESULTS",
     "key": "CMR_KEY",
 }
-INSECURE = "CMR_INSECURE"  # in the environment, of a process that was started with --insecure and of its own
+INSECURE = "CMR_INSECURE"  # set in the environment of a process started with --insecure, and its children
 
 
 class ConfigurationError(ExpectedError):
@@ -26,20 +26,20 @@ class ConfigurationError(ExpectedError):
 
 
 def path() -> Path:
-    """Return where the configuration file is, or would be."""
+    """Return the path of the configuration file, which may not exist."""
     base = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
     return Path(base).expanduser() / "cmr" / "config.yaml"
 
 
 def lcm_url() -> str | None:
-    """Return the LCM URL of the environment, otherwise of the file; None where neither has one."""
+    """Return the LCM URL from the environment, otherwise from the file; None if neither has one."""
     return _setting("lcm_url")
 
 
 def robot() -> int:
-    """Return the robot that commands are about if none is named: 0 where nothing is set.
+    """Return the default robot for commands: 0 unless configured.
 
-    Raises ConfigurationError for what is no robot id.
+    Raises ConfigurationError for an invalid robot id.
     """
     text = _setting("robot") or "0"
     if not (text.isascii() and text.isdecimal()):
@@ -48,33 +48,33 @@ def robot() -> int:
 
 
 def parameters() -> Path:
-    """Return the folder of the files robot_N.yaml; the current one where nothing is set."""
+    """Return the folder of the files robot_N.yaml; by default the current one."""
     return Path(_setting("parameters") or ".").expanduser()
 
 
 def parameter_file(robot_id: int) -> Path:
-    """Return where the parameter file of a robot is, or would be."""
+    """Return the path of a robot's parameter file, which may not exist."""
     return parameters() / f"robot_{robot_id}.yaml"
 
 
 def results() -> Path:
-    """Return the folder in which results get a folder of their own; the current one where nothing is set."""
+    """Return the folder in which results get subfolders; by default the current one."""
     return Path(_setting("results") or ".").expanduser()
 
 
 def key_file() -> tuple[Path, bool]:
-    """Return where the key of the bus is, or would be, and whether somebody said so."""
+    """Return the path of the bus key, which may not exist, and whether it was configured."""
     named = _setting("key")
     return (Path(named).expanduser(), True) if named else (path().parent / "key", False)
 
 
 def is_insecure() -> bool:
-    """Return whether messages that nobody signed are taken."""
+    """Return whether unsigned messages are accepted."""
     return os.environ.get(INSECURE, "") not in ("", "0")
 
 
 def be_insecure() -> None:
-    """Take messages that nobody signed from now on; processes that this one starts do so, too."""
+    """Accept unsigned messages from now on, also in child processes."""
     os.environ[INSECURE] = "1"
 
 
@@ -88,14 +88,14 @@ def _setting(name: str) -> str | None:
 
 
 def _file() -> dict[str, str]:
-    """Return the settings of the file, as texts; none where there is no file."""
+    """Return the settings of the file, as text; empty without a file."""
     try:
         path().stat()
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except OSError as error:
         raise ConfigurationError(f"{path()}: cannot be read: {error.strerror}") from error
-    # YAML takes a while, and most have no file.
+    # Importing YAML is slow, and most users have no file.
     from cmr.documents.document import DocumentError, read_file
 
     try:

@@ -1,4 +1,4 @@
-"""Errors that a user can put right."""
+"""Errors that a user can correct."""
 
 
 class ExpectedError(Exception):
@@ -6,4 +6,4 @@ class ExpectedError(Exception):
 
 
 class CommandError(ExpectedError):
-    """The command cannot do what was asked."""
+    """The command cannot do what was requested."""

@@ -1,4 +1,4 @@
-"""What a process says of itself on the terminal: with the time of day, and not at all after --quiet."""
+"""News of a process on the terminal, with the time of day; disabled by --quiet."""
 
 import sys
 import time
@@ -10,7 +10,7 @@ _quiet = False
 
 
 def be_quiet(wanted: bool = True) -> None:
-    """Say no news and show no progress from now on; errors and results are still printed."""
+    """Disable news and progress; errors and results are still printed."""
     global _quiet
     _quiet = wanted
 
@@ -23,7 +23,7 @@ def is_quiet() -> bool:
 def say(process: str, news: str) -> None:
     """Print what happened to a process on stderr: `cmr-driver: 14:03:12 ready`.
 
-    What cannot be written, as stderr is a file on a full disk, is lost: that is no reason to end a driver.
+    Output that cannot be written, because stderr is a file on a full disk, is lost; this must not end a driver.
     """
     if _quiet:
         return

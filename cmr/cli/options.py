@@ -1,7 +1,7 @@
-"""A dataclass that is a command line: each field is an option of the same name, with its help and bounds.
+"""Dataclasses as command lines: each field is an option of the same name, with its help and bounds.
 
-The same dataclass is what a file may say (`cmr.documents.structure`), so an option is declared once, by the rules of
-`cmr.documents.declared`.
+The same dataclass defines the contents of files (`cmr.documents.structure`), so an option is declared once, by the
+rules of `cmr.documents.declared`.
 """
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
@@ -15,7 +15,7 @@ Made = TypeVar("Made")
 
 
 def add_options(parser: ArgumentParser, made: type[object]) -> None:
-    """Add an option for each field of a dataclass that is an `Option`; without a default it is None if not given."""
+    """Add an option for each `Option` field of a dataclass; without a default it is None if not given."""
     for entry, kind, rules in declared(made):
         option = next((rule for rule in rules if isinstance(rule, Option)), None)
         if option is None:
@@ -33,15 +33,15 @@ def add_options(parser: ArgumentParser, made: type[object]) -> None:
 
 
 def made_of(made: type[Made], options: Namespace) -> Made:
-    """Return the dataclass whose fields are options.
+    """Return the dataclass made from parsed options.
 
-    Raises what the dataclass raises for options that contradict each other.
+    Raises the dataclass's errors for contradictory options.
     """
     return made(**{entry.name: getattr(options, entry.name) for entry in fields_of(made)})
 
 
 def arguments_of(made: object) -> list[str]:
-    """Return the options that make this dataclass; those that have their default are left out."""
+    """Return the options that make this dataclass, without those at their defaults."""
     options: list[str] = []
     for entry in fields_of(type(made)):
         value = getattr(made, entry.name)

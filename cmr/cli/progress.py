@@ -1,4 +1,4 @@
-"""How far a piece of work is, on the terminal or in a notebook: the one place that knows how that looks."""
+"""Progress of work, on the terminal or in a notebook; the only module that draws it."""
 
 import os
 import sys
@@ -14,20 +14,20 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress as RichProgress
 
-BYTES = "bytes"  # a unit that is shown in kB, MB or GB
+BYTES = "bytes"  # a unit shown in kB, MB or GB
 AMOUNT = "{task.completed:.0f}/{task.total:.0f} {task.fields[unit]}"
 BAR = 24  # characters
-BETWEEN_LINES = 10.0  # s, where there is no terminal
+BETWEEN_LINES = 10.0  # s, without a terminal
 LINE_CLEARED, CURSOR_SHOWN = b"\r\x1b[2K", b"\x1b[?25h"
 
-_bars = 0  # that are shown by this process
+_bars = 0  # number of bars shown by this process
 
 
 class Progress:
-    """A bar on stderr that is gone when the work is done; a context manager.
+    """A bar on stderr that disappears when the work is done; a context manager.
 
-    `total` is how many `unit` there are; None: nobody knows, and only the text is shown. Where stderr is neither a
-    terminal nor a notebook's, nothing is shown, or with `lines` a line every 10 s. After --quiet, nothing.
+    `total` is the number of `unit`; None: unknown, and only the text is shown. If stderr is neither a terminal nor a
+    notebook's, nothing is shown, or with `lines` a line every 10 s. After --quiet, nothing is shown.
     """
 
     def __init__(self, total: float | None = None, unit: str = "", lines: bool = False) -> None:
@@ -57,7 +57,7 @@ class Progress:
             _bars -= 1
 
     def show(self, text: str | None = None, done: float | None = None) -> None:
-        """Show what is being done and how much has been, as far as these are given."""
+        """Show the current activity and the amount done, if given."""
         if done is not None:
             self._done = done
         if text is not None:
@@ -69,16 +69,16 @@ class Progress:
             print(self._line(), file=sys.stderr, flush=True)
 
     def advance(self, more: float = 1.0, text: str | None = None) -> None:
-        """Show that so much more has been done."""
+        """Advance the amount done."""
         self.show(text, self._done + more)
 
     def say(self, text: str) -> None:
-        """Write a line on stderr that stays, above the bar where there is one; not after --quiet."""
+        """Print a permanent line on stderr, above the bar if there is one; not after --quiet."""
         if not is_quiet():
             self._write(text)
 
     def warn(self, text: str) -> None:
-        """Write a line on stderr that stays, in amber on a terminal; also after --quiet."""
+        """Print a permanent line on stderr, amber on a terminal; also after --quiet."""
         self._write(text, style="yellow")
 
     def _write(self, text: str, style: str | None = None) -> None:
@@ -90,7 +90,7 @@ class Progress:
             print(text, file=sys.stderr, flush=True)
 
     def _line(self) -> str:
-        """Return in words what the bar shows."""
+        """Return the bar's contents in words."""
         if self._total is None:
             return self._text
         left = (time.monotonic() - self._began) / max(self._done, 1e-9) * (self._total - self._done)
@@ -100,11 +100,11 @@ class Progress:
 
 
 def leave_terminal(last_words: str = "") -> None:
-    """Take a bar away, show the cursor again and write last words; for signal handlers that end the process at once.
+    """Remove a bar, show the cursor again and print last words; for signal handlers that end the process at once.
 
-    Where there is a bar, stderr shows nothing after it: the thread that draws the bar would draw it once more.
+    If there is a bar, nothing can be printed after it: its drawing thread would draw it once more.
     """
-    with suppress(OSError):  # a terminal that hung up must not keep the process
+    with suppress(OSError):  # a closed terminal must not block the end
         terminal = os.dup(2)
         if _bars and os.isatty(terminal):
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
@@ -113,7 +113,7 @@ def leave_terminal(last_words: str = "") -> None:
 
 
 def _console() -> "Console":
-    from rich.console import Console  # takes as long as all the rest of a start
+    from rich.console import Console  # importing it takes as long as the rest of a start
 
     return Console(stderr=True)
 
@@ -127,7 +127,7 @@ def _bar(counted: bool, unit: str) -> "RichProgress":
     if counted:
         amount = parts.DownloadColumn() if unit == BYTES else parts.TextColumn(AMOUNT)
         columns += [parts.BarColumn(BAR), amount, parts.TimeRemainingColumn()]
-    # What is printed meanwhile appears above the bar; results that go to a file or a pipe still go there.
+    # Other output appears above the bar; results for a file or pipe still go there.
     return parts.Progress(
         *columns, text, console=_console(), transient=True, expand=True, redirect_stdout=sys.stdout.isatty()
     )

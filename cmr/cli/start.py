@@ -1,7 +1,7 @@
-"""How a command starts and ends: what the shell starts calls `run`.
+"""Start and end of a command: its executable calls `run`.
 
-A command is loaded only after it has been seen to that Ctrl-C ends the process quietly even while libraries are still
-being imported; this module imports next to nothing itself.
+The command's module is imported only after Ctrl-C has been set up to end the process quietly, even during imports; this
+module itself imports almost nothing.
 """
 
 import os
@@ -23,7 +23,7 @@ def run(module: str) -> int:
         from cmr.cli.command_line import guarded
 
         code = guarded(main, sys.argv[1:])
-    except ImportError as error:  # some load what needs LCM only when they use it
+    except ImportError as error:  # some import LCM only when they need it
         if "libglib-2.0.so.0" not in str(error):
             raise
         return _refuse(
@@ -31,7 +31,7 @@ def run(module: str) -> int:
         )
     sys.stdout.flush()
     sys.stderr.flush()
-    # Everything of ours is closed; to take Numba apart would keep an interrupted process for half a second longer.
+    # Everything of ours is closed; cleaning up Numba would delay an interrupted process by half a second.
     os._exit(code)
 
 
@@ -41,7 +41,7 @@ def _refuse(reason: str) -> int:
 
 
 def _end(_number: int, _frame: object) -> None:
-    progress = sys.modules.get("cmr.cli.progress")  # nothing is imported here: an import may be what is interrupted
+    progress = sys.modules.get("cmr.cli.progress")  # no imports here: an import may be what is interrupted
     if progress is not None and hasattr(progress, "leave_terminal"):
         progress.leave_terminal()
     os._exit(130)

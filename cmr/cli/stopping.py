@@ -1,4 +1,4 @@
-"""Signals that ask a command to end: in its own time, or at once where what is done is kept."""
+"""Signals that ask a command to end: at its own pace, or at once if finished work is kept."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ EXIT_INTERRUPTED = 130
 
 
 class Stopping:
-    """Whether a signal asked to end; false until then."""
+    """Whether a signal asked to end."""
 
     def __init__(self) -> None:
         self._asked = False
@@ -21,13 +21,13 @@ class Stopping:
         return self._asked
 
     def note(self, _number: int, _frame: FrameType | None) -> None:
-        """Take a signal."""
+        """Handle a signal."""
         self._asked = True
 
 
 @contextmanager
 def stopped_by_signals() -> Iterator[Stopping]:
-    """Give what says whether SIGINT, SIGTERM or SIGHUP came, which then end nothing by themselves."""
+    """Provide an object that says whether SIGINT, SIGTERM or SIGHUP came; these then have no other effect."""
     stopping = Stopping()
     before = {number: signal.signal(number, stopping.note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
@@ -38,7 +38,7 @@ def stopped_by_signals() -> Iterator[Stopping]:
 
 
 def end_on_signals(command: str) -> None:
-    """End on SIGINT, SIGTERM and SIGHUP with a sentence; processes of ours end with their parent."""
+    """End on SIGINT, SIGTERM and SIGHUP with a sentence; child processes end with their parent."""
 
     def end(_number: int, _frame: object) -> None:
         leave_terminal(f"\n{command}: stopped; the same command goes on from here.\n")

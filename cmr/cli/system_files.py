@@ -1,12 +1,12 @@
-"""What the system of a robot's computer needs: udev's rules for its ports, systemd's units of its driver and agent.
+"""System files for a robot's computer: udev rules for its ports, systemd units for driver and agent.
 
-`cmr init` writes rules and driver of one robot; scripts/release puts those of any robot into the Debian package.
+`cmr init` writes rules and driver unit of one robot; scripts/release puts generic ones into the Debian package.
 """
 
 USB_IDS = {"roboclaw": ("03eb", "2404"), "roboclaw-pair": ("03eb", "2404"), "roboteq": ("20d2", "5740")}
 MARK = "put the ids here that `udevadm info -a` shows for the port"
-SERIAL_PORTS = ("ttyUSB", "ttyACM", "ttyAMA", "ttyS")  # as /proc/devices names them
-# The driver reads its configuration, talks to serial ports and to the bus, and keeps a stop in its StateDirectory=.
+SERIAL_PORTS = ("ttyUSB", "ttyACM", "ttyAMA", "ttyS")  # names in /proc/devices
+# The driver reads its configuration, uses serial ports and the bus, and stores a stop in its StateDirectory=.
 ALLOWED_TO_A_DRIVER = (
     "StateDirectory=cmr",
     "LimitRTPRIO=1",
@@ -29,7 +29,9 @@ ALLOWED_TO_A_DRIVER = (
 
 
 def udev_rule(name: str, ids: tuple[str, str] | None) -> str:
-    """Return the rule by which a USB device of these ids, vendor and product, is /dev/`name`; a comment without ids."""
+    """Return the udev rule that names a USB device with these ids, vendor and product, /dev/`name`; a comment without
+    ids.
+    """
     vendor, product = ids or ("xxxx", "xxxx")
     comment = "" if ids else f"# {MARK}\n# "
     return (
@@ -39,7 +41,7 @@ def udev_rule(name: str, ids: tuple[str, str] | None) -> str:
 
 
 def command_line(words: list[str]) -> str:
-    """Return a command as it stands after ExecStart=."""
+    """Return a command in the syntax of ExecStart=."""
     return " ".join(f'"{word}"' if " " in word else word for word in words).replace("%", "%%")
 
 
@@ -54,10 +56,10 @@ def unit(what: str, command: str, *more: str) -> str:
 
 
 def driver_unit(robot: str, command: str, *more: str) -> str:
-    """Return the unit of a robot's driver, which may use what a driver needs and nothing else."""
+    """Return the unit of a robot's driver, restricted to what a driver needs."""
     return unit(f"driver of robot {robot}", command, *more, *ALLOWED_TO_A_DRIVER)
 
 
 def agent_unit(command: str, *more: str) -> str:
-    """Return the unit of the agent, which may use what the drivers need that it starts."""
+    """Return the unit of the agent, restricted to what the drivers that it starts need."""
     return unit("agent of experiments", command, *more, *ALLOWED_TO_A_DRIVER)

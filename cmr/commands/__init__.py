@@ -1,7 +1,7 @@
-"""The cmr-* commands: each is a thin process around classes that know no bus.
+"""The cmr-* commands: each is a thin process around classes that are independent of the bus.
 
-This module is what the shell starts. `cmr.cli.start` loads a command only after it has seen to it that Ctrl-C ends the
-process quietly even while libraries are still being imported.
+These functions are the entry points of the executables. `cmr.cli.start` loads a command only after Ctrl-C has been set
+up to end the process quietly, even during imports.
 """
 
 from cmr.cli.start import run

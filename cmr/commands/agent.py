@@ -24,7 +24,9 @@ def main(arguments: list[str]) -> int:
     """
     options = command_parser().parse_args(arguments)
     if key_of(resolve_url(options.lcm_url)) is None and not is_insecure():
-        raise CommandError("An agent starts what is asked of it, so it needs a key: cmr key. Or start with --insecure.")
+        raise CommandError(
+            "An agent starts whatever is requested, so it needs a key: cmr key. Or start with --insecure."
+        )
     check_writable(options.out)
     agent = Agent(options.out)
     with Process(AGENT, options.lcm_url) as process:
@@ -48,12 +50,12 @@ def command_parser() -> argparse.ArgumentParser:
     result = parser(
         "cmr-agent",
         "Run what experiments need on this computer, such as the driver and the pilot of a robot: cmr-run on another "
-        "computer asks for it where the scenario names this host. Processes are started again as cmr-run does it with "
-        "its own. All are stopped when the run ends, when cmr-run was silent for 5 s, and when the agent ends.\n\n"
-        "Who has the key can have CMR's own programs started here, with any options, as the user of the agent.",
+        "computer requests it if the scenario names this host. Processes are restarted as in cmr-run. All are "
+        "stopped when the run ends, when cmr-run was silent for 5 s, and when the agent ends.\n\nAnybody with the "
+        "key can start CMR's own programs here, with any options, as the user of the agent.",
         "cmr-agent --out experiments",
     )
     result.add_argument(
-        "--out", type=Path, default=results() / "agent", metavar="DIR", help="folder in which each run gets one"
+        "--out", type=Path, default=results() / "agent", metavar="DIR", help="folder in which each run gets a subfolder"
     )
     return result

@@ -37,10 +37,10 @@ from cmr.priority import give_way
 from cmr.recordings.recording import Recording, RecordingError, read_messages
 
 STATUS_PERIOD = 0.25  # s
-LOOK_PERIOD = 0.4  # s; the estimates so far are renewed as often, if the computer can
+LOOK_PERIOD = 0.4  # s; the estimates so far are updated this often, if the computer is fast enough
 FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
-FURTHER = 5.0  # s; a log that goes on for longer than this after a drive may hold another one
-ANNOUNCING = 3.0  # s for which a new file is announced before the command ends; cmr-sim goes on announcing it
+FURTHER = 5.0  # s; a log that continues for longer after a drive may contain another one
+ANNOUNCING = 3.0  # s for which a new file is announced before the command ends; cmr-sim continues announcing it
 
 
 def main(arguments: list[str]) -> int:
@@ -61,8 +61,8 @@ def command_parser() -> argparse.ArgumentParser:
     options = parser(
         "cmr-calibrate",
         "Find k2_over_k3, k1 and base_width of a real robot while it drives a figure-eight (both lobes, best at two "
-        "speeds), and write them to its parameter file, with the effects that the drive shows. The same from "
-        "an LCM event log.",
+        "speeds), and write them to its parameter file, with the effects that the drive shows. Also works on an LCM "
+        "event log.",
         "cmr-calibrate --robot 0 --out robot_0.yaml\n  cmr-calibrate run.lcm --out robot_0.yaml",
     )
     add_logs(options, "event logs of one robot, fitted together; else live")
@@ -85,7 +85,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _add_results(options: argparse.ArgumentParser) -> None:
-    """Add what is found, by which method, and where it is written."""
+    """Add options on the method and the output."""
     options.add_argument(
         "--out", type=Path, default=None, metavar="FILE", help="file to write; live: robot_N.yaml, log: only print"
     )
@@ -157,7 +157,7 @@ def _from_logs(options: argparse.Namespace, nominal: ParameterFile | None) -> in
 
 
 def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile | None) -> Recording:
-    """Return the first drive of a log, or all of it where that is wanted."""
+    """Return the first drive of a log, or all of it if requested."""
     messages = read_messages(path, options.robot)
     if options.whole_log:
         return Recording.of(messages)
@@ -181,7 +181,7 @@ def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile |
 
 
 def _notes(options: argparse.Namespace) -> TextIO:
-    """Return where remarks are printed: where JSON is printed, it stands alone."""
+    """Return where remarks are printed: not on stdout together with JSON."""
     return sys.stderr if options.json else sys.stdout
 
 
@@ -223,21 +223,21 @@ def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
 
 
 class Work:
-    """One piece of work at a time in a thread of its own, so that the loop goes on and a signal ends the process."""
+    """One task at a time in a separate thread, so that the loop continues and a signal ends the process."""
 
     def __init__(self) -> None:
         self._thread: threading.Thread | None = None
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is being worked at."""
+        """Whether there is no current task."""
         return self._thread is None or not self._thread.is_alive()
 
     def begin(self, work: Callable[..., object], *arguments: object, while_driving: bool = False) -> None:
-        """Begin a piece of work; one that is done while a robot is driven gives way to what drives it."""
+        """Start a task; one that runs while a robot is driven gets low priority."""
 
         def run() -> None:
-            if while_driving:  # else the drive waits for it, on a busy computer for minutes
+            if while_driving:  # otherwise a drive would wait for it, on a busy computer for minutes
                 give_way()
             work(*arguments)
 
@@ -278,7 +278,7 @@ def _save(parameters: ParameterFile, path: Path) -> None:
 
 
 def _say(robot_id: int, status: calibration_status_t, so_far: Mapping[str, Estimate], averages: int, said: str) -> str:
-    """Print the status for each new state, tenth that is covered, and average; return what was said."""
+    """Print the status for each new state, tenth of coverage, and average; return what was printed."""
     kind = status.message if status.state == calibration_status_t.WAITING else ""
     saying = f"{status.state} {int(status.progress * 10)} {averages} {kind}"
     if saying != said:
@@ -288,6 +288,6 @@ def _say(robot_id: int, status: calibration_status_t, so_far: Mapping[str, Estim
 
 
 def _so_far(estimates: Mapping[str, Estimate]) -> str:
-    """Return the estimates of a drive that goes on; empty without any."""
+    """Return the estimates of an ongoing drive; empty without any."""
     values_so_far = [f"{name} {one.value:.4g} +- {one.std:.1g}" for name, one in estimates.items()]
     return f" So far: {', '.join(values_so_far)}." if values_so_far else ""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cmr.camera.watcher import Watcher
     from cmr.camera.watching import Seen, Watching
 
-TURN_RATE = 100.0  # Hz at which what the camera's thread saw is published
+TURN_RATE = 100.0  # Hz at which results of the camera's thread are published
 FLOOR_EXAMPLE = """\
 A floor file (m, rad; theta is where a tag's top points; a robot's tag has the
 robot's id as number, and its top points ahead):
@@ -47,7 +47,7 @@ robot's id as number, and its top points ahead):
 
 def main(arguments: list[str]) -> int:
     """Run cmr-camera."""
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # what is wrong, we say ourselves, in a sentence
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # errors are reported here, in a sentence
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     commands: dict[str, Callable[[list[str]], int]] = {"calibrate": _calibrate, "board": _board, "tags": _tags}
     try:
@@ -134,14 +134,14 @@ def _watch(options: argparse.Namespace) -> int:
 
 
 def _with_one_thread() -> None:
-    """Keep OpenCV to one thread: more finish a picture hardly sooner, and take the other processes' time."""
+    """Limit OpenCV to one thread: more hardly speed up a picture, and slow down other processes."""
     import cv2
 
     cv2.setNumThreads(1)
 
 
 def _check_files(options: argparse.Namespace) -> None:
-    """Raise CommandError where a file is missing that has to be made first."""
+    """Raise CommandError if a required file is missing."""
     if not options.lens.exists():
         raise CommandError(f"There is no {options.lens}. 'cmr-camera calibrate' makes it from pictures of the board.")
     if not options.floor.exists():
@@ -149,13 +149,13 @@ def _check_files(options: argparse.Namespace) -> None:
 
 
 def _summary(pictures: int, showing: "_Showing") -> str:
-    """Return what was seen in all."""
+    """Return a summary of what was seen."""
     seen = ", ".join(f"robot {robot_id} in {count}" for robot_id, count in sorted(showing.seen.items()))
     return " ".join([f"{pictures} pictures: {seen or 'no robot seen'}.", *showing.not_taken()])
 
 
 def _loop(process: Process, watching: "Watching", showing: "_Showing") -> None:
-    """Publish what is seen until the end of the pictures, or a signal. Raises SourceError where they end too soon."""
+    """Publish what is seen until the pictures end, or a signal. Raises SourceError if they end too soon."""
     from cmr.camera.sources import SourceError
 
     summary = Timer(1.0)
@@ -172,7 +172,7 @@ def _loop(process: Process, watching: "Watching", showing: "_Showing") -> None:
 
 
 class _Showing:
-    """Publishes what the camera saw, and its picture with what only the simulation knows drawn into it."""
+    """Publishes what the camera saw, and its picture with virtual objects drawn into it."""
 
     def __init__(
         self, process: Process, watcher: "Watcher", video: "Video | None", options: argparse.Namespace
@@ -189,12 +189,12 @@ class _Showing:
         self._drawer = Drawer(watcher.lens, watcher.floor.usual)
         self._make_waypoints = Waypoints
         self._waypoints: dict[str, Waypoints] = {}
-        self._due = 0  # us; the moment of the next picture that is shown
+        self._due = 0  # us; time of the next picture to show
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(WAYPOINTS)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take a message from the bus."""
+        """Handle a message from the bus."""
         if isinstance(message, world_state_t):
             self._tracks.handle(utime, message)
         elif isinstance(message, waypoints_t):
@@ -215,7 +215,7 @@ class _Showing:
             self._show(seen)
 
     def not_taken(self) -> list[str]:
-        """Return which tags were not taken, in a sentence if there are any."""
+        """Return a sentence on ignored tags, if there are any."""
         rejected = ", ".join(f"{reason} {count}" for reason, count in sorted(self.watcher.rejected.items()))
         return [f"Tags not taken: {rejected}."] if rejected else []
 
@@ -238,7 +238,7 @@ class _Showing:
             self._process.publish(CAMERA_IMAGE, image)
 
     def _drawn(self, seen: "Seen", place: "Place") -> "Picture":
-        """Return the picture with the virtual robots at its moment; real ones are where the camera sees them."""
+        """Return the picture with the virtual robots of its time; real ones are where the camera sees them."""
         from cmr.camera.tracks import REAL, VIRTUAL, Shown
 
         utime, floor = seen.taken.utime, self.watcher.floor

@@ -1,4 +1,6 @@
-"""The commands of `cmr`, each with its module and what it is for. Imports nothing, as it is read at every start."""
+"""The commands of `cmr`, each with its module and what it is for. Imports nothing, because it is read at every
+start.
+"""
 
 # name: (module with `main` and `command_parser`, purpose)
 COMMANDS = {
@@ -50,9 +52,9 @@ UMBRELLA_ONLY = (
     "key",
     "relay",
     "completion",
-)  # of the others each is also a command by itself: cmr-sim
+)  # each of the others is also a command of its own: cmr-sim
 
 
 def name_of(name: str) -> str:
-    """Return how a command calls itself: as it is called by itself, else under the umbrella."""
+    """Return a command's displayed name: its own executable, otherwise under the umbrella."""
     return f"cmr {name}" if name in UMBRELLA_ONLY else f"cmr-{name}"

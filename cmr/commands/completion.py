@@ -1,4 +1,4 @@
-"""cmr completion: what a shell needs to complete commands and options; it then starts no Python at the Tab key."""
+"""cmr completion: shell completion of commands and options, without starting Python at the Tab key."""
 
 import argparse
 from importlib import import_module
@@ -53,7 +53,7 @@ def _is_file(action: argparse.Action) -> bool:
 
 
 def _complete_files(command: argparse.ArgumentParser, files: object) -> None:
-    """Mark the options and arguments that are files, in the way of shtab; in subcommands, too."""
+    """Mark the options and arguments that are files, for shtab, including subcommands."""
     for action in command._actions:
         if isinstance(action.choices, dict):
             for subcommand in action.choices.values():
@@ -64,7 +64,7 @@ def _complete_files(command: argparse.ArgumentParser, files: object) -> None:
 
 def script(shell: str) -> str:
     """Return the completion of all commands for a shell."""
-    import shtab  # turns an argparse parser into completion for each shell
+    import shtab  # generates completion for each shell from an argparse parser
 
     umbrella = argparse.ArgumentParser("cmr")
     commands = umbrella.add_subparsers()

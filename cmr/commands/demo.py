@@ -1,4 +1,4 @@
-"""cmr-demo: the main job without any hardware. An emulated robot is driven, calibrated and driven again."""
+"""cmr-demo: the main workflow without hardware. An emulated robot is driven, calibrated and driven again."""
 
 import argparse
 import re
@@ -20,10 +20,10 @@ from cmr.bus.streams import CALIBRATION_STATUS, PROCESS_STATUS, WAYPOINTS, WORLD
 from cmr.cli.command_line import check_writable, parser
 from cmr.cli.configuration import DEFAULT_URL, results
 from cmr.cli.errors import CommandError
-from cmr.cli.progress import Progress
 from cmr.commands.by_hand.demo import add_lead, lead
 from cmr.commands.first_use import PARTS, compile_first
 from cmr.commands.investigating.demo import add_investigate, demonstrate
+from cmr.experiments.live.demonstrating import wait_for
 from cmr.experiments.live.jobs import STATE
 from cmr.files import gone_before_and_after
 from cmr.geometry.figures import LENGTH, figure_eight
@@ -38,14 +38,14 @@ from robot_driver.emulator.settings import Settings, SettingsError, load_setting
 
 ROBOT = 0
 LEADER = 10
-FOLLOWER = 11  # virtual, behind the real robot
+FOLLOWER = 11  # virtual, following the real robot
 USUAL_FOLDER = "demo-run"
 GAP = 0.5  # m between one robot and the next
-# m, of the figure-eight: leader, robot and follower are 1.7 m long at 0.5 m/s, and must not meet at its crossing
+# m, of the figure-eight: leader, robot and follower form a line of 1.7 m at 0.5 m/s, and must not meet at its crossing
 SIZE = 1.15
 FASTEST = 0.5  # m/s; followers drive 0.6 m/s at most, and must catch up
-DRIVE = 60.0  # s, of which whole figure-eights come nearest
-# What the lab believed of its robot before: each wrong by a quarter to a third.
+DRIVE = 60.0  # s, rounded to whole figure-eights
+# Nominal parameters, each wrong by a quarter to a third.
 NOMINAL = {"wheel_radius": 0.04, "k2_over_k3": 80.0, "k1": 0.065, "base_width": 0.20}
 START_UP = 240.0  # s until all processes are running, on a slow machine that compiles the robot model first
 FIT = 600.0  # s, on a slow and busy machine: two cores with a load of 18 took longer than 120 s
@@ -66,7 +66,7 @@ def main(arguments: list[str]) -> int:
         raise CommandError(str(error)) from error
     settings = settings.ideal() if options.ideal else settings
     url = options.lcm_url or _private_url()
-    check_bus(url)  # what is wrong is said before anything takes time
+    check_bus(url)  # report errors before anything takes time
     folder = free_folder(options.out)
     check_writable(folder)
     compile_first(PARTS)
@@ -138,16 +138,16 @@ def _speeds(text: str) -> str:
 
 
 def _private_url() -> str:
-    """Return a bus that nobody else is on: a free port, and nothing leaves this host."""
+    """Return a private bus: a free port, limited to this host."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
         return DEFAULT_URL.replace(":7667", f":{probe.getsockname()[1]}")
 
 
 def free_folder(wanted: Path | None) -> Path:
-    """Return the folder for the results, which holds no run: an earlier one in the usual folder is renamed.
+    """Return an unused folder for the results: an earlier run in the usual folder is renamed.
 
-    Raises CommandError where a run is in the folder that the user named.
+    Raises CommandError if the folder named by the user contains a run.
     """
     folder = wanted or results() / USUAL_FOLDER
     log = folder / "run.lcm"
@@ -201,7 +201,7 @@ def _commands(folder: Path, url: str, options: argparse.Namespace) -> dict[str, 
 
 
 class _Demo:
-    """The run of the demo: what it waits for, and what it says meanwhile."""
+    """A run of the demo: its steps, and its output."""
 
     def __init__(self, process: Process, children: Children, speeds: Sequence[float]) -> None:
         self._process = process
@@ -239,7 +239,7 @@ class _Demo:
         self._wait(self._ready, START_UP, "all processes")
         print(f"[{time.monotonic() - began:5.1f} s] {', '.join(commands)} are running", flush=True)
         self._parameters_before = self._parameters_in_use
-        # The calibration uses the rest before the drive; let the calibrator hear as much of it as the log holds.
+        # The calibration uses the rest before the drive; let the calibrator receive as much of it as the log contains.
         rested_at = time.monotonic() + REST_BEFORE
         self._wait(lambda: time.monotonic() >= rested_at, 2.0 * REST_BEFORE, "the robot to have rested")
         self._drive("first drive, with the nominal parameters")
@@ -252,7 +252,7 @@ class _Demo:
         print(f"[{time.monotonic() - began:5.1f} s] done", flush=True)
 
     def _drive(self, title: str) -> None:
-        """Let the leader drive figure-eights from where it is, and wait until everybody rests again."""
+        """Let the leader drive figure-eights from where it is, and wait until all robots rest again."""
         leader = self._world.robot(LEADER)
         assert leader is not None, "the leader is there"
         state = leader.state
@@ -265,25 +265,9 @@ class _Demo:
         print(f"{title}: done", flush=True)
 
     def _wait(self, condition: Callable[[], bool], seconds: float, what: str, expected: float | None = None) -> None:
-        """Listen to the bus until a condition holds, for `seconds` at most, and show progress: it takes `expected` s.
-
-        Raises CommandError if it does not hold in time or a process ends, Interrupted on a signal.
-        """
-        began = time.monotonic()
-        with Progress(expected, "s", lines=expected is not None) as progress:
-            for _utime in self._process.loop(rate_hz=20.0):
-                self._process.dispatch(self._hear)
-                if condition():
-                    return
-                failure = self._children.failed()
-                if failure:
-                    raise CommandError(failure)
-                waited = time.monotonic() - began
-                if waited > seconds:
-                    files = f"{self._children.folder}/*.txt"
-                    raise CommandError(f"Gave up waiting for {what} after {seconds:.0f} s. See {files}.")
-                progress.show(what if expected else f"Waiting for {what}", min(waited, expected or waited))
-        raise Interrupted
+        """Handle messages until a condition holds; see `wait_for`. Raises Interrupted on a signal."""
+        if not wait_for(condition, seconds, what, self._process, self._children, self._hear, expected):
+            raise Interrupted
 
     def _hear(self, utime: int, channel: str, message: Message) -> None:
         if isinstance(message, world_state_t):
@@ -341,7 +325,7 @@ def _report(folder: Path, settings: Settings) -> int:
 
 
 def before_and_after(drives: Sequence[Drive]) -> tuple[Drive, Drive]:
-    """Return the longest drives before and after the longest pause, in which the calibration lies."""
+    """Return the longest drives before and after the longest pause, which contains the calibration."""
     pauses = [after.utime[0] - before.utime[-1] for before, after in pairwise(drives)]
     second = int(np.argmax(pauses)) + 1
     parts = drives[:second], drives[second:]
@@ -362,7 +346,7 @@ def _table(found: ParameterFile, truth: dict[str, float]) -> str:
 
 
 def verdict(before: float, after: float) -> str:
-    """Return how the path error [m] changed; a drive on a busy computer may say little."""
+    """Describe the change of the path error [m]; a drive on a busy computer may be inconclusive."""
     change = f"{before / after:.0f} times smaller" if after < before else "no smaller"
     return (
         f"Path error between the robot and its simulated twin: {before:.3f} m before calibration, {after:.3f} m after: "

@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> int:
     if options.out is not None:
         check_writable(options.out)
     if options.live:
-        check_bus(options.lcm_url)  # what is wrong is said before anything takes time
+        check_bus(options.lcm_url)  # report errors before anything takes time
         compile_first([ESTIMATOR])
         return _live(options, nominal)
     pattern = Job(
@@ -78,7 +78,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _check_robot(jobs: Sequence[Job]) -> None:
-    """Raise CommandError where the robot of a single diagnosis is not in its logs; in a table of many, it says so."""
+    """Raise CommandError where the robot of a single diagnosis is not in its logs; with many, the table says so."""
     for log in (*jobs[0].logs, *jobs[0].held_out) if len(jobs) == 1 else ():
         try:
             choose_robot(dict.fromkeys(robots_in(log), 1), jobs[0].robot_id, str(log))
@@ -92,9 +92,9 @@ def command_parser() -> argparse.ArgumentParser:
         "cmr-diagnose",
         "Show what the simulation of a robot gets wrong, name the physical cause, extend the model and measure the "
         "gain. The logs of one robot are diagnosed together: different manoeuvres distinguish effects. Writes "
-        "diagnosis.json, report.html and the extended parameters robot_N.yaml.\n\n"
-        "Logs of several robots, or --each, make several diagnoses, which run side by side, each with a folder of its "
-        "own below DIR. With --live a drive is watched while it happens: what changes is said on PROCESS_STATUS.",
+        "diagnosis.json, report.html and the extended parameters robot_N.yaml.\n\nLogs of several robots, or --each, "
+        "make several diagnoses, which run side by side, each with a folder of its own below DIR. With --live a "
+        "drive is monitored while it happens: changes are reported on PROCESS_STATUS.",
         "cmr-diagnose circles.lcm squares.lcm --held-out eight.lcm --out diagnosis\n"
         "  cmr-diagnose runs/*.lcm --each --out diagnoses\n"
         "  cmr-diagnose --live --robot 0 --parameters robot_0.yaml",
@@ -118,15 +118,15 @@ def _options(arguments: list[str]) -> argparse.Namespace:
 
 
 def _add_robot(options: argparse.ArgumentParser) -> None:
-    """Add options that say which robot it is, and what is known of it."""
-    options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id; else all there are")
+    """Add options on the robot and its known parameters."""
+    options.add_argument("--robot", type=parse_robot_id, default=None, metavar="N", help="robot id (default: all)")
     add_nominal(options)
     options.add_argument(
         "--against",
         type=Path,
         default=None,
         metavar="FILE",
-        help="name only what departs from the robot of this parameter file, its effects included",
+        help="report only differences from the robot of this parameter file, including its effects",
     )
     options.add_argument(
         "--laws",
@@ -140,7 +140,7 @@ def _add_robot(options: argparse.ArgumentParser) -> None:
 
 
 def _add_run(options: argparse.ArgumentParser) -> None:
-    """Add options that say what is done, and where the results go."""
+    """Add options on the computation and the output."""
     options.add_argument(
         "--held-out",
         type=Path,
@@ -157,11 +157,11 @@ def _add_run(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--jobs", type=parse_count, default=_cores(), metavar="N", help="how many diagnoses run side by side"
     )
-    options.add_argument("--live", action="store_true", help="watch a drive; with --out what is found is kept there")
+    options.add_argument("--live", action="store_true", help="monitor a drive; with --out findings are stored there")
 
 
 def _contradiction(chosen: argparse.Namespace) -> str:
-    """Return what is wrong with the options together; empty if nothing is."""
+    """Return the contradiction between options; empty if there is none."""
     if chosen.against is not None and (chosen.live or chosen.parameters is not None):
         return "--against gives all of a robot's parameters; it goes neither with --parameters nor with --live"
     if chosen.live:
@@ -183,12 +183,12 @@ def _contradiction(chosen: argparse.Namespace) -> str:
 
 
 def _cores() -> int:
-    """Return on how many cores this process may run."""
+    """Return the number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _learn(paths: Sequence[Path], parameters: Path | None) -> None:
-    """Have the catalogue know the laws in files, in folders, and beside the parameters."""
+    """Add laws to the catalogue: from files, from folders, and beside the parameters."""
     files = [file for path in paths for file in (laws_beside(path) if path.is_dir() else [path])]
     files += laws_beside(parameters) if parameters else []
     for file in dict.fromkeys(file.resolve() for file in files):
@@ -207,7 +207,7 @@ def _nominal(path: Path | None) -> ParameterFile | None:
 
 
 def _baseline(path: Path) -> tuple[ParameterFile, Against]:
-    """Return the robot with which another is compared, and what file it is from.
+    """Return the robot to compare with, and its file.
 
     Raises CommandError where the file is missing, wrong, or lacks a parameter that a simulation needs.
     """
@@ -240,7 +240,7 @@ def _one(job: Job, tell_why: bool, as_json: bool) -> int:
 
 
 def _many(jobs: Sequence[Job], count: int, tell_why: bool) -> int:
-    """Do jobs side by side, and print a table of what came of them."""
+    """Do jobs side by side, and print a table of their outcomes."""
     from cmr.diagnosis.summary import outcome_line, outcome_table
     from cmr.diagnosis.why import why
 
@@ -271,8 +271,8 @@ def _many(jobs: Sequence[Job], count: int, tell_why: bool) -> int:
 
 
 def _live(options: argparse.Namespace, nominal: ParameterFile | None) -> int:
-    """Watch robots on the bus; what changes is said on PROCESS_STATUS and on the terminal."""
-    # What the watcher computes with takes a while to load.
+    """Monitor robots on the bus; changes are reported on PROCESS_STATUS and on the terminal."""
+    # The monitor's libraries take a while to load.
     from cmr.diagnosis.live import Watcher
     from cmr.world.loading import Loader
 

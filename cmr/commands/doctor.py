@@ -1,4 +1,4 @@
-"""cmr doctor: whether this computer can run robots, and what to do where it cannot."""
+"""cmr doctor: check whether this computer can run robots, with remedies."""
 
 import argparse
 import os
@@ -13,8 +13,8 @@ from cmr.cli.errors import ExpectedError
 from cmr.distribution import has_module, installed
 
 GREEN, AMBER, RED = "green", "amber", "red"
-NAPS, NAP = 100, 0.005  # as cmr-driver's loop naps
-LATE = 0.020  # s; a driver's turn that is later loses readings
+NAPS, NAP = 100, 0.005  # like the naps in cmr-driver's loop
+LATE = 0.020  # s; a later turn of the driver loses readings
 SECURE_CORES = 2
 FIRST_USE = "cmr.commands.first_use"
 SOURCES = "CMR runs from its sources."
@@ -22,7 +22,7 @@ TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised
 
 
 class Finding(NamedTuple):
-    """What a check found: a colour, a sentence, and what to do where it is not green."""
+    """The result of a check: a colour, a sentence, and a remedy unless green."""
 
     colour: str
     sentence: str
@@ -55,8 +55,8 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def checks(url: str | None) -> dict[str, Callable[[], Finding]]:
-    """Return all checks by name, in the order in which they are shown."""
-    model = {"compiled model": compiled_model} if has_module(FIRST_USE) else {}  # a driver alone simulates nothing
+    """Return all checks by name, in display order."""
+    model = {"compiled model": compiled_model} if has_module(FIRST_USE) else {}  # the driver alone does not simulate
     return {
         "installation": installation,
         "bus": lambda: bus(resolve_url(url)),
@@ -71,7 +71,7 @@ def checks(url: str | None) -> dict[str, Callable[[], Finding]]:
 
 
 def installation() -> Finding:
-    """Look whether there is one installation: two overwrite each other's files."""
+    """Check that there is only one installation: two overwrite each other's files."""
     found = installed()
     if len(found) > 1:
         return Finding(
@@ -83,7 +83,7 @@ def installation() -> Finding:
 
 
 def bus(url: str) -> Finding:
-    """Send a message to ourselves over the bus at `url`."""
+    """Send a message to this process over the bus at `url`."""
     try:
         opened = open_lcm(url)
         self_test(opened, url)
@@ -98,7 +98,7 @@ def bus(url: str) -> Finding:
 
 
 def key(url: str) -> Finding:
-    """Look whether messages on the bus at `url` are signed, where others could send some."""
+    """Check whether messages on the bus at `url` are signed, if others can send on it."""
     try:
         in_use = key_of(url)
     except ExpectedError as error:
@@ -107,7 +107,7 @@ def key(url: str) -> Finding:
     if in_use is not None:
         return Finding(GREEN, f"Messages are signed by the key {shown(in_use)}; other computers need the same.")
     if is_shared(url):
-        return Finding(AMBER, "Whoever is on the network can drive the robots: --insecure.", "cmr key new")
+        return Finding(AMBER, "Anybody on the network can drive the robots: --insecure.", "cmr key new")
     return Finding(GREEN, "There is no key, and the bus stays on this computer.")
 
 
@@ -122,7 +122,7 @@ def ports() -> Finding:
 
 
 def permissions() -> Finding:
-    """Look whether this user may open the serial ports."""
+    """Check whether this user may open the serial ports."""
     from robot_driver.serial_port import available_ports
 
     closed = [port for port in available_ports() if not os.access(port, os.R_OK | os.W_OK)]
@@ -130,7 +130,7 @@ def permissions() -> Finding:
         return Finding(
             RED, f"You may not use {', '.join(closed)}.", "sudo usermod -aG dialout $USER, then log in again."
         )
-    return Finding(GREEN, "You may use every serial port that is there.")
+    return Finding(GREEN, "You may use all serial ports.")
 
 
 def clock() -> Finding:
@@ -148,7 +148,7 @@ def clock() -> Finding:
 
 
 def clock_synchronised() -> bool | None:
-    """Return what adjtimex(2) says; None where there is none."""
+    """Return the state from adjtimex(2); None if it is not available."""
     import ctypes
 
     try:
@@ -159,7 +159,7 @@ def clock_synchronised() -> bool | None:
 
 
 def real_time_priority() -> Finding:
-    """Look whether processes of this user may ask for real-time priority, as cmr-driver does."""
+    """Check whether this user's processes may use real-time priority, as cmr-driver does."""
     import resource
 
     allowed, _ = resource.getrlimit(resource.RLIMIT_RTPRIO) if hasattr(resource, "RLIMIT_RTPRIO") else (0, 0)
@@ -173,7 +173,7 @@ def real_time_priority() -> Finding:
 
 
 def compiled_model() -> Finding:
-    """Look whether this computer has compiled all that commands compile at their first use."""
+    """Check whether everything that commands compile at their first use has been compiled."""
     from cmr.commands.first_use import PARTS, in_words, not_compiled, seconds_of
 
     missing = not_compiled(PARTS)
@@ -188,7 +188,7 @@ def compiled_model() -> Finding:
 
 
 def cpu() -> Finding:
-    """Measure how late this process wakes up from naps like cmr-driver's."""
+    """Measure the delay of this process after naps like cmr-driver's."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     latest = _latest_waking()
     load = os.getloadavg()[0]
@@ -201,7 +201,7 @@ def cpu() -> Finding:
 
 
 def _latest_waking() -> float:
-    """Return by how much [s] the latest of some naps was too long."""
+    """Return the largest delay [s] of some naps."""
     latest = 0.0
     for _ in range(NAPS):
         due = time.monotonic() + NAP
@@ -213,7 +213,7 @@ def _latest_waking() -> float:
 def _show(findings: dict[str, Finding]) -> None:
     try:
         _show_in_colour(findings)
-    except ModuleNotFoundError:  # a driver alone has no rich
+    except ModuleNotFoundError:  # the driver alone does not include rich
         width = max(map(len, findings))
         for name, (colour, sentence, remedy) in findings.items():
             print(f"{colour:5}  {name:{width}}  {sentence}")

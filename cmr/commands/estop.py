@@ -17,18 +17,18 @@ from cmr.msg import estop_latch_t, estop_t
 STATUS, STOP, RELEASE = "status", "stop", "release"
 REPEATED_EVERY = 0.05  # s
 RELEASED_FOR = 0.4  # s; drivers take a release for 0.5 s after it was decided
-STOPPED_FOR = 1.0  # s, so that nobody misses it who has just lost some messages
+STOPPED_FOR = 1.0  # s, so that a receiver that has lost some messages does not miss it
 HEARING = 1.2  # s, in which every driver reports twice
 NOBODY = (
-    "No driver reports on this bus. A stop that is engaged holds until a driver that runs takes its release: start the "
-    "drivers first, or look whether --lcm-url is theirs."
+    "No driver reports on this bus. An engaged stop holds until a running driver accepts its release: start the "
+    "drivers first, or check that --lcm-url is theirs."
 )
 
 
 def main(arguments: list[str]) -> int:
     """Run cmr estop.
 
-    Raises CommandError where no driver does what was asked for, BusError when the bus cannot be used.
+    Raises CommandError if no driver carries out the request, BusError when the bus cannot be used.
     """
     options = _options(arguments)
     drivers = Drivers(options.lcm_url)
@@ -52,20 +52,20 @@ def command_parser() -> argparse.ArgumentParser:
     result = parser(
         "cmr estop",
         "Engage the emergency stop of all real robots on the bus, release it, or show which robots it holds, since "
-        "when, by whom and why. It holds until it is released, also over restarts of drivers and computers. Who "
-        "releases it says why. After that a robot waits for zero to be commanded, and then moves as it is commanded.",
+        "when, by whom and why. It holds until it is released, also over restarts of drivers and computers. A "
+        "release needs a reason. After that a robot waits for a zero command, and then moves as commanded.",
         'cmr estop\n  cmr estop stop --reason "smoke"\n  cmr estop release --reason "wheel freed, floor is clear"',
     )
     result.add_argument(
-        "action", nargs="?", choices=(STATUS, STOP, RELEASE), default=STATUS, help=f"what to do; else {STATUS}"
+        "action", nargs="?", choices=(STATUS, STOP, RELEASE), default=STATUS, help=f"what to do (default: {STATUS})"
     )
-    result.add_argument("--reason", metavar="TEXT", help=f"why, for who reads it later; {RELEASE} needs one")
-    result.add_argument("--name", metavar="NAME", help="who you are; else your name on this computer")
+    result.add_argument("--reason", metavar="TEXT", help=f"the reason, for the record; required for {RELEASE}")
+    result.add_argument("--name", metavar="NAME", help="your name (default: your name on this computer)")
     return result
 
 
 def sentence(report: estop_latch_t) -> str:
-    """Return what a driver reports of its robot, for a person."""
+    """Describe a driver's report on its robot."""
     robot = f"robot {report.robot_id}:"
     if report.engaged:
         kept = "" if report.stored else " (not on the disk of its driver)"
@@ -78,7 +78,7 @@ def sentence(report: estop_latch_t) -> str:
 
 
 class Drivers:
-    """The drivers on a bus, by what they report of the emergency stop. Raises BusError when it cannot be used."""
+    """The drivers on a bus, from their reports on the emergency stop. Raises BusError when it cannot be used."""
 
     def __init__(self, url: str | None) -> None:
         self._bus = Bus(url)
@@ -86,9 +86,9 @@ class Drivers:
         self._reports: dict[int, estop_latch_t] = {}
 
     def send(self, engaged: bool, name: str, reason: str, seconds: float) -> None:
-        """Engage or release the stop, again and again for so long, and listen meanwhile.
+        """Engage or release the stop repeatedly for `seconds`, and listen meanwhile.
 
-        A release has the moment of its decision each time, so that a stop that is engaged after it stays engaged.
+        A release keeps the time of its decision, so that a stop engaged after it stays engaged.
         """
         decided, end = now_utime(), time.monotonic() + seconds
         while time.monotonic() < end:
@@ -97,7 +97,7 @@ class Drivers:
             self.listen(REPEATED_EVERY)
 
     def listen(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Listen for so long, or until something holds."""
+        """Listen for `seconds`, or until a condition holds."""
         end = time.monotonic() + seconds
         while (remaining := end - time.monotonic()) > 0.0 and not until():
             for received in self._bus.receive(min(remaining, REPEATED_EVERY)):
@@ -130,14 +130,14 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     result = command_parser()
     options = result.parse_args(arguments)
     if options.action == RELEASE and not (options.reason or "").strip():
-        result.error("release needs --reason TEXT: who looks at it later wants to know why the robots may move again")
+        result.error("release needs --reason TEXT, to record why the robots may move again")
     options.reason = options.reason or "the command cmr estop"
     options.name = (options.name or "").strip() or f"{_user()} on {socket.gethostname()}"
     return options
 
 
 def _user() -> str:
-    """Return the name of whoever runs this."""
+    """Return the name of the user."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):  # a user without a name, as in a container

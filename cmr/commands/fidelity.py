@@ -1,4 +1,4 @@
-"""cmr-fidelity: how well a team with one real robot stands for a real one, and what calibration does for that."""
+"""cmr-fidelity: how well a team with one real robot represents a real one, and the effect of calibration."""
 
 import argparse
 import hashlib
@@ -30,8 +30,8 @@ from cmr.experiments.sweep.journal import Journal, JournalError, Result
 from cmr.experiments.team.experiment import ExperimentError
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 
-FEWEST = 4  # seeds; fewer say nothing of a distribution
-JOURNAL = "experiments.jsonl"  # what is done, for a study that was stopped
+FEWEST = 4  # seeds; fewer do not determine a distribution
+JOURNAL = "experiments.jsonl"  # finished experiments, to resume an interrupted study
 
 
 def main(arguments: list[str]) -> int:
@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
     options = command_parser().parse_args(arguments)
     end_on_signals("cmr-fidelity")
     scenario, study = _study(options)
-    compile_first(PARTS)  # else all workers would wait for one of them
+    compile_first(PARTS)  # otherwise all workers would wait for one of them
     began = time.monotonic()
     try:
         with Journal(options.out / JOURNAL) as journal:
@@ -80,10 +80,10 @@ def command_parser() -> argparse.ArgumentParser:
         "calibrated, calibrated, calibrated with diagnosed effects, and drawn from a population of three calibrated "
         "robots. Real robots are plants with hidden imperfections that differ from robot to robot. Says for each "
         "metric how far the teams with one real robot are from real teams, and by how much calibration closes the "
-        "gap, or that it does not.\n\nNo hardware and no bus are needed. The same command goes on with a "
-        "study that was stopped.",
+        "gap, or that it does not.\n\nNo hardware and no bus are needed. The same command resumes an interrupted "
+        "study.",
         "cmr-fidelity line --seeds 20 --out fidelity",
-        bus="of no use here: nothing goes over a bus",
+        bus="not used: this command needs no bus",
     )
     add = options.add_argument
     add("scenario", metavar="SCENARIO", help="scenario file, or the name of a shipped one, as for cmr-run")
@@ -96,14 +96,14 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _add_robots(options: argparse.ArgumentParser) -> None:
-    """Add which robot is real, what is believed of the robots, and how far from that they are."""
+    """Add options on the real robot, the believed parameters, and their errors."""
     add = options.add_argument
     add(
         *("--robot", "--real"),
         type=parse_robot_id,
         default=None,
         metavar="N",
-        help="id of the real robot; else that of the scenario",
+        help="id of the real robot; by default that of the scenario",
     )
     add(
         "--parameters",
@@ -125,7 +125,7 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         choices=PREPARATIONS,
         default=[],
         metavar="HOW",
-        help=f"some of {', '.join(PREPARATIONS)}; else all",
+        help=f"some of {', '.join(PREPARATIONS)} (default: all)",
     )
 
 
@@ -140,7 +140,7 @@ def _size(text: str) -> float:
 
 
 def _study(options: argparse.Namespace) -> tuple[Scenario, Study]:
-    """Return the scenario, and what is to be compared.
+    """Return the scenario, and the study to make.
 
     Raises CommandError where the scenario or the parameters cannot be used.
     """
@@ -167,7 +167,7 @@ def _real_robot(scenario: Scenario, chosen: int | None) -> int:
 
 
 def _believed(scenario: Scenario, real: int, given: Path | None) -> ParameterFile:
-    """Return the parameters believed of all robots, which must be complete."""
+    """Return the believed parameters of all robots, which must be complete."""
     robot = scenario.robot(real)
     if robot is not None and robot.parameters is None and robot.parameters_of is not None:
         robot = scenario.robot(robot.parameters_of)
@@ -182,7 +182,7 @@ def _believed(scenario: Scenario, real: int, given: Path | None) -> ParameterFil
 def _performed(
     scenario: Scenario, study: Study, options: argparse.Namespace, journal: Journal
 ) -> dict[str, list[Scores]]:
-    """Do the experiments that are not in the journal yet, with a bar; return the scores of all."""
+    """Run the experiments missing in the journal, with a progress bar; return the scores of all."""
     depends_on = (sources_digest(), [path.read_bytes() for path in sorted(files_of(scenario))], study)
     preparations = [name for name in PREPARATIONS if name in (UNCALIBRATED, *(options.prepared or PREPARATIONS))]
     keys = {task: _key(depends_on, task) for task in tasks_of(range(options.seeds), preparations)}
@@ -205,5 +205,5 @@ def _scores(result: Result) -> Scores:
 
 
 def _key(depends_on: tuple[object, ...], task: Task) -> str:
-    """Return what an experiment is known by: it changes with all that it depends on."""
+    """Return the key of an experiment: it changes with all that the result depends on."""
     return hashlib.sha256(repr((*depends_on, task)).encode()).hexdigest()[:32]

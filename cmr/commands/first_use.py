@@ -1,7 +1,7 @@
-"""What CMR compiles the first time on a computer: done before anything drives, and announced.
+"""Compile at first use on a computer: announced, and before anything drives.
 
-A command calls `compile_first` before it starts what must keep time. Each part is compiled by a process of its own, as
-many at once as there are cores; what was compiled is marked by a file beside it, so that later starts take no time.
+A command calls `compile_first` before it starts anything time-critical. Each part is compiled in a process of its own,
+as many at once as there are cores; a file marks compiled parts, so that later starts are fast.
 """
 
 import hashlib
@@ -25,11 +25,11 @@ OBSERVER, ESTIMATOR = "observer", "estimator"
 HERE = Path(__file__).resolve().parents[1]
 COMPILED = ("model", "world", "plant", "estimation", "calibration")  # packages with compiled functions
 FIRST_USE = "first use on this computer"
-NOT_TO_BE_COMPILED = "NUMBA_DISABLE_JIT"  # of the environment: to step through the code
+NOT_TO_BE_COMPILED = "NUMBA_DISABLE_JIT"  # environment variable that disables compilation, for debugging
 
 
 class Part(NamedTuple):
-    """Something to compile: what it is in words, how long it takes on one core [s], what loads it, what it needs."""
+    """A part to compile: its description, compile time on one core [s], loader, and dependencies."""
 
     words: str
     seconds: int
@@ -54,10 +54,10 @@ def compile_first(names: Iterable[str], say: Callable[[str], None] | None = None
 
 
 def not_compiled(names: Iterable[str]) -> dict[str, Path]:
-    """Return those of PARTS that this computer has not compiled yet, each with the file that will mark that it has.
+    """Return those of PARTS that are not compiled yet on this computer, each with its marker file.
 
-    So are those that these need. Those that take longest are first. Nothing is to be compiled where the environment
-    says so, or nothing can be kept.
+    Their dependencies are included. The slowest come first. Nothing is returned if the environment disables
+    compilation, or nothing can be stored.
     """
     if os.environ.get(NOT_TO_BE_COMPILED, "0") != "0":
         return {}
@@ -67,7 +67,7 @@ def not_compiled(names: Iterable[str]) -> dict[str, Path]:
 
 
 def announce_compiling() -> None:
-    """Say so once if anything has to be compiled in this process from now on."""
+    """Print a message once if anything has to be compiled in this process from now on."""
     from numba.core import event as untyped
 
     event: Any = untyped  # Numba has no annotations
@@ -84,13 +84,13 @@ def announce_compiling() -> None:
 
 
 def in_words(names: Iterable[str]) -> str:
-    """Return what these parts are."""
+    """Describe these parts in words."""
     *others, last = (PARTS[name].words for name in names)
     return f"{', '.join(others)} and {last}" if others else last
 
 
 def seconds_of(names: Iterable[str]) -> int:
-    """Return how long these take to compile side by side on an idle computer [s]."""
+    """Return the time to compile these side by side on an idle computer [s]."""
     each = [PARTS[name].seconds for name in names]
     return max(max(each), sum(each) // _cores())
 
@@ -100,9 +100,9 @@ def _cores() -> int:
 
 
 def _compile(name: str, mark: Path) -> str:
-    """Compile a part in a process of its own; return what went wrong, empty if nothing did."""
+    """Compile a part in a process of its own; return the error, empty if there was none."""
     command = [sys.executable, "-m", "cmr.commands.first_use", name]
-    nothing, here = subprocess.DEVNULL, HERE.parent  # in another checkout, -m would find that one and compile for it
+    nothing, here = subprocess.DEVNULL, HERE.parent  # in another checkout, -m would find and compile that one
     result = subprocess.run(command, cwd=here, stdin=nothing, capture_output=True, text=True, check=False)
     if result.returncode:
         return (result.stderr.strip().splitlines() or ["nothing was said"])[-1]
@@ -111,14 +111,14 @@ def _compile(name: str, mark: Path) -> str:
 
 
 def _mark(name: str) -> Path | None:
-    """Return the file that marks that a part was compiled; None where nothing can be kept."""
+    """Return the file that marks that a part was compiled; None if nothing can be stored."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(chosen) if chosen else lasting_folder()
     return folder / f"compiled-{name}-{_state()}" if folder is not None and folder.is_dir() else None
 
 
 def _state() -> str:
-    """Return a name for what compiled code depends on: sources, Python, Numba and the processor."""
+    """Return a name for everything compiled code depends on: sources, Python, Numba and the processor."""
     sources = [path for package in COMPILED for path in sorted((HERE / package).rglob("*.py"))]
     compilers = [Path(found.origin) for name in ("numba", "llvmlite") if (found := find_spec(name)) and found.origin]
     files = [f"{path} {(status := path.stat()).st_size} {status.st_mtime_ns}" for path in (*sources, *compilers)]
@@ -126,7 +126,7 @@ def _state() -> str:
 
 
 def _processor() -> str:
-    """Return the name and the abilities of the processor, as Linux reports them; elsewhere nothing."""
+    """Return the name and features of the processor on Linux; elsewhere empty."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
     except OSError:
@@ -135,7 +135,7 @@ def _processor() -> str:
 
 
 def _load_model() -> None:
-    """Move a robot by the paper's model, and one with an effect and late commands by the composed one."""
+    """Simulate a robot of the paper's model, and one with an effect and late commands."""
     import numpy as np
 
     from cmr.geometry.manoeuvres import TYPICAL
@@ -153,13 +153,13 @@ def _load_model() -> None:
 
 
 def _load_world() -> None:
-    """Load what robots touch, hear of and scan each other by."""
+    """Load contacts, neighbours and range sensors."""
     _load_all_of("cmr.world")
     _load_all_of("cmr.world.interaction")
 
 
 def _load_behaviours() -> None:
-    """Load all behaviours that CMR ships: which of them robots use, their first turn would find out."""
+    """Load all shipped behaviours, before a first turn would."""
     _load_all_of("cmr.world.behaviours")
 
 
@@ -171,13 +171,13 @@ def _load_all_of(package: str) -> None:
 
 
 def _load_one(function: Any) -> None:
-    """Load a function if it is one that is compiled."""
+    """Load a function if it is a compiled one."""
     if getattr(function, "unloaded", False) is True:
         function.loaded()
 
 
 def _load_emulator() -> None:
-    """Switch an emulated robot on."""
+    """Start an emulated robot."""
     from robot_driver.emulator.plant import Plant
     from robot_driver.emulator.settings import load_settings
 
@@ -192,7 +192,7 @@ def _load_observer() -> None:
 
 
 def _load_estimator() -> None:
-    """Load what a fit computes with, besides the model and the observer."""
+    """Load the compiled functions of a fit, besides model and observer."""
     from cmr.model.commands import fill_profile, fill_profiles
     from cmr.model.paper import drive
 
@@ -213,7 +213,7 @@ PARTS = {
 
 
 def main(arguments: list[str]) -> int:
-    """Compile the parts that are named in this process; without any, all that are missing, as at a first use."""
+    """Compile the named parts in this process; without any, all missing ones, as at a first use."""
     from cmr.model.remembered_types import remembered
 
     with remembered():

@@ -1,4 +1,4 @@
-"""cmr init: ask five questions about a robot, and write what it needs to run."""
+"""cmr init: ask five questions about a robot, and write the files it needs to run."""
 
 import argparse
 import sys
@@ -18,12 +18,12 @@ from robot_driver.serial_port import available_ports
 
 NO_GYRO = "none"
 GYRO_CHOICES = (NO_GYRO, *sorted(GYROS))
-FIRST_GUESS = {"k2_over_k3": 80.0, "k1": 0.065}  # until cmr-calibrate has found the robot's own
+FIRST_GUESS = {"k2_over_k3": 80.0, "k1": 0.065}  # until cmr-calibrate has estimated the robot's own
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What is known of a robot: its id, how it is connected, wheel radius and base width [m]."""
+    """The answers about a robot: id, connection, wheel radius and base width [m]."""
 
     robot: int
     controller: str
@@ -66,19 +66,23 @@ def command_parser() -> argparse.ArgumentParser:
     options = parser(
         "cmr init",
         "Ask five questions about a robot, each with a default, and write its parameter file, a udev rule that gives "
-        "its ports names of their own, systemd units and a scenario for cmr-run. What an option answers is not "
-        "asked; without a terminal nothing is.",
+        "its ports names of their own, systemd units and a scenario for cmr-run. Questions answered by options are "
+        "skipped; without a terminal nothing is asked.",
         "cmr init\n  cmr init --robot 2 --controller roboteq --wheel-radius 0.05 --yes --out robots",
-        bus="of no use here: nothing goes over a bus",
+        bus="not used: this command needs no bus",
     )
     add_robot(options)
     options.set_defaults(robot=None)
-    options.add_argument("--controller", choices=sorted(CONTROLLERS), help="kind of motor controller; else roboclaw")
-    options.add_argument("--gyro", choices=GYRO_CHOICES, help=f"gyro on a port of its own; else {NO_GYRO}")
-    options.add_argument("--wheel-radius", type=_metres, metavar="M", help="in m; must be right; else 0.04")
-    options.add_argument("--base-width", type=_metres, metavar="M", help="in m; a first guess; else 0.2")
-    options.add_argument("--yes", action="store_true", help="ask nothing: what no option answers has its default")
-    options.add_argument("--force", action="store_true", help="replace files that are there")
+    options.add_argument(
+        "--controller", choices=sorted(CONTROLLERS), help="kind of motor controller (default: roboclaw)"
+    )
+    options.add_argument("--gyro", choices=GYRO_CHOICES, help=f"gyro on a port of its own (default: {NO_GYRO})")
+    options.add_argument("--wheel-radius", type=_metres, metavar="M", help="in m; must be right (default: 0.04)")
+    options.add_argument("--base-width", type=_metres, metavar="M", help="in m; a first guess (default: 0.2)")
+    options.add_argument(
+        "--yes", action="store_true", help="ask nothing: use defaults for everything not given as an option"
+    )
+    options.add_argument("--force", action="store_true", help="replace existing files")
     options.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the files")
     return options
 
@@ -145,10 +149,10 @@ def _scenario(answers: Answers) -> str:
 
 
 def _answers(options: argparse.Namespace, asking: bool) -> Answers:
-    """Return what options and, where it may be asked, the user say."""
+    """Return the answers from options and, if allowed, from the user."""
     found = ", ".join(available_ports())
     if asking:
-        print(f"Serial ports: {found or 'none are plugged in'}. Enter takes the default in brackets.")
+        print(f"Serial ports: {found or 'none are plugged in'}. Press Enter for the default in brackets.")
 
     def answer(name: str, question: str, default: str, parse: object) -> str:
         given = getattr(options, name)
@@ -166,7 +170,7 @@ def _answers(options: argparse.Namespace, asking: bool) -> Answers:
 
 
 def _ask(question: str, default: str, parse: object) -> str:
-    """Ask until the answer can be used; `parse` is a function that raises, or what may be chosen from."""
+    """Ask until the answer is valid; `parse` is a function that raises, or the allowed choices."""
     while True:
         try:
             text = input(f"{question} [{default}]: ").strip() or default

@@ -32,13 +32,13 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr key."""
     result = parser(
         "cmr key",
-        "Make the key of the bus, or show whether this computer has it. Where there is a key, processes sign what they "
-        "send, and take nothing that is not signed by it, but an emergency stop. Every computer on the bus needs the "
-        "same key; what is shown of it may be read by anybody: two computers that show the same have the same key.\n\n"
-        "The file of the key is CMR_KEY of the environment, otherwise key of ~/.config/cmr/config.yaml, otherwise "
+        "Make the key of the bus, or show whether this computer has it. With a key, processes sign what they send, "
+        "and accept only messages signed with it, except emergency stops. Every computer on the bus needs the same "
+        "key. The fingerprint shown is not secret: two computers that show the same one have the same key.\n\nThe "
+        "file of the key is CMR_KEY of the environment, otherwise key of ~/.config/cmr/config.yaml, otherwise "
         "~/.config/cmr/key. Nobody but its owner may read it.",
         "cmr key\n  cmr key new",
     )
-    result.add_argument("action", nargs="?", choices=(SHOW, NEW), default=SHOW, help=f"what to do; else {SHOW}")
-    result.add_argument("--replace", action="store_true", help="make a new key although there is one")
+    result.add_argument("action", nargs="?", choices=(SHOW, NEW), default=SHOW, help=f"what to do (default: {SHOW})")
+    result.add_argument("--replace", action="store_true", help="replace an existing key")
     return result

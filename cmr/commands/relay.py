@@ -1,4 +1,4 @@
-"""cmr relay: sign messages of programs that know nothing of keys, such as a motion capture system's."""
+"""cmr relay: sign messages of programs without keys, such as a motion capture system's."""
 
 import argparse
 import time
@@ -17,7 +17,7 @@ NOT_CHOSEN = "not_chosen"
 
 
 class Relay:
-    """Hands messages of one bus on to another process's bus; counts in `rejected` what it does not hand on."""
+    """Forwards messages of one bus to another process's bus; `rejected` counts what it does not forward."""
 
     def __init__(self, process: Process, channels: list[str]) -> None:
         self.rejected = Rejections()
@@ -25,7 +25,7 @@ class Relay:
         self._process, self._channels = process, channels
 
     def take(self, channel: str, data: bytes) -> None:
-        """Take an encoded message, from anybody."""
+        """Forward an encoded message, from any sender."""
         if not any(fnmatchcase(channel, pattern) for pattern in self._channels):
             self.rejected.note(channel, NOT_CHOSEN)
             return
@@ -38,7 +38,7 @@ class Relay:
             self.handed_on += 1
 
     def sentence(self) -> str:
-        """Return what was handed on, and what was not."""
+        """Return a sentence on what was forwarded and rejected."""
         rejected = ", ".join(f"{channel} {reason} {count}" for (channel, reason), count in self.rejected.items())
         return f"{self.handed_on} messages handed on.{f' Not handed on: {rejected}.' if rejected else ''}"
 
@@ -62,9 +62,10 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr relay."""
     result = parser(
         "cmr relay",
-        "Sign messages of programs that know nothing of keys, such as a motion capture system's: they send on a bus of "
-        "this computer, and the relay sends what fits --channel on the shared one, signed by this computer's key.\n\n"
-        "Whoever can send on the bus of --from can then send on these channels. Name no more than are needed.",
+        "Sign messages of programs without keys, such as a motion capture system's: they send on a bus of this "
+        "computer, and the relay sends what fits --channel on the shared one, signed by this computer's "
+        "key.\n\nAnybody who can send on the bus of --from can then send on these channels. Name only those that are "
+        "needed.",
         "cmr relay --channel 'POSE_*'",
     )
     result.add_argument(
@@ -72,7 +73,7 @@ def command_parser() -> argparse.ArgumentParser:
         action="append",
         required=True,
         metavar="PATTERN",
-        help="channels that are handed on, such as 'POSE_*'; may be given again",
+        help="channels to forward, such as 'POSE_*'; may be repeated",
     )
     result.add_argument(
         "--from", dest="source", default=PRIVATE_BUS, metavar="URL", help="LCM bus on which these programs send"

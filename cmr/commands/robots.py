@@ -24,9 +24,9 @@ def behaviour_of(text: str) -> tuple[AnyBehaviour, dict[str, float]]:
 
 
 def _behaviours_of(texts: Mapping[int, str]) -> dict[int, tuple[AnyBehaviour, dict[str, float]]]:
-    """Return behaviours and start poses by robot id; robots described equally share a behaviour of many."""
+    """Return behaviours and start poses by robot id; robots with equal descriptions share a team behaviour."""
     if "" not in sys.path:
-        sys.path.append("")  # a user's own module:Class lies in the folder where the command is run
+        sys.path.append("")  # a user's own module:Class is searched in the working folder
     poses, descriptions = {}, {}
     for robot_id, text in texts.items():
         name, settings = _split(text)

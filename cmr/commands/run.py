@@ -31,7 +31,7 @@ from cmr.processes.requests import AGENT, is_this_host, short_name
 
 NAME = "cmr-run"
 HEARING_AGENTS, HEARING_RATE = 1.5, 20.0  # s, Hz
-# What processes have to be compiled for, by their role.
+# The parts that must be compiled for processes, by role.
 TAKES = {
     SIM: (first_use.MODEL, first_use.WORLD, first_use.BEHAVIOURS),
     PILOT: (first_use.WORLD, first_use.BEHAVIOURS),
@@ -76,7 +76,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _report(run: LiveRun, outcome: Outcome, began: float, folder: Path, progress: Progress) -> None:
-    """Write the report, and say what was measured, what is to be ended by hand, and where all of it is.
+    """Write the report, and print the results, what must be ended by hand, and where the files are.
 
     Raises CommandError if it cannot be written.
     """
@@ -90,9 +90,9 @@ def _report(run: LiveRun, outcome: Outcome, began: float, folder: Path, progress
     if document["unreliable"]:
         progress.warn(document["unreliable"])
     if by_hand := run.elsewhere.by_hand():
-        print(f"What was started on {_hosts(by_hand)} is to be ended there.")
+        print(f"End what was started on {_hosts(by_hand)} there.")
     logs = where_logs_are(logs_in(folder))
-    print(f"Look at {folder}/report.html; {logs}what each process said is beside it.")
+    print(f"Look at {folder}/report.html; {logs}the output of each process is beside it.")
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -133,7 +133,7 @@ def _list_shipped() -> int:
 
 
 def _load(name: str) -> Scenario:
-    """Return the scenario of a file, or a shipped one.
+    """Load a scenario from a file, or a shipped one.
 
     Raises CommandError saying what is wrong, and where.
     """
@@ -144,7 +144,7 @@ def _load(name: str) -> Scenario:
 
 
 def parts_to_compile(scenario: Scenario, folder: Path) -> set[str]:
-    """Return the parts of `first_use` that the processes take which are started here."""
+    """Return the parts of `first_use` needed by the processes started here."""
     ours, _ = _by_host(jobs_of(scenario, folder, ""))
     return {part for job in ours for part in TAKES.get(job.role, ())}
 
@@ -156,7 +156,7 @@ def _by_host(jobs: list[Job]) -> tuple[list[Job], list[Job]]:
 
 
 def where_logs_are(logs: list[Path]) -> str:
-    """Return where the log of a run is, or its logs where the recorder was started again."""
+    """Return a clause on the log of a run, or its logs if the recorder was restarted."""
     if not logs:
         return ""  # it is on another machine
     return f"the {'logs are' if len(logs) > 1 else 'log is'} {', '.join(map(str, logs))}, "
@@ -177,7 +177,7 @@ def _check_reach(scenario: Scenario, url: str) -> None:
 
 
 def _without_agents(process: Process, others: list[Job]) -> list[Job]:
-    """Return the processes of other machines that no agent starts: each agent says each second that it is there."""
+    """Return the processes of other machines without an agent; agents report every second."""
     if not others:
         return []
     heard: set[str] = set()
@@ -193,7 +193,7 @@ def _without_agents(process: Process, others: list[Job]) -> list[Job]:
 
 
 def _tell_others(others: list[Job], folder: Path) -> None:
-    """Say what to start on other machines."""
+    """Print what to start on other machines."""
     for job in others:
         command = [Path(job.command[0]).name, *job.command[1:]]
         print(f"Start on {job.host}: {shlex.join(command)}", flush=True)

@@ -1,4 +1,4 @@
-"""Scenarios as commands read them: options of drivers, bridges and emulators in them are those of `robot_driver`."""
+"""Load scenarios for commands, with options of drivers, bridges and emulators from `robot_driver`."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from cmr.experiments.scenario.hardware import BridgePlan, EmulatorPlan
 
 
 class RobotDriver:
-    """The devices of `robot_driver`, loaded when a scenario has options for them: few have."""
+    """The devices of `robot_driver`, imported only for scenarios with such options."""
 
     def connection(self, item: Item) -> object:
         """Return the options of cmr-driver that an item describes.
@@ -22,7 +22,7 @@ class RobotDriver:
         return structured(item, Connection)
 
     def bridging(self, item: Item, folder: Path) -> BridgePlan:
-        """Return the options of cmr-ros2 that an item describes; files are named from `folder`.
+        """Return the options of cmr-ros2 that an item describes; files are relative to `folder`.
 
         Raises the document's error for what cmr-ros2 does not allow, or a profile that it cannot use.
         """
@@ -35,7 +35,7 @@ class RobotDriver:
             raise item.place.error(f"profile: {error}") from error
 
     def emulation(self, item: Item | None) -> EmulatorPlan:
-        """Return the options of cmr-emulate that an item describes; without one, those that it has by default.
+        """Return the options of cmr-emulate described by an item, or the defaults.
 
         Raises the document's error for what the emulator does not allow.
         """

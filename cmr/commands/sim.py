@@ -64,7 +64,7 @@ HEARD: tuple[Stream[Message], ...] = (
     COMMAND_CLAIM,
 )
 STEP_RATE = 100.0  # Hz
-MOST_TOLD = 5  # robots that have the same problem
+MOST_TOLD = 5  # robots named for the same problem
 CROWDED = (
     f"More than {MOST_STRANGERS} robots are heard of, and no more are taken in. If some of them are none: --real names "
     "those that are."
@@ -102,7 +102,7 @@ def main(arguments: list[str]) -> int:
             world.begun = beginning.begun
             world.advance(utime)
             process.overruns = world.late_steps
-            # A turn that follows closely upon a late one makes no step; what holds for a moment is published once.
+            # A turn shortly after a late one makes no step; each state is published once.
             if world.utime != reported and publish.due():
                 reported = world.utime
                 world.others.sent(reported)
@@ -127,7 +127,7 @@ def _scans(world: World, scanner: "Scanner | None") -> list[Outgoing]:
 
 
 def _listen(process: Process, world: World) -> None:
-    """Subscribe to what the world takes, and say which of its robots have no parameters of their own."""
+    """Subscribe to the world's inputs, and report robots without parameters of their own."""
     for stream in HEARD:
         process.subscribe(stream, every=True)
     for commands in COMMANDS_OF.values():
@@ -138,7 +138,7 @@ def _listen(process: Process, world: World) -> None:
 
 
 def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loader, Telling]:
-    """Return the world that the command line and the scenario describe, what loads its models, and what robots say."""
+    """Return the world described by the command line and the scenario, its model loader, and robots' messages."""
     files = dict(cast.files) if cast else {}
     population = _population(options)
     virtual = virtual_robots(options.virtual, _whose_parameters(options, population, files))
@@ -172,15 +172,15 @@ def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loa
 
 
 def _population(options: argparse.Namespace) -> list[Path]:
-    """Return the parameter files of --population; a number is that of a robot whose file is in --parameters."""
+    """Return the parameter files of --population; a number refers to a robot's file in --parameters."""
     names = [name.strip() for text in options.population for name in text.split(",")]
     return [options.parameters / f"robot_{name}.yaml" if name.isdecimal() else Path(name) for name in names]
 
 
 def _whose_parameters(options: argparse.Namespace, population: list[Path], files: dict[int, Path]) -> int:
-    """Return whose parameters virtual robots go by: as was asked for, otherwise the first of a population, otherwise 0.
+    """Return whose parameters virtual robots use: as requested, otherwise the first of a population, otherwise 0.
 
-    The file of that first one is added to `files`.
+    The first one's file is added to `files`.
     """
     if options.parameters_of is not None or not population:
         return options.parameters_of or 0
@@ -193,7 +193,7 @@ def _whose_parameters(options: argparse.Namespace, population: list[Path], files
 
 
 def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> dict[int, RobotParameters]:
-    """Return the parameters of each virtual robot, drawn from a population; none where there is none."""
+    """Return parameters for each virtual robot, drawn from a population; empty without one."""
     if not population:
         return {}
     from cmr.experiments.team.population import PopulationError, drawn_from
@@ -207,7 +207,7 @@ def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> di
 def _obstacles(options: argparse.Namespace, others: Obstacles) -> Obstacles:
     """Return the obstacles of the command line and of the scenario together.
 
-    Raises CommandError naming the one that cannot be.
+    Raises CommandError naming an invalid one.
     """
     try:
         return Obstacles([*options.obstacle, *others.discs.T], [*options.wall, *others.walls.T])
@@ -216,7 +216,7 @@ def _obstacles(options: argparse.Namespace, others: Obstacles) -> Obstacles:
 
 
 def _scanner(options: argparse.Namespace, cast: "Cast | None") -> "Scanner | None":
-    """Return the range sensors of those that the command line and the scenario give one, None where nobody has one."""
+    """Return the range sensors from the command line and the scenario, None without any."""
     ids, origins = options.range_sensor or ((), ())
     if not (ids or origins or (cast and cast.range_sensors)):
         return None
@@ -226,7 +226,7 @@ def _scanner(options: argparse.Namespace, cast: "Cast | None") -> "Scanner | Non
 
 
 def _cast(path: Path) -> "Cast":
-    from cmr.commands.scenarios import load  # and all that scenarios take: few simulators have one
+    from cmr.commands.scenarios import load  # imports the scenario code, rarely needed
     from cmr.experiments.live.virtual import cast_of
     from cmr.experiments.scenario import ScenarioError
 
@@ -249,7 +249,7 @@ def _state_messages(world: World, largest: int | None) -> list[Outgoing]:
 
 
 def _by_default(world: World, robot_id: int) -> str:
-    """Return that a real robot has no parameters of its own; empty if it has."""
+    """Return a sentence if a real robot has no parameters of its own; otherwise empty."""
     follower = world.parameters[robot_id]
     if not follower.by_default:
         return ""
@@ -262,14 +262,14 @@ def _missing(follower: ParameterFollower) -> str:
 
 
 def _first(sentences: Iterable[str]) -> list[str]:
-    """Return what is to be said of robots, in few sentences where it is much the same of many."""
+    """Shorten a list of sentences about robots."""
     said = [sentence for sentence in sentences if sentence]
     more = len(said) - MOST_TOLD
     return [*said[:MOST_TOLD], f"So it is with {more} more robots."] if more > 1 else said
 
 
 def _announce(world: World, loader: Loader, process: Process, lateness: Lateness, owners: Owners) -> None:
-    """Repeat the parameters in use of all real robots, and report what keeps any from being used."""
+    """Repeat the parameters in use of all real robots, and report problems with them."""
     for robot_id in world.real_robots:
         announcement = world.parameters[robot_id].announcement()
         if announcement is not None:
@@ -283,7 +283,7 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     reported += refusals(world, world.gate.now)
     reported += [*world.others.problems(world.utime), owners.problem()]
     late = lateness.problem(world.utime, world.late_steps)
-    reported += ["" if loader.is_starting else late, world.noise_problem]  # to compile makes steps late
+    reported += ["" if loader.is_starting else late, world.noise_problem]  # compiling makes steps late
     reported += _first(_by_default(world, robot_id) for robot_id in world.real_robots)
     problems = [message for message in reported if message]
     if loader.is_starting:

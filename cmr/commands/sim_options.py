@@ -1,4 +1,4 @@
-"""The command line of cmr-sim: robots in its world, what they move by, what stands there, and how it is published."""
+"""The command line of cmr-sim: robots, parameters, obstacles, and publishing."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from cmr.world.view import REAL, VIRTUAL
 if TYPE_CHECKING:
     from cmr.world.interaction.range_sensor import RangeSensor
 
-PACKET = 1400  # bytes; more than that is split by a real network
+PACKET = 1400  # bytes; larger packets are fragmented on a real network
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -42,7 +42,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """Return what was asked for."""
+    """Parse the command line."""
     options = command_parser()
     result = options.parse_args(arguments)
     if result.seed is not None and not result.population:
@@ -58,7 +58,7 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         metavar="ID=BEHAVIOUR,...",
-        help="virtual robots to simulate, each by its number, what it does, and settings of that; see below",
+        help="virtual robots to simulate, each with its number, behaviour, and settings; see below",
     )
     options.add_argument(
         "--scenario", type=Path, metavar="FILE", help="simulate the virtual robots of this cmr-run scenario, too"
@@ -75,13 +75,13 @@ def _add_robots(options: argparse.ArgumentParser) -> None:
         "--process-noise",
         type=_seed,
         metavar="SEED",
-        help="virtual robots stray from their model at random, by as much as the real one did that cmr-diagnose "
-        "diagnosed; another SEED, a whole number, strays otherwise",
+        help="virtual robots deviate randomly from their model, by as much as the real robot diagnosed by "
+        "cmr-diagnose; SEED, a whole number, selects the random numbers",
     )
 
 
 def _add_parameters(options: argparse.ArgumentParser) -> None:
-    """Add what virtual robots move by."""
+    """Add the options on parameters of virtual robots."""
     options.add_argument(
         "--parameters", type=Path, default=parameters(), metavar="DIR", help="folder with the files robot_<id>.yaml"
     )
@@ -89,7 +89,7 @@ def _add_parameters(options: argparse.ArgumentParser) -> None:
         "--parameters-of",
         type=parse_robot_id,
         metavar="N",
-        help="virtual robots move by the parameters of this robot, robot_<N>.yaml (default: the first of --population, "
+        help="virtual robots use the parameters of this robot, robot_<N>.yaml (default: the first of --population, "
         "otherwise 0)",
     )
     options.add_argument(
@@ -98,10 +98,10 @@ def _add_parameters(options: argparse.ArgumentParser) -> None:
         action="extend",
         default=[],
         metavar="ID,...|FILE",
-        help="draw each virtual robot's parameters as those of several calibrated robots are spread, 0,1,2 or "
-        "robot_*.yaml; or of one, by the standard deviations in its file",
+        help="draw each virtual robot's parameters from the distribution of several calibrated robots, 0,1,2 or "
+        "robot_*.yaml; or of one, from the standard deviations in its file",
     )
-    options.add_argument("--seed", type=_seed, metavar="N", help="of --population: another draws others (default: 0)")
+    options.add_argument("--seed", type=_seed, metavar="N", help="random seed of --population (default: 0)")
 
 
 def _add_room(options: argparse.ArgumentParser) -> None:
@@ -111,7 +111,7 @@ def _add_room(options: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="X,Y,RADIUS",
-        help="a disc [m] that virtual robots cannot drive through; may be given again",
+        help="a disc [m] that virtual robots cannot drive through; may be repeated",
     )
     options.add_argument(
         "--wall",
@@ -119,7 +119,7 @@ def _add_room(options: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="X1,Y1,X2,Y2",
-        help="a straight wall [m] that virtual robots cannot drive through; may be given again",
+        help="a straight wall [m] that virtual robots cannot drive through; may be repeated",
     )
 
 
@@ -128,8 +128,8 @@ def _add_range_sensors(options: argparse.ArgumentParser) -> None:
         "--range-sensor",
         type=_with_sensor,
         metavar="ID,...|virtual|all",
-        help="robots that get a planar range sensor, published on RANGE_SCAN_N at 10 Hz; of a real robot what its own "
-        "laser cannot see: virtual robots and obstacles (default: no robot)",
+        help="robots that get a planar range sensor, published on RANGE_SCAN_N at 10 Hz; for a real robot it shows "
+        "what its own laser cannot see: virtual robots and obstacles (default: no robot)",
     )
     options.add_argument(
         "--range-sensor-rays",
@@ -141,7 +141,7 @@ def _add_range_sensors(options: argparse.ArgumentParser) -> None:
 
 
 def _real(text: str) -> Callable[[int], bool]:
-    """Return what decides which real robots this simulator estimates."""
+    """Return a predicate for the real robots that this simulator estimates."""
     if text in ("all", "none"):
         return lambda _robot_id: text == "all"
     chosen = {parse_robot_id(number) for number in text.split(",")}
@@ -149,7 +149,7 @@ def _real(text: str) -> Callable[[int], bool]:
 
 
 def _with_sensor(text: str) -> tuple[Sequence[int], Sequence[int]]:
-    """Return the robot ids, and the origins, of those who get a range sensor."""
+    """Parse the robot ids, and the origins, that get a range sensor."""
     if text in ("virtual", "all"):
         return (), ((VIRTUAL,) if text == "virtual" else (REAL, VIRTUAL))
     return [parse_robot_id(number) for number in text.split(",")], ()
@@ -173,7 +173,7 @@ def _seed(text: str) -> int:
 
 
 def _numbers(text: str) -> list[float]:
-    """Parse numbers in a row for argparse; how many there must be is checked with what they describe."""
+    """Parse a list of numbers for argparse; their count is checked later."""
     return [float(number) for number in text.split(",")]
 
 

@@ -40,7 +40,7 @@ def main(arguments: list[str]) -> int:
     name = Path(options.scenario).stem
     out = options.out or results() / f"{name}_sweep"
     check_writable(out)
-    compile_first([MODEL, WORLD, BEHAVIOURS, EMULATOR])  # else all workers would wait for one of them
+    compile_first([MODEL, WORLD, BEHAVIOURS, EMULATOR])  # otherwise all workers would wait for one of them
     try:
         with Journal(out / "runs.jsonl") as journal:
             failed = _perform(runs, journal, options)
@@ -60,7 +60,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
-    """Return the settings and the runs that were asked for."""
+    """Return the requested settings and runs."""
     from cmr.commands.scenarios import HARDWARE
     from cmr.experiments.scenario.plan import ScenarioError
     from cmr.experiments.scenario.reading import path_of
@@ -78,7 +78,7 @@ def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedR
 
 
 def _perform(runs: "list[PlannedRun]", journal: "Journal", options: argparse.Namespace) -> list[str]:
-    """Do the runs that are not in the journal yet; return a sentence for each that failed."""
+    """Do the runs missing in the journal; return a sentence for each that failed."""
     from cmr.experiments.sweep.cluster import lookout, perform, worker_command, workers
     from cmr.experiments.sweep.experiment import perform as work
 
@@ -129,11 +129,11 @@ def command_parser() -> argparse.ArgumentParser:
     options = parser(
         "cmr-sweep",
         "Run a scenario many times without hardware, faster than real time: with every seed and every combination of "
-        "settings. Real and emulated robots are moved by a plant that differs from seed to seed.\n\n"
-        "Results land in the folder of --out: runs.parquet has a row for each run (the same on every run of the same "
-        "seed, to the last bit), summary.png shows them, runs.jsonl is what a stopped sweep goes on from.",
+        "settings. Real and emulated robots are moved by a plant that differs from seed to seed.\n\nResults land in "
+        "the folder of --out: runs.parquet has a row for each run (identical for the same seed, to the last bit), "
+        "summary.png plots them, and an interrupted sweep resumes from runs.jsonl.",
         "cmr-sweep line --seeds 100 --set robots.11.behaviour.gap=0.3,0.5,0.7",
-        bus="accepted as by every command; a sweep needs no bus",
+        bus="not used: a sweep needs no bus",
     )
     options.add_argument(
         "scenario", metavar="SCENARIO", help="scenario file, or the name of a shipped one, as for cmr-run"
@@ -157,7 +157,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _add_workers(options: argparse.ArgumentParser) -> None:
-    """Add where the runs are done: by processes here, or the workers of a Dask scheduler."""
+    """Add options on where the runs are done: local processes, or workers of a Dask scheduler."""
     where = options.add_mutually_exclusive_group()
     where.add_argument(
         "--scheduler",

@@ -1,4 +1,4 @@
-"""cmr: one command for all. `cmr sim ...` is `cmr-sim ...`."""
+"""cmr: one command for everything. `cmr sim ...` is `cmr-sim ...`."""
 
 import sys
 from difflib import get_close_matches
@@ -10,7 +10,7 @@ USAGE = "usage: cmr [-h] [--version] COMMAND ..."
 
 
 def main(arguments: list[str]) -> int:
-    """Run the command that is named first, in this process; it does not return."""
+    """Run the command named first, in this process; it does not return."""
     name, *rest = arguments or ["--help"]
     if name in ("-h", "--help", "help"):
         print(_help())

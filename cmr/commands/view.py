@@ -64,7 +64,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _serve(process: Process, server: "PageServer", showing: "Showing") -> None:
-    """Show what comes, and do what visitors wish, until the process is ended."""
+    """Show the world and fulfil visitors' requests until the process ends."""
     for utime in process.loop(rate_hz=RATE):
         process.dispatch(showing.orders.handle)
         showing.advance(1.0 / RATE)
@@ -82,13 +82,12 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr-view."""
     options = parser(
         "cmr-view",
-        "Show the world in a web page: robots, twins, trails, what processes and bus do, calibration and diagnosis, "
-        "plots of any signal; live from the bus, or from a log with a time slider. A log that is dropped on the page "
-        "is played for that visitor alone.\n\n"
-        "The buttons work after you enter the token that is printed at the start. The emergency stop and "
-        "opening a log need no token while the page is served to this computer alone; releasing the stop always does. "
-        "The page is served to this computer alone, unless --host and --token are given. Browsers have to call it by "
-        "localhost, an address of this computer, or a name that --host or --allow-host gives.",
+        "Show the world in a web page: robots, twins, trails, processes and bus, calibration and diagnosis, plots of "
+        "any signal; live from the bus, or from a log with a time slider. A log that is dropped on the page is "
+        "played for that visitor alone.\n\nThe buttons work after you enter the token that is printed at the start. "
+        "The emergency stop and opening a log need no token while the page is served to this computer alone; "
+        "releasing the stop always does. The page is served to this computer alone, unless --host and --token are "
+        "given. Browsers must use localhost, an address of this computer, or a name given by --host or --allow-host.",
         "cmr-view run.lcm\n  cmr-view\n  cmr-view --host 0.0.0.0 --token 'a secret of ours' --scenario swarm\n"
         "  cmr-view --host 0.0.0.0 --token 'a secret of ours' --certificate lab.pem --key lab.key "
         "--allow-host robots.lab",
@@ -124,7 +123,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _driving(url: str, geofence: Geofence | None) -> Callable[[int, bool], list[str]]:
-    """Return what returns how cmr-teleop is started for a robot that a visitor drives, and may take over."""
+    """Return a function that makes the command of cmr-teleop for a visitor's robot, with or without taking it over."""
     limits = []
     if geofence is not None:
         limits = [f"--geofence={','.join(f'{number:g}' for number in geofence.outline.T.ravel())}"]
@@ -137,7 +136,7 @@ def _driving(url: str, geofence: Geofence | None) -> Callable[[int, bool], list[
 
 
 def _bringing_up(url: str, ports: Sequence[str]) -> Callable[[int, Sequence[str]], list[str]]:
-    """Return what returns how cmr bringup is started for a robot and some of its steps, or all of them."""
+    """Return a function that makes the command of cmr bringup for a robot and some of its steps, or all."""
 
     def command(robot_id: int, steps: Sequence[str]) -> list[str]:
         bringup = [our_command("cmr"), "bringup", *steps, "--page", "--robot", str(robot_id), "--lcm-url", url]
@@ -147,14 +146,14 @@ def _bringing_up(url: str, ports: Sequence[str]) -> Callable[[int, Sequence[str]
 
 
 def _encryption(options: argparse.Namespace) -> ssl.SSLContext | None:
-    """Return what encrypts the page, if it is to be. Raises CommandError for files with which it cannot be."""
+    """Return the page's TLS context, if requested. Raises CommandError for invalid files."""
     if options.certificate is None:
         if options.key is not None:
             raise CommandError("--key is of no use without --certificate.")
         return None
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     try:
-        # A password is not asked for: nobody may be there to type it.
+        # No password is asked for: nobody may be there to type it.
         context.load_cert_chain(options.certificate, options.key, password=lambda: "")
     except (OSError, ValueError) as error:  # SSLError is an OSError
         reason = error.strerror if isinstance(error, OSError) and not isinstance(error, ssl.SSLError) else ""
@@ -165,7 +164,7 @@ def _encryption(options: argparse.Namespace) -> ssl.SSLContext | None:
 
 
 def _room(options: argparse.Namespace) -> tuple[Obstacles, Geofence | None]:
-    """Return what the command line and the scenario say stands there. Raises CommandError for what cannot be."""
+    """Return the fixed objects from the command line and the scenario. Raises CommandError for invalid ones."""
     obstacles, geofence = Obstacles.none(), None
     if options.scenario:
         obstacles, geofence = _room_of(options.scenario)

@@ -1,1 +1,1 @@
-"""Diagnosis: what the simulation gets wrong, the physical cause, the extended model, and the gain on other data."""
+"""Diagnosis: errors of the simulation, their physical causes, the extended model, and its gain on other data."""

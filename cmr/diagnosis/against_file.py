@@ -1,4 +1,4 @@
-"""Compare a robot with that of a parameter file: what departs from it, in the effects and in the other parameters."""
+"""Compare a robot with a parameter file: differences in effects and in other parameters."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -23,13 +23,13 @@ from cmr.model.catalogue import definition
 from cmr.parameters.file import ParameterFile
 
 DELAY = "command_delay"
-# Share of a value by which a parameter must differ to be a departure. How fast a motor follows is known less well.
+# Share of a value by which a parameter must differ to be reported. Motor response is less well known.
 LEAST_SHARE = 0.02
 LEAST_SHARES = {"k2_over_k3": 0.05, "response_time": 0.05}
 
 
 def with_given_baseline(estimation: Estimation) -> Estimation:
-    """Return the estimation whose baseline is the robot as it was given, and not the fit that has its effects."""
+    """Return the estimation with the robot as given as baseline, instead of the fit with its effects."""
     if estimation.whole is None or estimation.nominal is None:
         return estimation
     found = estimation.found
@@ -39,10 +39,10 @@ def with_given_baseline(estimation: Estimation) -> Estimation:
 
 
 def compared(diagnosis: Diagnosis, estimation: Estimation, file: ParameterFile, against: Against) -> Diagnosis:
-    """Return the diagnosis of a robot that is compared with that of a `file`, by what departs from it.
+    """Return the diagnosis of a robot compared with that of a `file`, by its differences from it.
 
-    The errors of the file's robot are those of the baseline, and the gain is over them. Where nothing departs, the
-    file's robot is also the extended one.
+    The errors of the file's robot are those of the baseline, and the gain is over them. Without differences, the file's
+    robot is also the extended one.
     """
     assert diagnosis.extended is not None
     given = {name: value.value for name, value in file.values.items()}
@@ -70,10 +70,10 @@ def compared(diagnosis: Diagnosis, estimation: Estimation, file: ParameterFile, 
 def _is_known(
     one: NamedEffect, named: Sequence[NamedEffect], given: Mapping[str, float], excitation: Excitation
 ) -> bool:
-    """Return whether an effect that was named is there as the file has it.
+    """Return whether a named effect is present as in the file.
 
-    Effects that act by chance, or are read off the data, are in no fit, and so are found again whatever the file says.
-    So is the mean delay of jitter where its spread cannot be distinguished from a delay.
+    Random effects, and those read off the data, are not part of a fit, and so are found again whatever the file says.
+    So is the mean delay of jitter if its spread cannot be distinguished from a delay.
     """
     if one.name == DELAY and JITTER in one.indistinguishable_from and JITTER not in {other.name for other in named}:
         given = {**given, DELAY: given.get(DELAY, 0.0) + 0.5 * given.get(JITTER, 0.0)}
@@ -83,13 +83,13 @@ def _is_known(
 
 
 def _is_as_given(name: str, estimate: Estimate, given: float, excitation: Excitation) -> bool:
-    """Return whether a size is surely no other than that in the file by more than is worth a name."""
+    """Return whether a size does not differ from that in the file significantly and by more than is worth naming."""
     least = SMALLEST * size(definition(name), excitation)
     return abs(estimate.value - given) <= max(least, SURE * estimate.std)
 
 
 def _with_given(one: NamedEffect, given: Mapping[str, float], against: Against) -> NamedEffect:
-    """Return an effect that was named with its values in the file, if it is there, and both in its sentence."""
+    """Return a named effect with its values in the file, if present there, and with both in its sentence."""
     known = {name: given[name] for name in one.estimates if name in given}
     if not known:
         return one
@@ -103,7 +103,9 @@ def _with_given(one: NamedEffect, given: Mapping[str, float], against: Against) 
 
 
 def _departures(estimates: Mapping[str, Estimate], given: Mapping[str, float]) -> Iterator[Departure]:
-    """Yield the parameters, but those of effects, that are surely others than in the file, and by more than little."""
+    """Yield the parameters, except those of effects, that differ from the file significantly and by more than a
+    little.
+    """
     for name, estimate in estimates.items():
         if name in given and definition(name).neutral is None:
             least = LEAST_SHARES.get(name, LEAST_SHARE) * abs(given[name])
@@ -122,7 +124,7 @@ def _verdict(effects: Sequence[NamedEffect], departures: Sequence[Departure], di
 
 
 def _as_the_file_has_it(diagnosis: Diagnosis, given: Mapping[str, float]) -> Diagnosis:
-    """Return the diagnosis in which the robot is that of the file."""
+    """Return the diagnosis for a robot that agrees with the file."""
     gain = diagnosis.gain
     if gain is not None:
         gain = Gain(ratio=1.0, interval=(1.0, 1.0), signals=dict.fromkeys(gain.signals, 1.0))
@@ -130,7 +132,7 @@ def _as_the_file_has_it(diagnosis: Diagnosis, given: Mapping[str, float]) -> Dia
 
 
 def _sentence(diagnosis: Diagnosis) -> str:
-    """Return what departs from the file, in words, and which file that is."""
+    """Return a sentence on the differences from the file, and which file it is."""
     against = diagnosis.against
     assert against is not None
     file = f"{against.name} (sha256 {against.sha256[:12]})"

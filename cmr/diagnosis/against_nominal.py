@@ -1,4 +1,4 @@
-"""How the fitted robot compares with the nominal one, in sentences: what a user must not overlook."""
+"""Notes on how the fitted robot compares with the nominal one."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -32,7 +32,7 @@ def notes_on_nominal(nominal: ParameterFile, found: Diagnosis) -> Iterator[str]:
 
 
 def dimension_notes(given: Mapping[str, float], baseline: Fitted, extended: Fitted) -> Iterator[str]:
-    """Yield a sentence for each of wheel_radius [m] and base_width [m] that comes out far from the value `given`."""
+    """Yield a sentence for each of wheel_radius [m] and base_width [m] that is far from the `given` value."""
     for name in ("wheel_radius", "base_width"):
         for fitted, where in ((extended, ""), (baseline, " in the paper's model")):
             estimate = fitted.estimates.get(name)
@@ -51,7 +51,7 @@ def _far_off(name: str, value: float, nominal: float, where: str) -> str:
 
 
 def worse_than_nominal(nominal: Fitted, baseline: Fitted, extended: Fitted, over_nominal: Gain) -> Iterator[str]:
-    """Yield a sentence for each fitted model that strays farther from the real path than the nominal robot."""
+    """Yield a sentence for each fitted model that predicts the path worse than the nominal parameters."""
     least = nominal.held_out_path_rmse
     if over_nominal.interval[1] < 1.0 and over_nominal.ratio < 1.0 / MUCH_WORSE:
         yield (

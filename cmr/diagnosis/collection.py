@@ -1,4 +1,4 @@
-"""A collection of laws: the same law over robots and days, what its coefficient goes with, and one entry for all.
+"""Collections of laws: compare the same law over robots and days, and make one entry for all.
 
 The spread of a coefficient over robots beyond what their standard deviations explain is that of a random-effects model
 (R. DerSimonian and N. Laird, Meta-analysis in clinical trials, Controlled Clinical Trials 7, 1986): the estimates are
@@ -20,10 +20,10 @@ from cmr.parameters.file import ParameterFile, Value, load
 from cmr.parameters.laws import Coefficient, LawFile
 from cmr.recordings.signal import Floats
 
-# The paper's parameters, and what else moves them.
+# The paper's parameters, and what else changes them.
 GOES_WITH = {"k1": "the battery, or the motors", "k2_over_k3": "the payload, or the battery", "base_width": "the floor"}
-SURE = 0.01  # probability by chance below which something is said to differ, or to go with something
-FEWEST = 4  # files from which on is asked what a coefficient goes with
+SURE = 0.01  # probability by chance below which a difference or correlation is reported
+FEWEST = 4  # files needed to test what a coefficient correlates with
 MOST_FILES = 10_000
 
 
@@ -57,26 +57,26 @@ class Family:
 
     @property
     def std(self) -> float:
-        """The standard deviation of the coefficient of one more robot of the family."""
+        """The standard deviation of the coefficient for a new robot of the family."""
         return math.hypot(self.spread, self.mean_std)
 
 
 def sightings(paths: Sequence[Path]) -> list[Sighting]:
-    """Return the laws in parameter files, and in those of the folders, by law, robot and time.
+    """Return the laws in parameter files, and in those of the folders, ordered by law, robot and time.
 
-    What this process knew of laws before, it knows afterwards. Raises ParameterFileError for a file that is none.
+    The laws known to this process are restored afterwards. Raises ParameterFileError for an invalid file.
     """
     found = [one for path in _files(paths) for one in _in_file(path)]
     return sorted(found, key=lambda one: (key_of(one.law), one.robot_id, one.written))
 
 
 def key_of(law: Law) -> tuple[str, ...]:
-    """Return what makes two laws the same, whatever they are called."""
+    """Return the identity of a law apart from its name."""
     return (law.place, law.side, *law.formulas, *sorted(law.constants))
 
 
 def families(found: Sequence[Sighting]) -> list[list[Sighting]]:
-    """Return the sightings of each law together, in the order of `sightings`."""
+    """Group sightings of the same law, in the order of `sightings`."""
     by_key: dict[tuple[str, ...], list[Sighting]] = {}
     for one in found:
         by_key.setdefault(key_of(one.law), []).append(one)
@@ -84,7 +84,7 @@ def families(found: Sequence[Sighting]) -> list[list[Sighting]]:
 
 
 def family_of(found: Sequence[Sighting], number: int) -> Family:
-    """Return what one coefficient, by its number, of the same law is over all its sightings."""
+    """Combine one coefficient, by number, over all sightings of a law."""
     values = np.array([one.coefficients[number].value for one in found])
     stds = np.array([one.coefficients[number].std or math.nan for one in found])
     stds = np.where(np.isfinite(stds) & (stds > 0.0), stds, _usual(stds, values))
@@ -108,9 +108,9 @@ def family_of(found: Sequence[Sighting], number: int) -> Family:
 
 
 def proposal(found: Sequence[Sighting], name: str = "", description: str = "") -> LawFile:
-    """Return one entry for all sightings of a law: its coefficients with their spread, under a name of its own.
+    """Return one entry for all sightings of a law: coefficients with their spread, under a new name.
 
-    Raises LawError for a name that is none.
+    Raises LawError for an invalid name.
     """
     newest = max(found, key=lambda one: one.written).law
     constants = {
@@ -130,7 +130,7 @@ def proposal(found: Sequence[Sighting], name: str = "", description: str = "") -
 
 
 def renamed(file: ParameterFile, old: Law, new: Law) -> ParameterFile:
-    """Return the parameters with a law called by another name, which this process must have learned."""
+    """Rename a law in parameters; this process must have learned it."""
     names = dict(zip((*old.coefficients, *map(old.parameter_of, old.constants)), _parameters(new), strict=True))
     values: dict[str, Value] = {names.get(name, name): value for name, value in file.values.items()}
     effects = tuple(new.name if name == old.name else name for name in file.effects)
@@ -172,7 +172,7 @@ def _in_file(path: Path) -> Iterator[Sighting]:
 
 
 def _usual(stds: Floats, values: Floats) -> float:
-    """Return the standard deviation of an estimate that has none: the usual one, or a tenth of the coefficient."""
+    """Replace missing standard deviations by the usual one, or by a tenth of the coefficient."""
     known = stds[np.isfinite(stds) & (stds > 0.0)]
     return float(np.median(known)) if len(known) else 0.1 * float(np.median(np.abs(values))) or 1.0
 
@@ -191,7 +191,7 @@ def _by_chance(squares: float, freedom: int) -> float:
 
 
 def _goes_with(found: Sequence[Sighting], values: Floats, stds: Floats) -> Iterator[tuple[str, float]]:
-    """Yield the parameters with which a coefficient goes, more surely than SURE, and the correlation."""
+    """Yield the parameters that a coefficient correlates with at level SURE, and the correlation."""
     from scipy.special import stdtr
 
     if len(found) < FEWEST:

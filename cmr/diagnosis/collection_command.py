@@ -1,4 +1,4 @@
-"""cmr-laws: the laws that were found on robots, compared over robots and days, and kept as entries of their own."""
+"""cmr-laws: compare laws found on robots over robots and days, and keep them as entries."""
 
 import argparse
 import math
@@ -117,7 +117,7 @@ def _renamed(found: Sequence[Sighting], entry: LawFile, folder: Path) -> list[Pa
 
 
 def _text(found: Sequence[Sighting]) -> str:
-    """Return a law with the robots on which it was found, and what the comparison says."""
+    """Describe a law with the robots it was found on, and the comparison."""
     law = found[0].law
     middle = {name: family_of(found, k).mean for k, name in enumerate(law.coefficients)}
     lines = [f"{law.name}: {headline(law, middle)}: {equation(law, middle)}"]
@@ -137,7 +137,7 @@ def _text(found: Sequence[Sighting]) -> str:
 
 
 def _sentences(name: str, unit: str, family: Family, found: Sequence[Sighting]) -> list[str]:
-    """Return what the comparison of a coefficient says."""
+    """Return sentences on the comparison of a coefficient."""
     if len(found) == 1:
         return [f"{name} was found once: nothing is known of how it varies."]
     robots = len({one.robot_id for one in found})

@@ -1,4 +1,4 @@
-"""Find out what the paper's model gets wrong about a robot, and why."""
+"""Diagnose the errors of the paper's model for a robot, and their causes."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -67,7 +67,7 @@ from cmr.recordings.lateness import Lateness, lateness_of
 from cmr.recordings.recording import Recording
 
 BY_FREE_RUNS = "Effects were fitted to simulated paths (simulation error), not to one-step predictions."
-FASTEST = 0.98  # of the time a robot is slower than its pace
+FASTEST = 0.98  # of the time a robot is slower than this speed, its pace
 NOTHING_FITTED = "The data cannot be used, so nothing was fitted."
 
 
@@ -84,13 +84,12 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one robot from one or more of its recordings.
 
-    `nominal` gives at least wheel_radius; by default it is what the first recording announces. With `against`, which
-    says what file it is, it is a whole robot, effects included, from which departures are named. On `held_out` the gain
-    is measured, and nothing is fitted. `sources` and `held_out_sources` name them. `laws`, which this process has
-    learned, are tested by name, as are those of `nominal`. `progress` receives, in a sentence,
-    what is being done.
-    Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain
-    can be measured on one of `held_out`.
+    `nominal` gives at least wheel_radius; the default is announced in the first recording. With `against`, the file it
+    comes from, it is a complete robot including effects, and differences from it are reported. `held_out` recordings
+    are used only to measure the gain. `sources` and `held_out_sources` are the names of recordings. `laws` known to
+    this process are tested by name, as are those of `nominal`. `progress` receives sentences on the current step.
+    Raises EstimationError when the paper's model cannot be fitted for a reason other than bad data, or when no gain can
+    be measured on one of `held_out`.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     nominal = _with_laws(nominal_of(recordings, nominal), laws)
@@ -116,7 +115,7 @@ def diagnose(
 def _found(
     recordings: Sequence[Recording], estimation: Estimation, nominal: ParameterFile, *, named: bool
 ) -> Diagnosis:
-    """Return what was found in recordings that could be used; `named` says that they have names."""
+    """Return the diagnosis of usable recordings; `named` says that the recordings have names."""
     evidence = _evidence(estimation)
     fitted = tuple(one.name for one in estimation.looked if not one.useless) if named else ()
     driver = _driver(recordings, estimation, evidence, nominal)
@@ -130,7 +129,7 @@ def _lateness(estimation: Estimation) -> dict[str, Lateness]:
 
 
 def _with_laws(nominal: ParameterFile, laws: Sequence[Law]) -> ParameterFile:
-    """Return the robot as it was given, with laws that it may have: their coefficients are 0."""
+    """Return the robot as given with possible laws added, with coefficients of 0."""
     new = [law for law in laws if law.name not in nominal.effects]
     zero = {name: Value(0.0) for law in new for name in law.coefficients}
     constants = {law.parameter_of(name): Value(float(value)) for law in new for name, value in law.constants.items()}
@@ -154,7 +153,9 @@ def _refused(robot_id: int, ready: Ready, sources: tuple[str, ...]) -> Diagnosis
 def _driver(
     recordings: Sequence[Recording], estimation: Estimation, evidence: Evidence, nominal: ParameterFile
 ) -> Driver:
-    """Return `cmr-pilot` where the robot takes commands from the bus, else any driver at the pace seen here."""
+    """Return `cmr-pilot` if the robot takes commands from the bus, otherwise any driver at the pace of these
+    recordings.
+    """
     robot = RobotParameters.of({name: estimation.found.final.values[name] for name in PAPER})
     if all(recording.driven_on_the_bus for recording in recordings):
         return Pilot(recordings[0].robot_id, robot)
@@ -167,7 +168,7 @@ def _driver(
 
 
 def _evidence(estimation: Estimation) -> Evidence:
-    """Return what a report draws of the paper's model and of the extended one."""
+    """Return the report's data on the paper's model and on the extended one."""
     assert estimation.whole is not None
     models = estimation.found.base.values, estimation.whole.model.values
     segments = [predictor.segment for predictor in estimation.found.problem.predictors]
@@ -223,7 +224,7 @@ def _diagnosis(
 
 
 def _decisions(found: Search, effects: Sequence[NamedEffect]) -> tuple[Decision, ...]:
-    """Return the decisions of the search, with the effects that it could not distinguish from those it named."""
+    """Return the decisions of the search, with the rivals of named effects."""
     rivals = [(one.name, rival) for one in effects for rival in one.indistinguishable_from]
     return with_rivals(found.decisions, rivals)
 
@@ -244,7 +245,7 @@ def _fitted_models(estimation: Estimation) -> tuple[Fitted, Fitted]:
 def _in_words(
     estimates: Mapping[str, Estimate], model: Fit | Posterior, controller: VelocityController | None
 ) -> Mapping[str, Estimate]:
-    """Return estimates by the names that the robot's parameter file has for them."""
+    """Return estimates under their names in the robot's parameter file."""
     return in_words_of(estimates, controller, correlation_of_motor(model.names, model.covariance))
 
 
@@ -260,7 +261,7 @@ def _fitted(estimates: Mapping[str, Estimate], path_rmse: float, held_out: Error
 
 
 def _nominal(estimation: Estimation) -> Fitted | None:
-    """Return the robot as it was given, without what has no meaning for these recordings."""
+    """Return the robot as given, without values that are meaningless for these recordings."""
     nominal = estimation.nominal
     if nominal is None:
         return None
@@ -273,10 +274,10 @@ def _nominal(estimation: Estimation) -> Fitted | None:
 
 
 def _candidates(found: Search) -> tuple[Candidate, ...]:
-    """Return the effects that were tested and not named, with the sizes that were fitted.
+    """Return the effects that were tested and not named, with their fitted sizes.
 
-    Effects that are too small to matter, not in the final model and explain the same are one effect: only the first is
-    called harmless.
+    Of effects that are too small to matter, not in the final model, and explain the same, only the first counts as
+    harmless.
     """
     result, alone = [], list[CandidateEffect]()
     for tested, why in found.others:
@@ -303,7 +304,7 @@ def _candidate(tested: CandidateEffect, why: str, found: Search, *, harmless: bo
 
 
 def _sizes(tested: CandidateEffect, found: Search) -> dict[str, Estimate]:
-    """Return the parameters of an effect that was tested: beside all that the search found, else as it was tested."""
+    """Return the parameters of an effect that was tested: fitted beside all effects found, otherwise as tested."""
     names = [parameter.name for parameter in tested.effect.parameters if parameter.name in tested.values]
     if found.seen and _fitted_in(found.seen, tested):
         return {name: fit_estimate(found.seen, name, found) for name in names}
@@ -337,9 +338,10 @@ def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estim
 def _next(
     driver: Driver, effects: Sequence[NamedEffect], found: Search, unexplained: Unexplained, laws: Laws
 ) -> str | None:
-    """Return what to drive to explain what nothing explains, else to show effects of which these drives say nothing.
+    """Return the next drive: to explain what remains unexplained, otherwise to reveal effects not visible in these
+    drives.
 
-    None if nothing remains, and all effects would have shown.
+    None if nothing remains, and all effects would be visible.
     """
     poses = any(len(predictor.segment.observations.pose) for predictor in found.problem.predictors)
     sentences = [] if poses else [WITHOUT_POSES]
@@ -351,7 +353,7 @@ def _next(
     recorded = [name for name in found.unseen if name in tested and _recorded(name, found)]
     unseen = showable(recorded, [effect.name for effect in effects])
     if unseen and not any(effect.next_experiment for effect in effects):
-        # Drives that show nothing and would hide several effects hide others, too, that are smaller than usual.
+        # If these drives hide several effects, they also hide smaller sizes of others.
         sentences.append(experiment_to_show(unseen if effects or len(unseen) == 1 else (), driver))
     need_commands = [name for name in found.unseen if name not in tested]
     if need_commands:
@@ -360,7 +362,7 @@ def _next(
 
 
 def _recorded(name: str, found: Search) -> bool:
-    """Return whether the sensor that an effect is one of was recorded: no drive shows what a sensor does without it."""
+    """Return whether the sensor of a sensor effect was recorded; otherwise no drive can reveal it."""
     observations = [predictor.segment.observations for predictor in found.problem.predictors]
     stages = CATALOGUE[name].equations
     if all(stage.startswith("gyro") for stage in stages):
@@ -369,9 +371,9 @@ def _recorded(name: str, found: Search) -> bool:
 
 
 def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
-    """Return what remains unexplained, with the generic term that extends the model.
+    """Return the unexplained structure, with the generic term that extends the model.
 
-    Where nothing else does, the term's gain is that of the whole model.
+    If only the term extends the model, its gain is that of the whole model.
     """
     term = whole.generic
     if term is None:
@@ -385,7 +387,7 @@ def _unexplained(whole: Extended, gain: Gain) -> Unexplained:
 
 
 def p_value(drop: float, parameters: int, inflation: float) -> float:
-    """Return how often chance alone gives as large a drop somewhere in the catalogue."""
-    from scipy.special import chdtrc  # of scipy.stats it would do the same, and take a second to import
+    """Return the probability that chance alone gives such a drop anywhere in the catalogue."""
+    from scipy.special import chdtrc  # scipy.stats would do the same, but takes a second to import
 
     return float(min(1.0, len(definitions_of(CATALOGUE)) * chdtrc(parameters, max(drop, 0.0) / inflation)))

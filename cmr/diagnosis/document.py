@@ -1,4 +1,4 @@
-"""What a diagnosis leaves behind for programs: `diagnosis.json`, and the extended parameter file.
+"""Outputs for programs: `diagnosis.json`, and the extended parameter file.
 
 Every field of the document is always there. A number that is not known, or not finite, is null; a list or mapping
 without content is empty. `docs/reference/diagnosis_json.md` describes the fields, and a test compares it with them.
@@ -35,7 +35,7 @@ Document = dict[str, Any]
 
 
 def document(diagnosis: Diagnosis) -> Document:
-    """Return the content of `diagnosis.json`.
+    """Return the contents of `diagnosis.json`.
 
     Raises KeyError for a parameter that the catalogue does not know.
     """
@@ -76,10 +76,10 @@ def write_document(diagnosis: Diagnosis, path: Path) -> None:
 
 
 def extended_file(diagnosis: Diagnosis, provenance: Mapping[str, object]) -> ParameterFile:
-    """Return the parameter file of the extended model, `robot_<id>.yaml`; without any effect it is the paper's model.
+    """Return the parameter file of the extended model, `robot_<id>.yaml`; without effects, of the paper's model.
 
-    `provenance` says where the data come from; method and path errors are added to it.
-    Raises ParameterFileError for a value that no robot can have, KeyError for a parameter that nobody knows.
+    `provenance` describes the origin of the data; method and path errors are added to it. Raises ParameterFileError for
+    an impossible value, KeyError for an unknown parameter.
     """
     estimates = diagnosis.extended.estimates if diagnosis.extended else {}
     effects = effects_on({n: v for n, v in diagnosis.parameters.items() if n not in CONTROLLER_DEFINITIONS})
@@ -108,7 +108,7 @@ def _path_errors(fitted: Fitted | None) -> dict[str, float]:
 
 
 def _fitted(fitted: Fitted | None, given: Mapping[str, float] | None = None) -> Document:
-    """Return a model: its estimates, then parameters that it was given, without a standard deviation."""
+    """Return a model: its estimates, then given parameters, without standard deviations."""
     estimates = fitted.estimates if fitted else {}
     parameters = {name: _estimate(name, estimate) for name, estimate in estimates.items()}
     for name, value in (given or {}).items():

@@ -1,4 +1,4 @@
-"""One diagnosis from logs to files: what to read, where to write, and a short outcome."""
+"""One diagnosis from logs to files: its inputs, its outputs, and a short outcome."""
 
 import hashlib
 import math
@@ -34,9 +34,9 @@ class JobError(Exception):
 class Job:
     """The logs of one robot that are diagnosed together, and the folder for the results.
 
-    `robot_id` None stands for the only robot of the logs, `nominal` None for what they announce. With `against`, which
-    says what file `nominal` is, departures from it are named. On `held_out` the gain is measured. `report` says whether
-    to write report.html. `laws` are tested by name, as effects are.
+    `robot_id` None means the only robot of the logs, `nominal` None the announced parameters. With `against`, the file
+    of `nominal`, differences from it are reported. `held_out` logs measure the gain. `report` says whether to write
+    report.html. `laws` are tested by name, like effects.
     """
 
     logs: tuple[Path, ...]
@@ -51,7 +51,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The outcome of a job: either `failure`, a sentence, or the verdict and the effects named.
+    """The outcome of a job: either `failure`, a sentence, or the verdict and the named effects.
 
     `ratio` is the gain in held-out path error, NaN where it is not known. `decisions` are the steps of the search.
     """
@@ -65,7 +65,7 @@ class Outcome:
 
 
 def robots_in(log: Path) -> list[int]:
-    """Return the ids of the robots that were measured in a log; only the channel names are looked at.
+    """Return the ids of the robots in a log, from channel names only.
 
     Raises RecordingError when the log cannot be opened or holds no robot.
     """
@@ -85,28 +85,28 @@ def _channels_in(log: Path, _size: int, _written: int) -> frozenset[str]:
 
 
 def _filled(log: Path) -> None:
-    """Raise RecordingError when a log cannot be opened or is empty; the text says why."""
+    """Raise RecordingError when a log cannot be opened or is empty; with the reason."""
     read_log(log)
     if log.is_file() and log.stat().st_size == 0:
         raise RecordingError(f"{log}: is empty. Was lcm-logger on the robot's bus (--lcm-url) during the drive?")
 
 
 def perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
-    """Read, diagnose and write; return the diagnosis and the files written. `tell` receives sentences on progress.
+    """Read, diagnose and write; return the diagnosis and the written files. `tell` receives sentences on progress.
 
     Raises JobError.
     """
     with ExitStack() as made:
-        with _writing(job.folder):  # before the work, not after it
+        with _writing(job.folder):  # fail before the work, not after it
             made.enter_context(folder_for_results(job.folder))
         return _perform(job, tell)
 
 
 def _perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
-    # The engine takes a while to load; a command line that is wrong should not have to wait for it.
+    # The engine takes a while to load; errors in the command line should be reported before.
     from cmr.diagnosis.diagnose import diagnose
 
-    for law in job.laws:  # a process of its own does not know them yet
+    for law in job.laws:  # worker processes do not know them yet
         learn(law)
     try:
         tell(f"Reading {_names(job.logs)}.")
@@ -133,16 +133,16 @@ def _perform(job: Job, tell: Telling) -> tuple[Diagnosis, tuple[Path, ...]]:
 
 
 def _check_against(job: Job, robot_id: int) -> None:
-    """Raise JobError where a robot is to be compared with the file of another one."""
+    """Raise JobError if the file belongs to another robot."""
     if job.against is not None and job.nominal is not None and job.nominal.robot_id != robot_id:
         raise JobError(
-            f"{job.against.source} is of robot {job.nominal.robot_id}, the log of robot {robot_id}: departures are "
-            "those of one and the same robot. Choose the robot's own file, or correct robot_id in it."
+            f"{job.against.source} is of robot {job.nominal.robot_id}, the log of robot {robot_id}: only the same "
+            "robot can be compared. Choose the robot's own file, or correct robot_id in it."
         )
 
 
 def attempt(job: Job, tell: Telling) -> Outcome:
-    """Do the job and return what came of it, whatever happens: other jobs are to go on."""
+    """Do the job and return its outcome in any case, so that other jobs continue."""
     try:
         diagnosis, _files = perform(job, tell)
     except JobError as error:
@@ -161,7 +161,7 @@ def attempt(job: Job, tell: Telling) -> Outcome:
 
 @contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Raise JobError when something cannot be written."""
+    """Convert errors in writing to JobError."""
     try:
         yield
     except ParameterFileError as error:
@@ -173,7 +173,9 @@ def _writing(folder: Path) -> Iterator[None]:
 
 
 def _write(diagnosis: Diagnosis, job: Job, provenance: dict[str, object], tell: Telling) -> tuple[Path, ...]:
-    """Write what makes sense; bad data have no parameters. The report comes last: it is the least sure to succeed."""
+    """Write the applicable files; unusable data have no parameters. The report comes last, as it is the most likely to
+    fail.
+    """
     from cmr.diagnosis.document import extended_file, write_document
 
     files = [job.folder / DOCUMENT]
@@ -191,7 +193,7 @@ def _write(diagnosis: Diagnosis, job: Job, provenance: dict[str, object], tell: 
 
 
 def _provenance(job: Job, sources: Sequence[str]) -> dict[str, object]:
-    """Return where the parameters come from: the logs of the job that are among the sources, those of use."""
+    """Return the origin of the parameters: the usable logs of the job."""
     fitted = [log for log in job.logs if str(log) in sources]
     digest = hashlib.sha256()
     for log in fitted:

@@ -1,4 +1,4 @@
-"""Laws in words: the sentences of a diagnosis on formulas that it found."""
+"""Sentences of a diagnosis on the laws that it found."""
 
 import math
 from collections.abc import Mapping
@@ -11,9 +11,9 @@ from cmr.model.laws.sentence import equation, headline
 MILLIMETRES = 1000.0
 MOST_RIVALS = 3  # that a sentence names
 UNNAMED = "No entry of the catalogue describes this."
-APPROXIMATED = "It is an approximation of something unknown: structure is left, or the formula is not quite right."
-TIED = "What remains, or all of it, is explained as well by a law that this drive does not set apart"
-SAME_LENGTH = 0.02  # of a path error: what changes by less is called unchanged
+APPROXIMATED = "It is an approximation of something unknown: structure remains, or the formula is not quite right."
+TIED = "What remains, or all of it, is explained as well by a law that this drive cannot distinguish"
+SAME_LENGTH = 0.02  # of a path error: smaller changes are called unchanged
 
 
 def values_of(found: LawFound) -> dict[str, float]:
@@ -22,9 +22,9 @@ def values_of(found: LawFound) -> dict[str, float]:
 
 
 def law_sentence(found: LawFound, path_rmse: float = math.nan) -> str:
-    """Return what a law says, its coefficients, and by how much it makes the path error smaller.
+    """Describe a law, its coefficients, and the reduction of the path error.
 
-    `path_rmse` [m] is the held-out path error of the model with it, NaN where it is not known.
+    `path_rmse` [m] is the held-out path error of the model with it, NaN if unknown.
     """
     values = values_of(found)
     said = f"{headline(found.law, values)}: {equation(found.law, values)}, {_coefficients(found)}"
@@ -37,7 +37,7 @@ def rival_text(rival: LawFound) -> str:
 
 
 def laws_sentence(laws: Laws, path_rmse: float) -> str:
-    """Return the sentences on the laws that stand in the model, or that tie; empty without any."""
+    """Return sentences on the laws in the model, or on tied ones; empty without any."""
     if not laws.found:
         return f"{TIED}: {_named_rivals(laws)}." if laws.rivals else ""
     *others, last = laws.found
@@ -48,21 +48,21 @@ def laws_sentence(laws: Laws, path_rmse: float) -> str:
     elif laws.answer in (LAW, TIE):
         sentences.append(UNNAMED)
     if laws.names_withdrawn:
-        sentences.append(f"It makes up for {', '.join(laws.names_withdrawn)}, which the catalogue's search had named.")
+        sentences.append(f"It replaces {', '.join(laws.names_withdrawn)}, which the search of the catalogue had named.")
     if laws.rivals:
         sentences.append(f"Cannot be distinguished from: {_named_rivals(laws)}.")
     return " ".join(sentences)
 
 
 def _named_rivals(laws: Laws) -> str:
-    """Return the first of the laws that are not distinguished, as equations, and how many more there are."""
+    """Return the first indistinguishable laws as equations, and the number of others."""
     rivals = [rival_text(one) for one in laws.rivals]
     more = f"; and {len(rivals) - MOST_RIVALS} more" if len(rivals) > MOST_RIVALS else ""
     return f"{'; '.join(rivals[:MOST_RIVALS])}{more}"
 
 
 def experiment_to_decide(laws: Laws, driver: Driver) -> str:
-    """Return what to drive so that a law would show, or one of several stand out; empty where nothing is open."""
+    """Return what to drive so that a law becomes visible, or one of several is confirmed; empty if nothing is open."""
     if not laws.manoeuvre:
         return ""
     what = "Which formula holds" if laws.rivals or laws.found else "Whether a law holds"
@@ -76,7 +76,7 @@ def _coefficients(found: LawFound) -> str:
 
 
 def _with_std(estimate: Estimate, unit: str) -> str:
-    """Return a value with its standard deviation to two digits, and the value to as many decimals."""
+    """Return a value and its standard deviation, rounded to two digits of the latter."""
     words = "" if unit == "-" else f" {unit}"
     if not (math.isfinite(estimate.std) and estimate.std > 0.0):
         return f"{estimate.value:.3g}{words}"
@@ -87,7 +87,7 @@ def _with_std(estimate: Estimate, unit: str) -> str:
 
 
 def _gained(ratio: float, path_rmse: float) -> str:
-    """Return the path error before and after, in the end of a sentence."""
+    """Return the end of a sentence with the path error before and after."""
     if not (math.isfinite(ratio) and math.isfinite(path_rmse)):
         return ""
     before, after = MILLIMETRES * ratio * path_rmse, MILLIMETRES * path_rmse

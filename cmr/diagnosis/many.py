@@ -1,4 +1,4 @@
-"""Many diagnoses at once: which logs belong together, and processes that work them off side by side."""
+"""Many diagnoses at once: group logs into jobs, and run them in parallel."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -12,12 +12,11 @@ Work = Callable[[Job, Telling], Outcome]
 
 
 def jobs_of(logs: Sequence[Path], pattern: Job, *, each: bool = False) -> list[Job]:
-    """Return the jobs that these logs make: one for each robot, or, with `each`, for each robot of each log.
+    """Return the jobs for these logs: one per robot, or, with `each`, one per robot and log.
 
-    `pattern` is a job with all that they have in common: its robot, if one is asked for, and the folder that holds
-    theirs. One robot's logs alone are diagnosed right there. With `each`, a log that is of no use is a job all the
-    same, which will fail.
-    Raises RecordingError when a log cannot be opened or holds no robot.
+    `pattern` is a job with the common settings: the robot, if one is selected, and the folder for the results. The logs
+    of a single robot are diagnosed directly in that folder. With `each`, a useless log still becomes a job, which will
+    fail. Raises RecordingError when a log cannot be opened or holds no robot.
     """
     if each:
         jobs = [
@@ -42,7 +41,7 @@ def jobs_of(logs: Sequence[Path], pattern: Job, *, each: bool = False) -> list[J
 
 
 def _named(logs: Sequence[Path], robot_id: int | None) -> Iterator[tuple[Path, int | None, str]]:
-    """Yield each log with each of its robots, and a name that no other has."""
+    """Yield each log with each of its robots, and a unique name."""
     taken: set[str] = set()
     for log, distinct in zip(logs, distinct_names(logs), strict=True):
         for robot in _robots_of(log, robot_id):
@@ -53,13 +52,13 @@ def _named(logs: Sequence[Path], robot_id: int | None) -> Iterator[tuple[Path, i
 
 
 def distinct_names(logs: Sequence[Path]) -> list[str]:
-    """Return the logs' names without endings; of logs of the same name with the folders that distinguish them."""
+    """Return the logs' names without endings; logs with the same name get the folders that distinguish them."""
     places = [log.resolve().with_suffix("").parts[1:] for log in logs]
     return ["_".join(place[-_needed(place, places) :]) for place in places]
 
 
 def _needed(place: tuple[str, ...], places: Sequence[tuple[str, ...]]) -> int:
-    """Return how many parts of a path, from its end, no different one has."""
+    """Return how many trailing parts of a path make it unique."""
     others = [other for other in places if other != place]
     return next(k for k in range(1, len(place) + 1) if k == len(place) or all(o[-k:] != place[-k:] for o in others))
 
@@ -74,9 +73,9 @@ def _robots_of(log: Path, robot_id: int | None) -> Sequence[int | None]:
 
 
 def _with_held_out(jobs: list[Job]) -> list[Job]:
-    """Return the jobs, each with those of the held-out logs that its robot is in.
+    """Return the jobs, each with the held-out logs that contain its robot.
 
-    Raises RecordingError for a held-out log in which none of the robots is.
+    Raises RecordingError for a held-out log with none of the robots.
     """
     robots = {log: robots_in(log) for log in jobs[0].held_out}
     diagnosed = {job.robot_id for job in jobs}
@@ -87,7 +86,7 @@ def _with_held_out(jobs: list[Job]) -> list[Job]:
 
 
 class Pool(Workers[Job, Outcome]):
-    """Processes that do diagnoses side by side; one whose process dies has failed."""
+    """A pool of processes for diagnoses; if a process dies, its job has failed."""
 
     def __init__(self, count: int, work: Work) -> None:
         super().__init__(count, work, _died)

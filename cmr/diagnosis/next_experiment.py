@@ -1,10 +1,9 @@
-"""What to drive next: sentences for a person, from the catalogue of effects and the table of manoeuvres.
+"""Recommend the next drive, from the catalogue of effects and the table of manoeuvres.
 
 What an effect needs, and what distinguishes two effects, is text in the catalogue (`Effect.needs`,
-`Effect.confused_with`). Each manoeuvre lists the motions of such texts that it gives (`Manoeuvre.gives`); those
-manoeuvres are recommended that give all motions of a text in the shortest time. No sentence names more than
-MOST_NAMED effects: nobody reads thirty. How a manoeuvre is to be driven depends on who drives the robot: `cmr-pilot`
-takes a command, everybody else words.
+`Effect.confused_with`). Each manoeuvre lists the motions in such texts that it provides (`Manoeuvre.gives`); the
+shortest set of manoeuvres that provides all motions of a text is recommended. Sentences name at most MOST_NAMED
+effects. The wording depends on who drives the robot: a command for `cmr-pilot`, a description for everybody else.
 """
 
 import re
@@ -21,14 +20,14 @@ from cmr.model.catalogue import CATALOGUE
 from cmr.model.effect import GROUPS, LAWS
 from cmr.model.parameters import RobotParameters
 
-HOPELESS = "none: "  # so begin the catalogue's texts where nothing distinguishes two effects
+HOPELESS = "none: "  # start of the catalogue's texts if nothing distinguishes two effects
 REST = "rest"
 FALLBACK = "rich_drive"
 WITHOUT_POSES = (
     "No poses were recorded (POSE_N), so the path of the robot is unknown: record the poses of a motion-capture or "
     "localisation system in the next drive."
 )
-# In which manoeuvre what goes with a regressor stands out from what goes with others.
+# The manoeuvre in which the influence of a regressor is clearest.
 PARTING = {
     "command_left": "ramps",
     "command_right": "ramps",
@@ -52,15 +51,15 @@ MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\
 
 
 class Driver(Protocol):
-    """Who drives the robot, and how to say what to drive."""
+    """Who drives the robot, which determines how to describe a drive."""
 
     def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
-        """Return what to drive and what to do with the log; `together` says whether the log so far stays of use."""
+        """Return what to drive and what to do with the log; `together` says whether the current log is still useful."""
 
 
 @dataclass(frozen=True)
 class Pilot:
-    """`cmr-pilot` drives the robot: what to drive is a command. Time and space are those of `robot`."""
+    """`cmr-pilot` drives the robot, so a drive is a command. Time and space are those of `robot`."""
 
     robot_id: int = 0
     robot: RobotParameters = TYPICAL
@@ -77,7 +76,7 @@ class Pilot:
 
 @dataclass(frozen=True)
 class AnyDriver:
-    """A person or other software drives the robot: what to drive is said in words, for a robot of this pace."""
+    """A person or other software drives the robot, so a drive is described in words, for this pace."""
 
     pace: Pace
 
@@ -94,7 +93,7 @@ class AnyDriver:
 
 
 def _with_rests(chosen: Sequence[Manoeuvre]) -> list[str]:
-    """Return the names of manoeuvres in their order; a rest is at both ends, so that what changes meanwhile shows."""
+    """Return the names of manoeuvres in order, with a rest at both ends to reveal changes in between."""
     names = [manoeuvre.name for manoeuvre in chosen]
     if REST in names and len(names) > 1:
         return [REST, *(name for name in names if name != REST), REST]
@@ -106,10 +105,10 @@ def _duration(seconds: float) -> str:
 
 
 def experiment_to_tell_apart(name: str, others: Sequence[str], driver: Driver = Pilot()) -> str | None:
-    """Return what to drive to find out which of these effects a robot has; None if `others` is empty.
+    """Return what to drive to distinguish these effects; None if `others` is empty.
 
-    Of the others the first MOST_NAMED count. Where nothing can distinguish them, it says so.
-    Raises KeyError for an effect that is not in the catalogue.
+    Only the first MOST_NAMED of the others are used. If nothing can distinguish them, the text says so. Raises KeyError
+    for an effect that is not in the catalogue.
     """
     texts = {other: telling_apart(name, other) for other in others[:MOST_NAMED]}
     hopeless = {other: text.removeprefix(HOPELESS) for other, text in texts.items() if text.startswith(HOPELESS)}
@@ -128,10 +127,9 @@ def experiment_to_tell_apart(name: str, others: Sequence[str], driver: Driver = 
 
 
 def experiment_to_show(names: Sequence[str], driver: Driver = Pilot()) -> str:
-    """Return what to drive so that most of these effects would show if the robot had them, and some of their names.
+    """Return what to drive to reveal most of these effects if the robot has them, and some of their names.
 
-    Without names it is the drive in which any effect would show.
-    Raises KeyError for an effect that is not in the catalogue.
+    Without names, any effect would become visible. Raises KeyError for an effect that is not in the catalogue.
     """
     chosen, shown = drive_showing(names)
     sentence = f"{causes(shown) or 'any effect'} would be visible in {_listed(one.what for one in chosen)}."
@@ -139,10 +137,10 @@ def experiment_to_show(names: Sequence[str], driver: Driver = Pilot()) -> str:
 
 
 def drive_showing(names: Sequence[str]) -> tuple[tuple[Manoeuvre, ...], tuple[str, ...]]:
-    """Return the manoeuvres that show most of these effects, and those that they show.
+    """Return the manoeuvres that reveal most of these effects, and the effects that they reveal.
 
-    It is one manoeuvre, or what shows one of the effects; of those that show equally many, the shortest. Without names
-    it is the manoeuvre that has something of everything.
+    It is a single manoeuvre, or those that reveal one of the effects; of equal ones, the shortest. Without names it is
+    the manoeuvre with all kinds of motion.
     """
     if not names:
         return (MANOEUVRES[FALLBACK],), ()
@@ -157,7 +155,7 @@ def drive_showing(names: Sequence[str]) -> tuple[tuple[Manoeuvre, ...], tuple[st
 
 
 def causes(names: Sequence[str]) -> str:
-    """Return effects in words, MOST_NAMED at most: of each group of the catalogue one first; empty without any."""
+    """Describe effects in words, at most MOST_NAMED, one of each catalogue group first; empty without any."""
     by_group = [[name for name in names if CATALOGUE[name].group == group] for group in (*GROUPS, LAWS)]
     in_turn = [name for row in zip_longest(*by_group) for name in row if name]
     first, more = in_turn[:MOST_NAMED], len(in_turn) - MOST_NAMED
@@ -166,9 +164,9 @@ def causes(names: Sequence[str]) -> str:
 
 
 def experiment_to_explain(signal: str, regressors: Sequence[str], driver: Driver = Pilot()) -> str:
-    """Return what to drive, and what to look at, to find out what makes the errors of a signal that no effect explains.
+    """Return what to drive, and what to check, to find the cause of errors of a signal that no effect explains.
 
-    `regressors` are what they go with.
+    `regressors` are what the errors depend on.
     """
     what, goes_with = signal_name(signal), _listed(map(regressor_name, regressors))
     sentences = [
@@ -189,30 +187,32 @@ def experiment_to_explain(signal: str, regressors: Sequence[str], driver: Driver
 
 
 def telling_apart(name: str, other: str) -> str:
-    """Return the catalogue's text on what distinguishes two effects; if there is none, what both need."""
+    """Return the catalogue's text on what distinguishes two effects; otherwise what both need."""
     first, second = CATALOGUE[name], CATALOGUE[other]
     return first.confused_with.get(other) or second.confused_with.get(name) or _needs(name, other)
 
 
 def showable(names: Iterable[str], named: Sequence[str]) -> list[str]:
-    """Return those of some effects that a drive may show beside those `named`: not what is the same mathematics."""
+    """Return those of some effects that a drive may reveal beside the `named` ones, without mathematically equivalent
+    ones.
+    """
     return [name for name in names if not any(telling_apart(name, other).startswith(HOPELESS) for other in named)]
 
 
 def without_commands(names: Sequence[str]) -> str:
-    """Return that commands are to be recorded, so that these effects can be seen."""
+    """Return the advice to record commands, so that these effects become visible."""
     return WITHOUT_COMMANDS.format(causes=causes(names))
 
 
 def motions_in(text: str) -> frozenset[str]:
-    """Return the motions that a text of the catalogue asks for; where several begin with one word, the longest."""
+    """Return the motions that a text of the catalogue asks for; of those with a common beginning, the longest."""
     return frozenset(MOTION.findall(text.lower()))
 
 
 def manoeuvres_giving(texts: Iterable[str]) -> tuple[Manoeuvre, ...]:
-    """Return the manoeuvres that give all motions of these texts in the shortest time, in the order of the table.
+    """Return the shortest set of manoeuvres that provides all motions in these texts, in the order of the table.
 
-    Where the texts ask for no motion that a manoeuvre gives, it is the one that has something of everything.
+    If the texts contain no such motion, it is the manoeuvre with all kinds of motion.
     """
     wanted = frozenset(chain.from_iterable(map(motions_in, texts)))
     if not wanted:

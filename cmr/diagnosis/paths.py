@@ -1,7 +1,7 @@
-"""The paths that a report shows: pieces of the recordings, and free runs of both models from their beginnings.
+"""Paths for the report: pieces of the recordings, and free runs of both models from their starts.
 
-A long drive is cut into pieces of LONGEST seconds, each begun at the real pose: errors of free runs pile up, and after
-a minute they say nothing about what the models differ in.
+A long drive is cut into pieces of LONGEST seconds, each started at the real pose: free-run errors accumulate, and after
+a minute no longer show the difference of the models.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from cmr.model.observer.observer import RESTART, Innovations, Observations
 from cmr.recordings.signal import Floats
 
 LONGEST = 30.0  # s of a piece
-MOST_PATHS = 4  # a page with more shows nobody more
+MOST_PATHS = 4  # paths shown; more do not help a reader
 MOST_POINTS = 900  # of a piece
 
 
@@ -44,9 +44,9 @@ def paths_of(segments: Sequence[Segment], before: Values, after: Values, labels:
 
 
 def most_telling(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """Return the MOST_PATHS paths on which the models differ most; where they are alike, those that lead farthest.
+    """Return the MOST_PATHS paths on which the models differ most; if equal, the longest paths.
 
-    One of each recording comes before the second of any.
+    One path of each recording comes before second ones.
     """
     by_recording: dict[str, list[Path]] = {}
     for path in sorted(paths, key=_difference, reverse=True):
@@ -56,14 +56,14 @@ def most_telling(paths: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def _difference(path: Path) -> tuple[float, float]:
-    """Return how far [m] the models are from each other, and how far [m] the path leads, root mean square."""
+    """Return the RMS distance [m] between the models, and the RMS extent [m] of the path."""
     between = (path.before_x - path.after_x) ** 2 + (path.before_y - path.after_y) ** 2
     way = (path.x - path.x[0]) ** 2 + (path.y - path.y[0]) ** 2
     return float(np.sqrt(np.mean(between))), float(np.sqrt(np.mean(way)))
 
 
 def _begins(observations: Observations) -> Indices:
-    """Return the numbers of the poses at which a free run is begun again."""
+    """Return the numbers of the poses at which free runs restart."""
     restarts = np.flatnonzero(observations.pose_use == RESTART)
     return np.union1d(restarts, _borders(observations.pose_time)[:-1])
 
@@ -78,12 +78,12 @@ def _pieces(
     simulated[begins] = smooth[begins, :, None]
     for first, end in pairwise(borders):
         spread = np.linspace(first, end - 1, min(end - first, MOST_POINTS)).round().astype(np.int64)
-        shown = np.union1d(spread, begins[(begins >= first) & (begins < end)])  # a report must know of new beginnings
+        shown = np.union1d(spread, begins[(begins >= first) & (begins < end)])  # a report must include restarts
         yield _path(label, observations.pose_time[shown] + observations.time, measured[shown], simulated[shown])
 
 
 def _borders(time: Floats) -> Indices:
-    """Return the numbers of the first pose of each of some pieces of like length, and the number of all poses."""
+    """Return the numbers of the first poses of pieces of equal length, and the number of all poses."""
     seconds = float(np.ptp(time))
     count = max(int(np.ceil(seconds / LONGEST)), 1)
     firsts = np.searchsorted(time, time[0] + seconds / count * np.arange(count))

@@ -1,4 +1,4 @@
-"""What a diagnosis found: the verdict, the causes and their evidence, the extended parameters, the gain."""
+"""The result of a diagnosis: verdict, causes with evidence, extended parameters, gain."""
 
 import math
 from collections.abc import Mapping
@@ -18,23 +18,23 @@ from cmr.recordings.signal import Floats
 EFFECTS_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA = "effects_found", "no_effect", "unexplained", "bad_data"
 LAW_FOUND = "law_found"  # a law stands in the model, and no name of the catalogue
 PARAMETERS_DIFFER = "parameters_differ"  # only against a parameter file: no effect departs from it, parameters do
-GENERIC = "a generic term, no physical cause"  # how such a term is labelled everywhere
+GENERIC = "a generic term, no physical cause"  # label of such a term everywhere
 VERDICTS = (EFFECTS_FOUND, LAW_FOUND, NO_EFFECT, UNEXPLAINED, BAD_DATA, PARAMETERS_DIFFER)
 
 
 @dataclass(frozen=True, kw_only=True)
 class NamedEffect:
-    """An effect that the data show.
+    """An effect that the data support.
 
     `estimates` are its parameters by name. `statistic` is twice the log-likelihood that the effect adds to the model
-    with all other effects named, `p_value` how often chance alone would give as much somewhere in the catalogue.
-    `held_out` is the log-likelihood that it adds on data it was not fitted on. `shift` says how far each parameter
-    of the paper's model moved, in its unit, when the effect was added to the baseline with all effects ordered before
-    it. All shifts together, and that of a generic term, are what lies between the baseline and the fit with all of
-    them; the average over what may be hidden besides lies a little beside that fit.
-    `indistinguishable_from` are effects that explain these data as well, `next_experiment` the manoeuvre that would
-    distinguish them, or sharpen the estimate; None if nothing is left to find out. `given` are its parameters in the
-    parameter file that the robot is compared with, by name: empty without such a file, and where it lacks the effect.
+    with all other effects named, `p_value` the probability of such a value by chance for any effect in the catalogue.
+    `held_out` is the log-likelihood gained on left-out data. `shift` is the change of each parameter of the paper's
+    model, in its unit, when the effect was added to the baseline with all effects ordered before it. All shifts
+    together, and that of a generic term, add up to the difference between the baseline and the fit with all of them;
+    the average over undetected effects differs slightly from that fit. `indistinguishable_from` are effects that
+    explain these data as well, `next_experiment` the manoeuvre that would distinguish them, or sharpen the estimate;
+    None if nothing is open. `given` are its parameters in the parameter file that the robot is compared with, by name:
+    empty without such a file, or if it lacks the effect.
     """
 
     name: str
@@ -51,7 +51,7 @@ class NamedEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class Departure:
-    """A parameter of the paper's model, or of a velocity controller, that is another than in a file: `given` there."""
+    """A parameter of the paper's model, or of a velocity controller, that differs from the file's `given` value."""
 
     name: str
     given: float
@@ -60,9 +60,9 @@ class Departure:
 
 @dataclass(frozen=True, kw_only=True)
 class Against:
-    """The parameter file whose robot, effects included, is the baseline: where it is, its SHA-256, its effects.
+    """The parameter file whose robot, effects included, is the baseline: its path, SHA-256 and effects.
 
-    `departures` are the parameters that are others than in the file, beside those of the effects named.
+    `departures` are the parameters that differ from the file, besides those of named effects.
     """
 
     source: str
@@ -78,11 +78,11 @@ class Against:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """An effect of the catalogue that was tested and not named: its evidence beside the effects named.
+    """An effect that was tested but not named, with its evidence beside the named effects.
 
-    `statistic` and `held_out` are as in NamedEffect; `why_not` is a sentence, `measure` the number in it that decided,
-    None if it is not known. `estimates` are the effect's parameters by name as they were fitted. `harmless` says that
-    the data show the effect, but that it is too small to matter.
+    `statistic` and `held_out` are as in NamedEffect; `why_not` is a sentence, `measure` the deciding number in it, None
+    if unknown. `estimates` are the effect's fitted parameters by name. `harmless` says that the effect is significant
+    but too small to matter.
     """
 
     name: str
@@ -139,14 +139,13 @@ class Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Residual:
-    """What one signal says minus what the models predict of it, shape (n,), and the state at that moment.
+    """Measured minus predicted values of a signal, shape (n,), and the state at those times.
 
     `signal` is one of psi_left, psi_right, yaw_rate, forward, sideways, heading; `unit` that of `before` (paper's
     model) and `after` (extended model; the same as `before` where nothing was found). `regressors` are arrays (n,) by
-    name: time, command_left, command_right, speed, yaw_rate, speed_times_yaw_rate, x, y, heading,
-    wheel_angle_left, wheel_angle_right, energy, ... Those of the pose are errors grown over windows of a second.
-    `without` says by effect what the extended model leaves (n,) when that one effect is switched off in it and all
-    else stays.
+    name: time, command_left, command_right, speed, yaw_rate, speed_times_yaw_rate, x, y, heading, wheel_angle_left,
+    wheel_angle_right, energy, ... Pose residuals are errors accumulated over windows of a second. `without` are, by
+    effect, the residuals (n,) of the extended model with only that effect switched off.
     """
 
     signal: str
@@ -159,7 +158,7 @@ class Residual:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What a report draws: paths of some of the `pieces`, residuals, and how long the windows of free runs are [s]."""
+    """Data for the report: paths of some of the `pieces`, residuals, and the length of free-run windows [s]."""
 
     window: float
     paths: tuple[Path, ...] = ()
@@ -172,19 +171,18 @@ NOTHING_TO_DRAW = Evidence(window=math.nan)
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Diagnosis:
-    """What a diagnosis found of one robot.
+    """The diagnosis of one robot.
 
-    `effects` are ordered by evidence, `candidates` are the runners-up. `laws` is the answer on physics that no entry of
-    the catalogue describes. `baseline` is the paper's model, `extended` that with the effects named, laws and any
-    generic term, both None with bad data. `parameters` holds all values the
-    extended model runs with, by name. `checks` says what was wrong with the data, `notes` are sentences on what else a
-    reader should know, `next_experiment` what to do next if nothing, or not enough, was found, `not_visible` all
-    effects that would not show in these drives if the robot had them. `sources` names the recordings, `samples` counts
-    what the models were fitted to. `nominal` is the robot as it was given, and
-    `gain_over_nominal` what the extended model gains over it; both are None where too little of it was given.
-    `lateness` says how late commands took effect, by the name of the recording in which it was measured. `decisions`
-    are the steps of the search, in their order. `against` is the parameter file whose robot is the `baseline`, and
-    from which the effects named depart; None where that is the paper's model.
+    `effects` are ordered by evidence, `candidates` are the runners-up. `laws` are laws for physics that is not in the
+    catalogue. `baseline` is the paper's model, `extended` that with the effects named, laws and any generic term, both
+    None with bad data. `parameters` holds all values the extended model runs with, by name. `checks` are the problems
+    of the data, `notes` further sentences for the reader, `next_experiment` is the recommended drive if nothing, or not
+    enough, was found, `not_visible` are effects that these drives could not reveal. `sources` names the recordings,
+    `samples` counts what the models were fitted to. `nominal` is the robot as given, and `gain_over_nominal` the
+    extended model's gain over it; both are None if too little was given. `lateness` is the measured delay of commands,
+    by name of the recording. `decisions` are the steps of the search, in their order. `against` is the parameter file
+    whose robot is the `baseline`, and from which the named effects are differences; None if the baseline is the paper's
+    model.
     """
 
     robot_id: int
@@ -223,24 +221,24 @@ class Diagnosis:
 
     @property
     def lateness_sentences(self) -> list[str]:
-        """How late commands took effect, in words; of several recordings, each sentence says in which."""
+        """Sentences on the delay of commands; with several recordings, each names its recording."""
         if len(self.lateness) == 1:
             return [one.sentence for one in self.lateness.values()]
         return [f"{name}: {one.sentence}" for name, one in self.lateness.items()]
 
     @property
     def harmless(self) -> list[Candidate]:
-        """The effects that the data show, but that are too small to matter."""
+        """The effects that are significant but too small to matter."""
         return [candidate for candidate in self.candidates if candidate.harmless]
 
     @property
     def is_extended(self) -> bool:
-        """Whether the extended model is another than the baseline."""
+        """Whether the extended model differs from the baseline."""
         departs = self.against is not None and bool(self.against.departures)
         found = bool(self.effects) or bool(self.laws.found)
         return found or self.unexplained.generic is not None or departs
 
     @property
     def baseline_words(self) -> str:
-        """What the baseline is called."""
+        """The name of the baseline."""
         return "the paper's model" if self.against is None else f"the robot of {self.against.name}"

@@ -1,4 +1,4 @@
-"""The verdict of a diagnosis, and the sentences that say it."""
+"""The verdict of a diagnosis and its sentences."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from cmr.estimation.unexplained.result import GenericTerm, Unexplained
 
 
 def verdict_of(effects: Sequence[NamedEffect], laws: Laws, unexplained: Unexplained) -> str:
-    """Return the verdict on data that can be used: names first, then laws."""
+    """Return the verdict on usable data: named effects first, then laws."""
     if effects:
         return EFFECTS_FOUND
     if laws.found:
@@ -24,7 +24,7 @@ def verdict_of(effects: Sequence[NamedEffect], laws: Laws, unexplained: Unexplai
 def sentence_of(
     effects: Sequence[NamedEffect], laws: Laws, unexplained: Unexplained, search: Search, extended: Fitted | None
 ) -> str:
-    """Return what was found, in sentences: effects, laws, and what remains."""
+    """Return sentences on the result: effects, laws, and what remains."""
     path_rmse = extended.held_out_path_rmse if extended else math.nan
     causes = [effect.cause for effect in effects]
     found = " ".join([*causes, *filter(None, [laws_sentence(laws, path_rmse)])])

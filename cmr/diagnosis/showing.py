@@ -1,7 +1,7 @@
-"""What a report shows of a robot and its models beside paths: residuals over what may explain them.
+"""Residuals over possible regressors, for the report.
 
-What residuals are shown over is the simulated motion, never a sensor's own sample: the noise of a sample that is in
-both would look like structure (errors in variables).
+Regressors come from the simulated motion, never from a sensor's own sample: noise in both would look like structure
+(errors in variables).
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,15 +32,15 @@ from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
 MOST_SAMPLES = 3000  # of a residual
-GROWN = 1.0  # s over which errors of the pose grow
-AT_THE_END = 0.2  # s whose poses are averaged when they have grown: single ones are noisy
+GROWN = 1.0  # s over which pose errors accumulate
+AT_THE_END = 0.2  # s over which poses at the end are averaged, because single ones are noisy
 UNITS = {**dict.fromkeys((*WHEELS, "yaw_rate"), "rad/s"), "forward": "m", "sideways": "m", "heading": "rad"}
 # The command that drives a signal: shares of left and right.
 DRIVING = {"psi_left": (1.0, 0.0), "psi_right": (0.0, 1.0), "forward": (0.5, 0.5)}
 TURNING = (-1.0, 1.0)
 TURN = 2.0 * np.pi
 BINS = 12  # of a regressor, each with as many samples
-BLOCKS, PARTS = 60, 5  # blocks of time, and the parts they are dealt out to in turn
+BLOCKS, PARTS = 60, 5  # blocks of time, and the folds they are assigned to
 
 
 @dataclass(frozen=True)
@@ -58,24 +58,24 @@ class Spans:
 
     @property
     def before(self) -> "Spans":
-        """Spans as long, each before its own; cut at the raster's beginning."""
+        """Spans of the same length just before each span, clipped at the start of the grid."""
         begin = np.maximum(2.0 * self.begin - self.end, 0.0)
         return Spans(self.dt, begin, np.maximum(self.begin, begin + self.dt))
 
     def at_middle(self, column: Floats) -> Floats:
-        """Return what is given at the borders (T + 1,) in the middle of each span."""
+        """Interpolate a column at borders (T + 1,) to the middle of each span."""
         return self._at(self.middle, column)
 
     def growth(self, column: Floats) -> Floats:
-        """Return by how much what is given at the borders (T + 1,) grows in a second."""
+        """Return the growth per second of a column at borders (T + 1,)."""
         return (self._at(self.end, column) - self._at(self.begin, column)) / (self.end - self.begin)
 
     def mean(self, column: Floats) -> Floats:
-        """Return the mean of what is given at the borders (T + 1,)."""
+        """Return the mean of a column at borders (T + 1,) over each span."""
         return self.mean_of_steps(0.5 * (column[1:] + column[:-1]))
 
     def mean_of_steps(self, steps: Floats) -> Floats:
-        """Return the mean of what is constant in each step (T,)."""
+        """Return the mean over each span of a quantity that is constant per step (T,)."""
         return self.growth(np.append(0.0, np.cumsum(steps)) * self.dt)
 
     def _at(self, time: Floats, column: Floats) -> Floats:
@@ -94,9 +94,9 @@ def residuals_of(
 ) -> tuple[Residual, ...]:
     """Return the residuals of all signals that were recorded, over all segments.
 
-    Speeds are means over SPAN. Errors of the pose have grown over GROWN from the real pose on, and are in the frame of
-    the robot. `command_change` is by how much the mean command that drives the signal changed from as long a time
-    before; for the yaw rate, the sideways position and the heading that is right minus left.
+    Speeds are means over SPAN. Pose errors are accumulated over GROWN from the real pose, in the robot's frame.
+    `command_change` is the change of the mean command of the signal since the previous span of the same length; for yaw
+    rate, sideways position and heading the command is right minus left.
     """
     effects = without_each(after, given or {})
     sampled = _sampled([segment.observations for segment in segments], (after, before, *effects.values()))
@@ -105,9 +105,9 @@ def residuals_of(
 
 
 def without_each(values: Values, given: Values) -> dict[str, Values]:
-    """Return by effect that these values switch on the values with that one switched off, and nothing else changed.
+    """Return, for each effect that these values switch on, the values with only that effect switched off.
 
-    One that the robot is known to have is as it is `given` instead; where it is, nothing is shown of it.
+    A known effect is set to its `given` values instead; if unchanged, it is skipped.
     """
     switches = {
         effect.name: {
@@ -124,7 +124,7 @@ def without_each(values: Values, given: Values) -> dict[str, Values]:
 def _residual(name: str, parts: Sequence[_Sampled], effects: Sequence[str]) -> Residual:
     error = np.concatenate([part.averages.error for part in parts])
     shown = _spread(len(error), MOST_SAMPLES)
-    # Segments with commands and segments without may come together.
+    # Segments with and without commands may be mixed.
     regressors = [key for key in parts[0].regressors if all(key in part.regressors for part in parts)]
     return Residual(
         signal=name,
@@ -179,7 +179,7 @@ def _merged(parts: Sequence[_Sampled]) -> _Sampled:
 
 
 def _grown(observations: Observations, windows: Windows, smooth: Floats, run: Innovations) -> dict[str, Averages]:
-    """Return the pose's errors at the ends of windows, in the frame of the robot, by signal."""
+    """Return the accumulated pose errors at the ends of windows, in the robot's frame, by signal."""
     number = windows.number_of(observations.pose_time)
     at_end = (number >= 0) & (observations.pose_time > np.append(windows.end, 0.0)[number] - AT_THE_END)
     heading = smooth[at_end, 2:]
@@ -199,10 +199,10 @@ def _grown(observations: Observations, windows: Windows, smooth: Floats, run: In
 def regressors_of(
     observations: Observations, motion: Floats, values: Values, spans: Spans, driving: tuple[float, float] = TURNING
 ) -> dict[str, Floats]:
-    """Return what may explain residuals over n spans of time, all (n,), from the simulated `motion`.
+    """Return regressors over n spans of time, all (n,), from the simulated `motion`.
 
-    Places and angles are those in the middle of a span, the others means over it. `values` are the parameters that
-    it was simulated with; `driving` are the shares of left and right in the command that drives the signal.
+    Positions and angles are taken at the middle of a span, others are means over it. `values` are the parameters of the
+    simulation; `driving` are the weights of left and right in the command of the signal.
     """
     columns = dict(zip(MOTION, motion.T, strict=True))
     speed = forward(columns["psi_left"], columns["psi_right"], RobotParameters.of(values))
@@ -232,7 +232,9 @@ def regressors_of(
 
 
 def _energy(observations: Observations, columns: Mapping[str, Floats], k1: float) -> Floats:
-    """Return the integral of the load share (as in the catalogue's battery_drift) at the raster's borders (T + 1,)."""
+    """Return the integral of the load share (as in the catalogue's battery_drift) at the borders of the time grid (T +
+    1,).
+    """
     sides = (
         (observations.duty[:, 0], columns["psi_left"][1:]),
         (observations.duty[:, 1], columns["psi_right"][1:]),
@@ -247,10 +249,10 @@ def _spread(count: int, most: int) -> Indices:
 
 
 def structure(residual: Floats, regressor: Floats) -> float:
-    """Return the share of a residual's variance that its means in bins of a regressor predict, both (n,), in time.
+    """Return the share of a residual's variance predicted by its means in bins of a regressor, both (n,), in time.
 
-    The means are taken from some blocks of time and tested on the others (cross-validation), so that chance predicts
-    nothing: about 0, or a little less. Samples that are not finite do not count.
+    The means are taken from some blocks of time and tested on the others (cross-validation), so without structure the
+    result is about 0 or slightly negative. Samples that are not finite do not count.
     """
     usable = np.isfinite(residual) & np.isfinite(regressor)
     residual, regressor = residual[usable], regressor[usable]

@@ -1,4 +1,4 @@
-"""Diagnoses as text for a terminal."""
+"""Format diagnoses as text for a terminal."""
 
 import math
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ def summary(diagnosis: Diagnosis) -> str:
 
 
 def outcome_line(outcome: Outcome) -> str:
-    """Return what came of one of many diagnoses, in one line."""
+    """Summarise one of many diagnoses in one line."""
     name = outcome.folder.name
     if outcome.failure:
         return f"{name}: failed. {outcome.failure}"
@@ -43,7 +43,7 @@ def outcome_line(outcome: Outcome) -> str:
 
 
 def outcome_table(outcomes: Sequence[Outcome]) -> str:
-    """Return a table of what came of many diagnoses, and why some failed."""
+    """Return a table of the outcomes of many diagnoses, and of why some failed."""
     width = max(len("diagnosis"), *(len(outcome.folder.name) for outcome in outcomes))
     lines = [f"{'diagnosis':{width}s}  {'verdict':13s}  {'gain':>6s}  effects"]
     for outcome in outcomes:
@@ -68,7 +68,7 @@ def _table(effects: Sequence[NamedEffect]) -> str:
 
 
 def _laws(diagnosis: Diagnosis) -> list[str]:
-    """Return what there is to say on laws; nothing where none was looked for, or nothing was there to be found."""
+    """Return lines on laws; empty if none were searched for, or there is nothing to report."""
     laws = diagnosis.laws
     if laws.rivals and not laws.found:
         return [f"Laws ({laws.answer}): none is used. {' '.join(laws.reasons)}"]
@@ -79,7 +79,7 @@ def _laws(diagnosis: Diagnosis) -> list[str]:
 
 
 def _sentences(effect: NamedEffect) -> list[str]:
-    """Return the sentences below an effect's numbers."""
+    """Return the sentences below an effect's row."""
     sentences = [f"{effect.name}: {effect.cause}"]
     if effect.indistinguishable_from:
         sentences.append(f"These data cannot distinguish it from {', '.join(some_of(effect.indistinguishable_from))}.")
@@ -113,7 +113,7 @@ def _gain(diagnosis: Diagnosis) -> list[str]:
 
 
 def _without_path(diagnosis: Diagnosis) -> list[str]:
-    """Return sentences on the errors of other signals, where no path error is known."""
+    """Return sentences on the errors of other signals, if no path error is known."""
     compared = (
         (diagnosis.baseline_words, diagnosis.gain if diagnosis.is_extended else None),
         ("the nominal parameters", diagnosis.gain_over_nominal),
@@ -128,7 +128,7 @@ def _without_path(diagnosis: Diagnosis) -> list[str]:
 
 
 def _over_nominal(diagnosis: Diagnosis) -> list[str]:
-    """Return a sentence on the path error of the nominal robot; none where it is not known."""
+    """Return a sentence on the path error of the nominal robot; empty if unknown."""
     nominal, gain = diagnosis.nominal, diagnosis.gain_over_nominal
     if nominal is None or gain is None or not math.isfinite(gain.ratio):
         return []
@@ -136,7 +136,7 @@ def _over_nominal(diagnosis: Diagnosis) -> list[str]:
 
 
 def _ratio(gain: Gain) -> str:
-    """Return in words how an error compares with that before, with the interval of the ratio."""
+    """Describe the ratio of errors, with its interval."""
     low, high = gain.interval
     ratio = f"{gain.ratio:.2f}"
     unlike = "smaller by a factor" if gain.ratio > 1.0 else "not smaller: a ratio"
@@ -145,7 +145,7 @@ def _ratio(gain: Gain) -> str:
 
 
 def _known_errors(diagnosis: Diagnosis) -> list[tuple[str, Fitted]]:
-    """Return the models whose path errors on held-out data are known, each with what it is called."""
+    """Return the models with known path errors on held-out data, with their labels."""
     models = (
         ("nominal parameters", diagnosis.nominal),
         ("paper's model, fitted" if diagnosis.against is None else diagnosis.baseline_words, diagnosis.baseline),
@@ -174,7 +174,7 @@ def _error_table(window: float, models: Sequence[tuple[str, Fitted]]) -> str:
 
 
 def _added(diagnosis: Diagnosis) -> str:
-    """Return what the extended model has beyond the paper's."""
+    """Return what extends the paper's model."""
     laws = {0: [], 1: ["the law"]}.get(len(diagnosis.laws.found), ["the laws"])
     generic = [GENERIC] if diagnosis.unexplained.generic else []
     departs = diagnosis.against is not None and bool(diagnosis.against.departures)
@@ -187,7 +187,7 @@ def _error(fitted: Fitted) -> str:
 
 
 def _faults(diagnosis: Diagnosis) -> list[str]:
-    """Return what was wrong with the data, and what remains unexplained."""
+    """Return the problems of the data, and unexplained structure."""
     sentences = [finding.sentence for finding in diagnosis.checks if finding.found]
     unexplained = diagnosis.unexplained
     if unexplained.present and unexplained.signal:
@@ -200,6 +200,6 @@ def _faults(diagnosis: Diagnosis) -> list[str]:
 
 
 def _wrapped(text: str, indent: int = 0) -> str:
-    """Return the text in lines of at most WIDTH, all but the first indented; names of files are not broken."""
+    """Return the text in lines of at most WIDTH, all but the first indented; file names are not broken."""
     wrapper = TextWrapper(WIDTH, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
     return wrapper.fill(text)

@@ -1,4 +1,4 @@
-"""Why a search named what it named: its decisions, step by step, as a table for a terminal."""
+"""The decisions of a search, step by step, as a table for a terminal."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ HEADINGS = ("model", "decision", "effects", "statistic", "threshold", "reason")
 
 
 def why(decisions: Sequence[Decision]) -> str:
-    """Return the table of the decisions, with what explains it above; each reason is below its row."""
+    """Return the table of decisions, with an explanation above; each reason is below its row."""
     if not decisions:
         return NOTHING_DECIDED
     actions = max(len(HEADINGS[1]), *(len(decision.action) for decision in decisions))
@@ -41,4 +41,4 @@ def _line(actions: int, effects: int, step: str, action: str, effect: str, stati
 
 
 def _number(value: float) -> str:
-    return f"{round(value, 1) + 0.0:.1f}" if math.isfinite(value) else "-"  # no -0.0
+    return f"{round(value, 1) + 0.0:.1f}" if math.isfinite(value) else "-"  # avoids -0.0

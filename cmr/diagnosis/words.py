@@ -1,4 +1,4 @@
-"""Names of signals and regressors in sentences, and sentences that several outputs share."""
+"""Names of signals and regressors in sentences, and shared sentences."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from cmr.estimation.search.measures import with_unit
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.model.catalogue import definition
 
-MOST_NAMED = 3  # effects in one sentence; nobody reads thirty
+MOST_NAMED = 3  # effects in one sentence
 FEW = 0.1  # shares below this are given to a tenth of a percent
 SIGNALS = {
     "psi_left": "left wheel speed",
@@ -39,19 +39,19 @@ REGRESSORS = {
 
 
 def signal_name(name: str) -> str:
-    """Return what a signal is called; its own name in words where it is not known."""
+    """Return what a signal is called; from its identifier if unknown."""
     return SIGNALS.get(name, _in_words(name))
 
 
 def regressor_name(name: str) -> str:
-    """Return what a regressor is called; its own name in words where it is not known."""
+    """Return what a regressor is called; from its identifier if unknown."""
     return REGRESSORS.get(name, _in_words(name))
 
 
 def share_sentence(unexplained: Unexplained, signal: str, regressors: str) -> str:
-    """Return the share of the errors that nothing explains, and what predicts it, without a full stop.
+    """Return a clause on the unexplained share of the errors, and what predicts it.
 
-    `signal` and `regressors` are theirs in words.
+    `signal` and `regressors` are their names in words.
     """
     digits = 0 if unexplained.share >= FEW else 1
     share = f"{100.0 * unexplained.share:.{digits}f} %" if math.isfinite(unexplained.share) else "a part"
@@ -63,13 +63,13 @@ def share_sentence(unexplained: Unexplained, signal: str, regressors: str) -> st
 
 
 def harmless_sentence(candidates: Sequence[Candidate]) -> str:
-    """Return the effects that the data show but that are too small to matter, with their sizes; empty without any."""
+    """Return a sentence on effects that are significant but too small to matter, with sizes; empty without any."""
     sizes = ", ".join(map(_size_of, candidates))
     return f"Seen, but too small to matter: {sizes}." if sizes else ""
 
 
 def some_of(names: Sequence[str]) -> list[str]:
-    """Return names, at most MOST_NAMED of them, and how many more there are."""
+    """Return at most MOST_NAMED names, and the number of others."""
     more = len(names) - MOST_NAMED
     return [*names[:MOST_NAMED], *([f"{more} more (see diagnosis.json)"] if more > 0 else [])]
 

@@ -1,4 +1,4 @@
-"""YAML files that people write: values that know their line (`document`), and dataclasses from them (`structure`).
+"""YAML files written by people: values with line numbers (`document`), and dataclasses from them (`structure`).
 
-`declared` is how a dataclass says what its fields may be, in a file and on the command line.
+`declared` is how a dataclass declares its fields for files and for the command line.
 """

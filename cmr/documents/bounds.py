@@ -1,7 +1,7 @@
-"""How much a YAML text may hold, seen from its events, before anything is made of them.
+"""Limits on the size of a YAML text, checked on its events before any values are created.
 
-A few hundred bytes with aliases stand for billions of values, and brackets inside one another take the loader's stack.
-What an alias stands for counts each time.
+A few hundred bytes with aliases can expand to billions of values, and deep nesting exhausts the loader's stack. An
+alias counts as its full content each time.
 """
 
 from collections.abc import Iterator
@@ -17,9 +17,9 @@ MERGE_KEY = "<<"
 
 
 class Bounds(NamedTuple):
-    """The most that a kind of document may hold: bytes of its file, and values, those that aliases repeat among them.
+    """The limits of a kind of document: bytes of its file, and number of values, including repetitions by aliases.
 
-    Where a document is only written by programs it has no aliases and no tags: `is_simple`.
+    Documents that only programs write have no aliases and no tags: `is_simple`.
     """
 
     size: int = 4_000_000
@@ -28,7 +28,7 @@ class Bounds(NamedTuple):
 
 
 class Exceeded(Exception):  # noqa: N818 - a finding, which the document's own error says
-    """A text holds more than it may, or what it may not; `line` counts from 1."""
+    """A text exceeds a limit or contains something forbidden; `line` counts from 1."""
 
     def __init__(self, line: int, words: str) -> None:
         super().__init__(words)
@@ -36,24 +36,24 @@ class Exceeded(Exception):  # noqa: N818 - a finding, which the document's own e
 
 
 class _Content(NamedTuple):
-    """What an alias stands for: how many values, and how many mappings and lists are inside one another."""
+    """The content of an alias: its number of values, and its nesting depth."""
 
     values: int
     height: int
 
 
 class _Open:
-    """A mapping or list that has not ended: its anchor, the values before it, and the highest content in it so far."""
+    """An open mapping or list: its anchor, the number of values before it, and the largest depth in it so far."""
 
     def __init__(self, anchor: str | None, before: int) -> None:
         self.anchor, self.before, self.height = anchor, before, 0
 
 
 def check(text: str, bounds: Bounds) -> bool:
-    """Return whether a text says anything at all. Raises Exceeded, or yaml.YAMLError where it is not YAML.
+    """Check the limits; return whether a text has any content. Raises Exceeded, or yaml.YAMLError if it is not YAML.
 
-    Of more than a thousand brackets the loader in C says that they are too many, and the one in Python nothing for a
-    minute: what is too much is not read to its end.
+    Reading stops at the first excess: for more than a thousand brackets the C loader fails, and the Python loader takes
+    a minute.
     """
     if len(text.encode(errors="replace")) > bounds.size:
         raise Exceeded(1, f"is larger than {bounds.size / 1e6:g} MB, which is the most that is read")
@@ -86,7 +86,7 @@ def _check_events(events: Iterator[yaml.Event], bounds: Bounds) -> bool:
 
 
 def _close(opened: list[_Open], known: dict[str, _Content], values: int) -> None:
-    """Note what an alias of the mapping or list that ends here stands for."""
+    """Record the content of the mapping or list that ends here, for aliases."""
     ended = opened.pop()
     if ended.anchor is not None:
         known[ended.anchor] = _Content(values - ended.before, ended.height + 1)
@@ -95,16 +95,16 @@ def _close(opened: list[_Open], known: dict[str, _Content], values: int) -> None
 
 
 def _content_of(event: yaml.NodeEvent, known: dict[str, _Content], follows_merge: bool) -> _Content:
-    """Return how much a value or an alias adds. Raises Exceeded for an alias inside of what it stands for."""
+    """Return how much a value or an alias adds. Raises Exceeded for an alias inside its own content."""
     one, name = _Content(1, 0), event.anchor or ""
     if isinstance(event, yaml.AliasEvent):
-        if name not in known and not follows_merge:  # after << the error says more where it is taken in
+        if name not in known and not follows_merge:  # after <<, a later check gives a better error
             raise Exceeded(_line(event), "an alias (*) stands for what it is inside of, or for nothing")
         return known.get(name, one)
     if isinstance(event, yaml.ScalarEvent) and name:
         known[name] = one
     elif isinstance(event, yaml.CollectionStartEvent):
-        known.pop(name, None)  # of a former one of this name
+        known.pop(name, None)  # an earlier anchor of this name
     return one
 
 

@@ -1,4 +1,4 @@
-"""How a dataclass declares what its fields may be: in a file, and as options of a command."""
+"""How a dataclass declares its fields: for files, and as command-line options."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, fields, is_dataclass
@@ -15,14 +15,14 @@ class Between:
 
 @dataclass(frozen=True)
 class Word:
-    """One of some words, which are looked up when they are needed."""
+    """One of a set of words, which is looked up when needed."""
 
     allowed: Callable[[], Sequence[str]]
 
 
 @dataclass(frozen=True)
 class Option:
-    """What the help of the command says of a field, and how to `read` it there; else numbers are greater than 0."""
+    """A field's help text as a command-line option, and how to `read` it; by default a number greater than 0."""
 
     help: str
     metavar: str | None = None
@@ -47,7 +47,7 @@ def declared(made: type[object]) -> list[tuple[Field[object], object, list[objec
 
 
 def _taken_apart(hint: object) -> tuple[object, list[object]]:
-    """Return the type of a field that may be None, and what is annotated to it."""
+    """Return the type of an optional field without None, and its annotations."""
     if get_origin(hint) is Annotated:
         inner, *rules = get_args(hint)
         kind, others = _taken_apart(inner)

@@ -1,7 +1,7 @@
-"""YAML as values that know where they stand, so that every error names file, line and key.
+"""YAML values with their positions, so that every error names file, line and key.
 
-All files that people write are read by it: scenarios, settings of the emulated robot, parameter files, mappings, camera
-files and the configuration. Each has a subclass of `DocumentError`. `cmr.documents.structure` makes dataclasses of its
+It reads all files written by people: scenarios, settings of the emulated robot, parameter files, mappings, camera files
+and the configuration. Each has a subclass of `DocumentError`. `cmr.documents.structure` makes dataclasses from its
 values.
 """
 
@@ -21,33 +21,32 @@ from cmr.plain_text import plain
 Number = TypeVar("Number", int, float)
 
 LARGEST = 1e6  # metres, seconds; larger than any laboratory
-LONGEST_QUOTE = 60  # characters of a wrong value that an error repeats
+LONGEST_QUOTE = 60  # characters of an invalid value quoted in an error
 LONGEST_KEYS = 200  # characters of keys that an error names
-LONGEST_NUMBER = 1000  # characters; YAML 1.1 has numbers that take the square of their length to be read
-MOST_NUMBER_KEYS = 200  # of a mapping; numbers can be chosen so that each is compared with all before it
-# The loader that is not in C takes a second for ten times as many characters; and for each bracket it looks at all that
-# are open.
+LONGEST_NUMBER = 1000  # characters; parsing some YAML 1.1 numbers takes quadratic time
+MOST_NUMBER_KEYS = 200  # of a mapping; colliding numbers would take quadratic time
+# The Python loader takes a second for ten times as many characters, and for each bracket it scans all open ones.
 LONGEST_IN_PLAIN_WORDS, MOST_BRACKETS = 5_000, 200
 KINDS = {yaml.MappingNode: "a mapping", yaml.SequenceNode: "a list", yaml.ScalarNode: "a single value"}
 NULL, BOOL, MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:bool", "tag:yaml.org,2002:merge"
 NUMBERS = frozenset({"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"})
 TRUE = frozenset({"true", "yes", "on"})  # the words of YAML 1.1, in any case
-# What PyYAML raises for a value that is not what its tag or its look says: `!!int no`, `2026-13-31T12:00:00Z`.
+# PyYAML's errors for a value that contradicts its tag or form: `!!int no`, `2026-13-31T12:00:00Z`.
 UNREADABLE = (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError)
 
 
 def is_finite(value: float) -> bool:
-    """Return whether a number is one that a float can be; `math.isfinite` raises for large whole numbers."""
+    """Return whether a number fits in a float; `math.isfinite` raises for large integers."""
     return abs(value) <= sys.float_info.max
 
 
 def quoted(value: object) -> str:
-    """Return a wrong value as an error repeats it."""
+    """Return an invalid value as quoted in an error."""
     return plain(repr(value), LONGEST_QUOTE)
 
 
 class _Constructor(SafeConstructor):
-    """Makes values of nodes; numbers of any length are none, because some take the square of their length."""
+    """Constructs values from nodes; refuses long numbers, because some take quadratic time."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         if node.tag in NUMBERS and len(node.value) > LONGEST_NUMBER:
@@ -64,8 +63,8 @@ def _has_number_keys(node: yaml.MappingNode) -> bool:
 class DocumentError(Exception):
     """A file cannot be used; the text names file, line and key, and says what is allowed.
 
-    Whoever checks values without their file names the `keys` that lead to the value, and has `placed` add the rest; the
-    line is that of the keys `inside` of it, which the words name themselves.
+    Code that validates values without their file sets the `keys` that lead to the value, and `placed` adds the rest;
+    the line is that of the keys `inside` of it, which the message names itself.
     """
 
     between: ClassVar[str] = "."  # keys
@@ -84,7 +83,7 @@ class DocumentError(Exception):
         self.is_placed = False
 
     def placed(self, root: "Item") -> "DocumentError":
-        """Return the error with file and line of its keys in the document; itself where it has them."""
+        """Return the error with file and line of its keys in the document; unchanged if it has them."""
         if self.is_placed:
             return self
         line = root.found((*self.keys, *self.inside)).line
@@ -92,7 +91,7 @@ class DocumentError(Exception):
 
 
 class Place(NamedTuple):
-    """Where a value stands: the file, its line from 1 on, and the key with those above it, as `robots[2].start`."""
+    """The position of a value: file, line (from 1), and full key, such as `robots[2].start`."""
 
     source: str
     line: int
@@ -100,7 +99,7 @@ class Place(NamedTuple):
     kind: type[DocumentError] = DocumentError
 
     def error(self, words: str) -> DocumentError:
-        """Return the error, of the document's kind, that something is wrong here."""
+        """Return an error of the document's kind at this place."""
         error = self.kind(
             _said(self.kind, f"{self.source}: line {self.line}: ", (self.key,) if self.key else (), words)
         )
@@ -114,9 +113,9 @@ def _said(kind: type[DocumentError] | DocumentError, where: str, keys: Sequence[
 
 
 class Item:
-    """One value of the document; each method returns it as one type, or raises the document's error if it is none.
+    """One value of the document; each method returns it as one type, or raises the document's error.
 
-    `below` is what holds where a mapping says nothing, in whatever file it stands.
+    `below` is the fallback for missing keys of a mapping, possibly from another file.
     """
 
     def __init__(self, node: yaml.Node, place: Place, below: "Item | None" = None) -> None:
@@ -136,12 +135,12 @@ class Item:
 
     @property
     def is_absent(self) -> bool:
-        """Whether it is null, which is the same as no value at all."""
+        """Whether it is null, which is the same as a missing value."""
         return bool(self._node.tag == NULL)
 
     @property
     def value(self) -> object:
-        """The value as YAML has it, with all that is inside."""
+        """The value as YAML represents it, with all its content."""
         try:
             return _Constructor().construct_document(self._node)
         except UNREADABLE as error:
@@ -151,11 +150,11 @@ class Item:
             raise place.error(f"cannot be read: {plain(' '.join(str(words).split()), LONGEST_KEYS)}") from error
 
     def over(self, below: "Item") -> "Item":
-        """Return the same mapping with the values of another one where it says nothing."""
+        """Return the mapping with another one as fallback for missing keys."""
         return Item(self._node, self.place, below)
 
     def section(self, known: Sequence[str]) -> "Section":
-        """Return a mapping that has these keys at most."""
+        """Return a mapping with no keys other than these."""
         return Section(self, known)
 
     def entries(self) -> "list[tuple[str, Item]]":
@@ -168,7 +167,7 @@ class Item:
         return list(entries.items())
 
     def check_keys(self) -> None:
-        """Raise the document's error if a mapping has a key twice, at any depth; `value` takes the last of them."""
+        """Raise the document's error if a mapping has a duplicate key, at any depth; `value` takes the last of them."""
         items = self.items() if self.is_list else [item for _, item in self.entries()] if self.is_mapping else []
         for item in items:
             item.check_keys()
@@ -182,7 +181,7 @@ class Item:
         ]
 
     def found(self, keys: Sequence[str]) -> Place:
-        """Return the place that keys lead to, as far as they are there; the key is named in full."""
+        """Return the place that keys lead to, as far as they exist; the key is named in full."""
         item: Item | None = self
         place = self.place
         for key in keys:
@@ -191,7 +190,7 @@ class Item:
         return place
 
     def numbers(self, names: str) -> list[float]:
-        """Return a list of as many numbers as are named, as in "x y"."""
+        """Return a list with one number per name, as in "x y"."""
         expected = names.split()
         values = self.items() if self.is_list else []
         if len(values) != len(expected):
@@ -217,14 +216,14 @@ class Item:
         return self._node.value.lower() in TRUE
 
     def number(self, least: float = -LARGEST, most: float = LARGEST) -> float:
-        """Return a number within these bounds, both allowed."""
+        """Return a number within these inclusive bounds."""
         value = self._as(float)
         if value is None or not least <= value <= most:
             raise self._unlike(f"a number from {least:g} to {most:g}")
         return value
 
     def whole(self, least: int, most: int) -> int:
-        """Return a whole number within these bounds, both allowed."""
+        """Return a whole number within these inclusive bounds."""
         value = self._as(int)
         if value is None or not least <= value <= most:
             raise self._unlike(f"a whole number from {least} to {most}")
@@ -245,9 +244,9 @@ class Item:
 
 
 class Section:
-    """A mapping whose keys are known.
+    """A mapping with known keys.
 
-    Raises the document's error on construction when it is no mapping, or has another key or one twice.
+    Raises the document's error on construction if it is not a mapping, or has an unknown or duplicate key.
     """
 
     def __init__(self, item: Item, known: Sequence[str]) -> None:
@@ -270,12 +269,12 @@ class Section:
         return self._items[key] if key in self._items else self.need(key)
 
     def get(self, key: str) -> Item | None:
-        """Return the value of a key; None where it is absent or null."""
+        """Return the value of a key; None if it is missing or null."""
         item = self._items.get(key)
         return None if item is None or item.is_absent else item
 
     def need(self, key: str, why: str = "") -> Item:
-        """Return the value of a key that has to be there."""
+        """Return the value of a required key."""
         item = self.get(key)
         if item is None:
             raise self.place.error(f"{key} is missing{': ' + why if why else ''}")
@@ -283,7 +282,7 @@ class Section:
 
 
 def read_file(path: Path, kind: type[DocumentError], *, may_be_empty: bool = False) -> Item:
-    """Return the document of a YAML file; one that says nothing is an empty mapping where it `may_be_empty`.
+    """Return the document of a YAML file; an empty one is an empty mapping if `may_be_empty`.
 
     Raises the error of this kind when it cannot be read or is not YAML, or empty.
     """
@@ -322,7 +321,7 @@ def read(text: str, source: str, kind: type[DocumentError], *, may_be_empty: boo
 
 
 def _in_plain_words(text: str) -> yaml.MarkedYAMLError | None:
-    """Return what the loader that is not in C finds wrong with a text; it names the character and what it expected."""
+    """Return the Python loader's explanation of an error; it names the character and what it expected."""
     if len(text) > LONGEST_IN_PLAIN_WORDS or text.count("[") + text.count("{") > MOST_BRACKETS:
         return None
     try:
@@ -344,7 +343,7 @@ def _joined(above: Place, key: str) -> str:
 
 
 def _entries(node: yaml.MappingNode, place: Place) -> dict[str, Item]:
-    """Return the keys and values of a mapping, in order; those of another one that `<<` takes in come first."""
+    """Return the keys and values of a mapping, in order; those merged by `<<` come first."""
     entries: dict[str, Item] = {}
     taken_in: dict[str, Item] = {}
     for key_node, value_node in node.value:
@@ -363,7 +362,7 @@ def _entries(node: yaml.MappingNode, place: Place) -> dict[str, Item]:
 
 
 def _taken_in(node: yaml.Node, place: Place) -> dict[str, Item]:
-    """Return the entries of the mapping, or the mappings, after `<<`; the first of them counts."""
+    """Return the entries of the mappings after `<<`; the first occurrence of a key counts."""
     taken_in: dict[str, Item] = {}
     for one in reversed(node.value) if isinstance(node, yaml.SequenceNode) else [node]:
         if not isinstance(one, yaml.MappingNode):

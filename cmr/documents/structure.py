@@ -1,4 +1,4 @@
-"""Dataclasses from values that know where they stand: what a dataclass declares is what its file may say.
+"""Make dataclasses from document values: the fields that a dataclass declares are what its file may contain.
 
     @dataclass(frozen=True)
     class Sensor:
@@ -6,8 +6,8 @@
         rate: Annotated[float, Between(1.0, 100.0)] = 50.0
         kind: Annotated[str, Word(kinds)] | None = None
 
-Keys that the dataclass lacks, values of other types, and missing fields without a default are refused. What the
-dataclass itself refuses is placed, too, where it raises the document's error with the keys of the value.
+Unknown keys, values of other types, and missing fields without a default are refused. If the dataclass itself raises
+the document's error with the keys of a value, it is located as well.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,9 +33,9 @@ class Names:
 
 
 def structured(item: Item, made: type[Made]) -> Made:
-    """Return the dataclass that a mapping describes.
+    """Return the dataclass described by a mapping.
 
-    Raises the document's error, with file, line and key, for what the dataclass does not allow.
+    Raises the document's error, with file, line and key, for anything the dataclass does not allow.
     """
     return _converter().structure(item, made)
 
@@ -68,7 +68,7 @@ def _dataclass_hook(made: type[Made], converter: Converter) -> Callable[[Item, o
             return make(cast(Mapping[str, object], section), made)  # as far as cattrs needs one
         except DocumentError as error:
             raise error.placed(item) from error.__cause__
-        except ValueError as error:  # what the dataclass itself refuses
+        except ValueError as error:  # raised by the dataclass itself
             raise item.place.error(str(error)) from error
 
     return hook
@@ -113,7 +113,7 @@ def _number(item: Item, kind: type[Number]) -> Number:
 
 
 def _numbers(item: Item, known: Sequence[str]) -> dict[str, float]:
-    """Return numbers by name; infinity is one, which is the neutral value of some."""
+    """Return numbers by name; infinity is allowed, as the neutral value of some."""
     section, numbers = item.section(known), {}
     for name in section:
         value = section[name].value

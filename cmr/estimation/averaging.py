@@ -1,10 +1,10 @@
-"""Estimates that allow for effects which the data may hide: averages over the presence of each.
+"""Bayesian model averaging: parameter estimates that allow for undetected effects.
 
-An effect that was not named may still be there, and bends the parameters that are fitted without it. So each effect is
-present with a prior probability, in a size of which something is known beforehand (`sizes`). The white errors are
-linear in small changes of the parameters, so that the posterior of the sizes of any set of effects is normal and its
-probability known; a random walk over the sets does the rest. It is repeated about the means that it finds, with the
-noise that is left there.
+An effect that was not selected may still be present, and then biases the parameters fitted without it. So each effect
+is present with a prior probability, with a prior on its size (`sizes`). The whitened errors are linear in small changes
+of the parameters, so for any set of effects the posterior of their sizes is normal and the set's probability is known
+in closed form; a random walk samples the sets. It is repeated around the means that it finds, with the noise estimated
+there.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -21,35 +21,37 @@ from cmr.model.catalogue import CATALOGUE, definition
 from cmr.recordings.signal import Floats, Mask
 
 PRESENT = 0.3  # prior probability that an effect is present
-UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # logarithms of odds
+UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # log odds
 HALF = 0.5
-BELIEF = 0.65  # power of the likelihood: errors are neither quite white nor the model exact
-ROUNDS, MOST_ROUNDS = 3, 6  # usually, and where slopes do not hold; each about what the one before found likeliest
-# Of the random walk: for what is delivered, where chance is to move it by less than a tenth of its deviation; to find
-# the likeliest set; and where the means alone are of interest.
+BELIEF = 0.65  # power of the likelihood: the errors are not exactly white, nor is the model exact
+# Usual number, and number if the linearisation is poor; each round starts from the previous one's likeliest values.
+ROUNDS, MOST_ROUNDS = 3, 6
+# Steps of the random walk: for the final estimates, so that sampling noise is below a tenth of a standard deviation; to
+# find the likeliest set; and for the means alone.
 STEPS, SEARCHING_STEPS, FEW_STEPS = 48_000, 12_000, 5_000
-# By how much the sum of squares may be larger than slopes say, and which share of what they promise.
+# How much larger the sum of squares may be than the linearisation predicts: absolute, and as a share of the predicted
+# drop.
 MISJUDGED, SHARE_MISJUDGED = 10.0, 0.1
-ALIKE = 0.6  # squared correlation from which an effect can stand for those found
-NEAR = 0.5  # standard deviations within which slopes hold
-# White errors that change by more, all but a share of them, while a slope is taken: it is then taken over less. Large
-# errors are made smaller, so that a slope over too much would promise too little.
+ALIKE = 0.6  # squared correlation above which an effect can imitate those found
+NEAR = 0.5  # standard deviations within which the linearisation holds
+# If more than a share of the white errors change by more than this while a slope is computed, its step is reduced.
+# Large errors are tempered, so a slope over too large a step would be too small.
 CHANGING, MOST, SHORTEST = 1.0, 0.998, 1e-4
-# Relative error of slopes: what is left of a column beside others that do nearly the same is not known better, and no
-# reason to go far from what was seen.
+# Relative error of slopes. The residual of a column after projection on nearly parallel ones is not known better, and
+# must not cause large steps.
 INEXACT = 1e-2
-LIKELY, SURE = 0.8, 3.0  # probability, or standard deviations from 0, from which on an effect is taken to be there
-RIDGE = 1e-9  # of a column's square over all data: without them a parameter stays where it is
+LIKELY, SURE = 0.8, 3.0  # probability, or standard deviations from 0, above which an effect counts as present
+RIDGE = 1e-9  # share of a column's square; keeps parameters without data where they are
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of the parameters, effects that may be hidden included.
+    """The posterior of the parameters, allowing for undetected effects.
 
-    `values` are the posterior means by name, with what was not estimated; `names` (p) are those of the `covariance`
-    (p, p). `presence` is the probability of each effect that could be averaged over, in a size that is usual,
-    `averaging` how it was found.
-    `likeliest` are the values with the likeliest set of effects, `certain` those that were not averaged over.
+    `values` are the posterior means by name, including parameters that were not estimated; `names` (p) are those of the
+    `covariance` (p, p). `presence` is the probability of each averaged effect at a usual size, `averaging` the problem
+    that was sampled. `likeliest` are the values with the likeliest set of effects, `certain` those that were not
+    averaged over.
     """
 
     values: Mapping[str, float]
@@ -66,12 +68,14 @@ class Posterior:
 
     @property
     def stds(self) -> Floats:
-        """The standard deviations of all parameters (p,); one that is nearly exact may have lost its last digits."""
+        """The standard deviations of all parameters (p,); that of a nearly exact parameter may suffer from
+        cancellation.
+        """
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
     def likely(self) -> list[str]:
-        """The effects that are likely there, be they as small as they may."""
+        """The effects that are likely present, however small."""
         return [name for name, presence in self.presence.items() if presence > LIKELY or self._is_sure(name)]
 
     def _is_sure(self, effect: str) -> bool:
@@ -80,16 +84,16 @@ class Posterior:
         return any(change > SURE * self.std(name) for name, change in changes.items())
 
     def values_without(self, left_out: Mask) -> Mapping[str, float]:
-        """Return the means that there would be without some white errors, shape (n,)."""
+        """Return the means without some white errors, mask of shape (n,)."""
         return self.averaging.posterior(left_out, FEW_STEPS, self.certain).values
 
 
 class Averaging:
-    """A problem made linear about some values: white errors `rest` (n,), and their slopes by all parameters.
+    """A problem linearised about some values: white errors `rest` (n,), and their slopes by all parameters.
 
-    Parameters that are there in any case: the paper's, and those of effects that are no matter of degree. One walk
-    begins with the effects that are `likely`, by name. `seen` are the values of a fit that show how large sizes are; by
-    default those of `fit`. Of what is `ahead`, by parameter, see `Sizes`.
+    The paper's parameters, and those of effects without a continuous size, are always present. One walk begins with the
+    `likely` effects, by name. `seen` are the values of a fit that indicate the scale of sizes; by default those of
+    `fit`. For `ahead`, by parameter, see `Sizes`.
     """
 
     def __init__(
@@ -103,7 +107,7 @@ class Averaging:
     ) -> None:
         self._problem, self._inflation = problem, inflation
         self._noise = fit.noise.with_outliers(problem.predictors, problem.errors(fit.values))
-        # A rare effect is averaged over only where the fit has it: an encoder's scale does what the wheels' does.
+        # A rare effect is averaged only if the fit has it: an encoder's scale acts like that of the wheels.
         self._effects = [
             effect
             for effect in problem.effects
@@ -140,12 +144,14 @@ class Averaging:
         return self._averaged(products, pulls, odds, SEARCHING_STEPS).likeliest
 
     def is_about(self, found: Posterior) -> bool:
-        """Return whether the likeliest values are so near to those it is linear about that another round is idle."""
+        """Return whether the likeliest values are so near to the linearisation point that another round would not
+        help.
+        """
         change = np.array([found.likeliest[name] - self._start[name] for name in found.names])
         return bool(np.all(np.abs(change) <= NEAR * found.stds))
 
     def predicts(self, found: Posterior) -> bool:
-        """Return whether the errors at the likeliest values are what the slopes say."""
+        """Return whether the errors at the likeliest values agree with the linearisation."""
         change = np.array([found.likeliest[name] - self._start[name] for name in self._names])
         predicted = self._rest + self._slopes @ change
         white = self._problem.white(lanes_of([found.likeliest]), self._noise)[:, 0]
@@ -158,7 +164,7 @@ class Averaging:
     ) -> Posterior:
         count = len(self._flat)
         ridge = RIDGE * np.diag(self._products)[:count]
-        # What does nothing at all here, such as a limit that is not reached, stays where it is, too.
+        # A parameter without any influence here, such as a limit that is not reached, also keeps its value.
         flat = products[:count, :count] + np.diag(np.where(ridge > 0.0, ridge, 1.0))
         inverse = _inverse(flat)
         mixed = inverse @ np.column_stack([products[:count, count:], pulls[:count]])
@@ -168,7 +174,7 @@ class Averaging:
         unsure = INEXACT**2 * np.diag(products)[count:]
         seen = self._of_sizes(self._seen)
         pull = pulls[count:] - products[count:, :count] @ own - normal @ start - unsure * seen
-        # Of an effect of which less is its own the data say nothing: it may be there, in either direction.
+        # If less of an effect's trace is its own, the data do not determine it: it may be present with either sign.
         determined = np.diag(normal) > unsure
         normal = (normal + np.diag(unsure)) * np.outer(determined, determined)
         pull = pull * determined
@@ -191,19 +197,20 @@ class Averaging:
         return {name: _bounded(name, value) for name, value in values.items()}
 
     def _of_sizes(self, values: Mapping[str, float]) -> Floats:
-        """Return the sizes (p,) that some values have: by how much they depart from what is given, else neutral."""
+        """Return the sizes (p,) of some values: their differences from the given value, or else from neutral."""
         neutral = {one.name: self.neutral(one.name) for one in self._sizes.parameters}
         return np.array([values.get(name, value) - value for name, value in neutral.items()])
 
     def neutral(self, name: str) -> float:
-        """Return the value of a parameter with which its effect is as it is given, or off."""
+        """Return the value of a parameter at which its effect is as given, or off."""
         return self._problem.excitation.neutral(name)
 
     def _slabs(self, normal: Floats, seen: Floats) -> Floats:
-        """Return the standard deviations (p,) of sizes that are present, where sizes (p,) are seen.
+        """Return the standard deviations (p,) of the sizes of present effects, given the `seen` sizes (p,).
 
-        They are larger where sizes are seen to be larger, and for an effect that would need so much to do alone what
-        those do that were found: otherwise, of two effects that are hard to distinguish, the one found would stay.
+        They are larger where larger sizes are seen, and for an effect that would need a larger size to explain alone
+        what the found effects explain: otherwise, of two effects that are hard to distinguish, the one found first
+        would stay.
         """
         does, squares = normal @ seen, float(seen @ normal @ seen)
         own = np.maximum(np.diag(normal), 1e-300)
@@ -213,9 +220,9 @@ class Averaging:
 
 
 def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str], steps: int = STEPS) -> Posterior:
-    """Return the posterior about a fit with effects `named`, from a walk of so many steps.
+    """Return the posterior about a fit with effects `named`, from a walk of `steps` steps.
 
-    Those of them that are more likely there than not are there: what is averaged over is what may be hidden besides.
+    Named effects that are more likely present than not are kept; the average is over further, undetected effects.
     """
     ahead = [name for name in NEVER_AHEAD if name in named and fit.values[name] < 0.0]
     averaging, found = relinearised(problem, fit, inflation, ahead)
@@ -226,7 +233,7 @@ def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str
 def relinearised(
     problem: Problem, fit: Fit, inflation: float, ahead: Collection[str] = ()
 ) -> tuple[Averaging, Posterior]:
-    """Return the linear problem about the likeliest values that are found from a fit on, and a rough posterior."""
+    """Return the linear problem about the likeliest values reached from a fit, and a rough posterior."""
     averaging = Averaging(problem, fit, inflation, _on(problem, fit.values), ahead=ahead)
     found = averaging.posterior(steps=FEW_STEPS)
     for number in range(1, MOST_ROUNDS):
@@ -246,21 +253,21 @@ def _inverse(normal: Floats) -> Floats:
 
 
 def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:
-    """Return the effects that some values switch on, or make others than they are given."""
+    """Return the effects that some values switch on, or change from what is given."""
     return [effect.name for effect in problem.effects if problem.excitation.departs(effect, values)]
 
 
 def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], noise: Noise) -> tuple[Floats, Floats]:
-    """Return white errors (n,) and their slopes (n, p), over distances that suit the noise."""
+    """Return white errors (n,) and their slopes (n, p), over steps that suit the noise."""
     rest, slopes = problem.linear(start, names, noise)
     moves = moves_of(start, names, problem.excitation)
-    # Of rows the quantiles come in half the time that those of columns take.
+    # Quantiles of rows take half the time of quantiles of columns.
     change = np.quantile(np.abs(slopes.T * moves[:, None]), MOST, axis=1)
     far = np.flatnonzero(change > CHANGING)
     if len(far):
         stride = np.maximum(CHANGING / change[far], SHORTEST)
         slopes[:, far] = problem.linear(start, [names[int(index)] for index in far], noise, stride)[1]
-    # Where the model does not hold, nothing is known of a slope.
+    # Where the model is invalid, the slope is unknown.
     return rest, np.where(np.all(np.isfinite(slopes), axis=0), slopes, 0.0)
 
 

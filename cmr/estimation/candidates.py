@@ -1,4 +1,4 @@
-"""Where to look for each effect of the catalogue: values from which a fit may start, scaled to the robot."""
+"""Starting values for the fit of each effect in the catalogue, scaled to the robot."""
 
 import math
 import re
@@ -15,31 +15,31 @@ from cmr.model.extended.statements import changed_by
 from cmr.model.parameters import ParameterDefinition, Quantity
 from cmr.parameters.file import MOTOR
 
-# The robot that typical sizes stand for; those of others are scaled by dimension.
+# The robot that typical sizes refer to; for other robots they are scaled by dimension.
 USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0  # rad/s^2, 1/s, m, rad/s
 USUAL_EXTENT = 1.0  # m
 USUAL_INTERVAL = 0.04  # s between poses
-OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # matter as far as poses follow one another closely
+OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # scale with the interval between poses
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tested
 THRESHOLDS = (0.4, 1.0, 1.8)
-CHANGED = (0.4, 0.7, 0.9, 1.1, 1.4, 2.0)  # multiples of a limit or threshold that the robot is known to have
-# A pose seen at p (1 + k |p|^2) goes back where k |p|^2 is below -1/3. From other k no fit gets there: with the fold
-# elsewhere, the model is worse than without.
+CHANGED = (0.4, 0.7, 0.9, 1.1, 1.4, 2.0)  # multiples of a known limit or threshold of the robot
+# A position measured as p (1 + k |p|^2) folds back where k |p|^2 is below -1/3. A fit cannot get there from other k:
+# with the fold in the wrong place, the model is worse than without it.
 FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  # times the typical k, tested negative
 TURNS = tuple(eighth * math.pi / 4.0 for eighth in (-3, -2, -1, 1, 2, 3, 4))  # rad
-# A gyro that is late by a whole period of the commands shows what came with the command before: its latency is tested
-# with less.
+# A gyro that lags by a whole period of the commands resembles the response to the previous command, so smaller
+# latencies are tested.
 LATE, PORTION_OF_LATENCY = frozenset(("gyro_time",)), 0.4
-# Poses that are this many typical sizes late, and more, show little of the motion at their stamps: no fit gets from 0
-# to the lateness, which is tested itself.
+# Poses that lag by this many typical sizes or more show little of the motion at their stamps: a fit started at 0 does
+# not reach the true latency, so larger ones are tested directly.
 LATE_POSES, FAR = "pose_latency", 2.0
-EVERYWHERE = 1e3  # m, radius of a place that holds all others
-# Velocity controllers accelerate more gently than motors could: in about a second to the top wheel speed. [duty/s]
+EVERYWHERE = 1e3  # m, radius of a region that contains everything
+# Velocity controllers accelerate more gently than motors can: to the top wheel speed in about a second. [duty/s]
 GENTLE = {"slew_limit": 1.0, "current_limit": 1.0}
 RANDOM = tuple(name for name, effect in CATALOGUE.items() if effect.by_chance)
-NEVER_AHEAD = ("gyro_latency", "pose_latency")  # what a sensor reports ahead of its moment cannot be predicted
-SENSED = ("encoder_quantisation", "wheel_speed_latency")  # read off the ticks, and off the gyro beside the wheels
-# Stages of the model's step that end with the wheels' speeds; where these are given, they mean nothing.
+NEVER_AHEAD = ("gyro_latency", "pose_latency")  # a sensor cannot report ahead of time
+SENSED = ("encoder_quantisation", "wheel_speed_latency")  # read off the ticks, or from gyro and wheels together
+# Stages of the model's step that end with the wheel speeds; they are irrelevant if these are given.
 DRIVING = frozenset(
     (
         *("start", "packet", "command", "actuator", "voltage", "current", "acceleration", "coupling"),
@@ -47,28 +47,30 @@ DRIVING = frozenset(
     )
 )
 OF_WHEELS = (*DRIVING, "place", "encoder_time", "encoder")
-OF_PLACE = frozenset(("x", "y", "theta", "cosine", "sine"))  # where a robot is, and heads, in words of statements
-OF_ACCELERATIONS = ("longitudinal_slip",)  # act through the motors' accelerations, which given wheels do not have
+OF_PLACE = frozenset(("x", "y", "theta", "cosine", "sine"))  # a robot's position and heading, as named in statements
+# act through the motors' accelerations, which do not exist for given wheel speeds
+OF_ACCELERATIONS = ("longitudinal_slip",)
 OF_ONE_FRAME = tuple(name for name, effect in CATALOGUE.items() if effect.of_one_frame)
-AS_THE_DELAY = ("longitudinal_slip", "pose_latency")  # only wheels, or a gyro, distinguish it from late commands
+# Only wheel readings or a gyro distinguish these from late commands.
+AS_THE_DELAY = ("longitudinal_slip", "pose_latency")
 SLIP, SEEM_LATE = "longitudinal_slip", frozenset(("gyro_latency", "pose_latency"))
-AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # only commands distinguish it from the wheel radius itself
-# Of the typical size: standard deviation of what sizes may be. Other sizes must explain so much more.
+AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # only commands distinguish these from the wheel radius itself
+# Prior standard deviation of sizes, as a multiple of the typical size. Larger sizes must explain more.
 SPREAD, SPREAD_OF_RARE = 5.0, 1.0
 SURE = 3.0  # standard deviations
-SMALLEST = 0.3  # of the typical size: less is not worth a name,
-SMALLEST_OF_A_LIMIT = 0.1  # nor is a limit that has changed by less than this share
+SMALLEST = 0.3  # of the typical size: a smaller effect is not named,
+SMALLEST_OF_A_LIMIT = 0.1  # nor is a limit that changed by less than this share
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """What is known of a drive before anything is named.
+    """What is known about a drive before the search.
 
-    These are the robot's parameters, a usual yaw rate `turning` [rad/s], how far from the origin of the poses it
-    usually was, `extent` [m], a yaw rate that it was seen to exceed, `fastest` [rad/s], and the usual time between
-    poses, `interval` [s]. `controlled` says that a velocity controller in the robot is commanded, `poses_late` [s] by
-    how much poses seem late before any model is fitted. `given` are the parameters, by name, of effects that the robot
-    is known to have: what is looked for are departures from them.
+    These are the robot's parameters, a usual yaw rate `turning` [rad/s], its usual distance from the origin of the
+    poses `extent` [m], a yaw rate that it exceeded at times `fastest` [rad/s], and the usual time between poses
+    `interval` [s]. `controlled` says that the commands go to a velocity controller in the robot, `poses_late` [s] is
+    the apparent latency of the poses before any model is fitted. `given` are the parameters, by name, of known effects
+    of the robot: the search is for deviations from them.
     """
 
     parameters: Mapping[str, float]
@@ -82,7 +84,7 @@ class Excitation:
     given: Mapping[str, float] = field(default_factory=dict)
 
     def neutral(self, name: str) -> float:
-        """Return the value of a parameter of an effect from which nothing departs: as it is given, else neutral."""
+        """Return a parameter's value without a deviation: the given value, otherwise neutral."""
         return self.given.get(name, float(definition(name).neutral or 0.0))
 
     def gives(self, effect: Effect) -> bool:
@@ -90,26 +92,26 @@ class Excitation:
         return effect.is_on(self.given)
 
     def departs(self, effect: Effect, values: Mapping[str, float]) -> bool:
-        """Return whether values make an effect another than it is given; on, where it is not given."""
+        """Return whether values change an effect from what is given, or switch it on if it is not given."""
         if not self.gives(effect):
             return effect.is_on(values)
         own = [one.name for one in effect.parameters if one.switches and one.name in values]
         return any(values[name] != self.neutral(name) for name in own)
 
     def without(self, values: Mapping[str, float], names: Collection[str]) -> dict[str, float]:
-        """Return the values without parameters `names` of effects; those that are given are then as given."""
+        """Return the values without parameters `names` of effects; given ones take their given values."""
         kept = {name: value for name, value in values.items() if name not in names}
         return {**kept, **{name: self.given[name] for name in names if name in self.given}}
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An effect with values of its parameters; `threshold` says that half of the effect is not half of its value.
+    """An effect with values of its parameters; `threshold` says that the effect is not proportional to its value.
 
-    An effect that begins at a moment is tested as if it had begun with the drive, one of a place as if it were
-    everywhere; `local` says which of the two ("time", "place", or "" for neither) is then to be looked for. A `spare`
-    trial is one of many that say much the same. `portion` is the size tested as a share of the typical one. `origin`
-    are the values that the trial changes where the robot is known to have the effect.
+    An effect that begins at some time is tested as if it had begun with the drive, and one limited to a place as if it
+    were everywhere; `local` ("time", "place", or "" for neither) says which is to be located afterwards. A `spare`
+    trial is one of many similar ones. `portion` is the size tested as a share of the typical one. `origin` are the
+    given values that the trial changes, for a known effect.
     """
 
     effect: str
@@ -166,7 +168,7 @@ def trials(excitation: Excitation, effects: Iterable[Effect] = CATALOGUE.values(
 
 
 def _changes(effect: Effect, excitation: Excitation) -> list[Trial]:
-    """Return trials of an effect that the robot is known to have: each of its sizes larger, a limit smaller, too."""
+    """Return trials of a known effect of the robot: each size larger, and limits also smaller."""
     origin = {parameter.name: excitation.neutral(parameter.name) for parameter in effect.parameters}
     portion = PORTION_OF_LATENCY if set(effect.equations) <= LATE else 1.0
     result = []
@@ -203,7 +205,7 @@ def _sizes(effect: Effect, excitation: Excitation) -> list[tuple[dict[str, float
 
 
 def _folds(effect: Effect) -> list[Trial]:
-    """Return trials of a map that is stretched so much that it folds."""
+    """Return trials of a map distorted so much that it folds."""
     return [
         Trial(effect.name, {parameter.name: -share * float(parameter.typical or 0.0)}, threshold=True, spare=True)
         for parameter in effect.parameters
@@ -213,7 +215,7 @@ def _folds(effect: Effect) -> list[Trial]:
 
 
 def _turned(effect: Effect) -> list[Trial]:
-    """Return trials of a sensor that looks another way than the robot: no fit gets there from a small angle."""
+    """Return trials of a sensor rotated by a large angle, which a fit started at a small angle does not reach."""
     return [
         Trial(effect.name, {parameter.name: turn}, threshold=True, spare=True)
         for parameter in effect.parameters
@@ -224,7 +226,7 @@ def _turned(effect: Effect) -> list[Trial]:
 
 @cache
 def driving_parameters() -> frozenset[str]:
-    """Return the parameters that only change how commands become wheel speeds."""
+    """Return the parameters that only affect how commands become wheel speeds."""
     return frozenset(
         parameter.name
         for effect in CATALOGUE.values()
@@ -234,9 +236,9 @@ def driving_parameters() -> frozenset[str]:
 
 
 def wheel_parameters(values: Mapping[str, float]) -> frozenset[str]:
-    """Return the parameters, of `values` by name, on which depends how the wheels turn and what encoders read.
+    """Return the parameters, of `values` by name, that affect wheel motion and encoder readings.
 
-    On place and heading it depends only with effects whose statements speak of these; then on all parameters.
+    If an effect depends on position or heading, all parameters are returned.
     """
     spoken: set[str] = set(MOTOR)
     for effect in CATALOGUE.values():
@@ -247,7 +249,7 @@ def wheel_parameters(values: Mapping[str, float]) -> frozenset[str]:
 
 @cache
 def _words_of_wheels(name: str) -> frozenset[str]:
-    """Return the words of an effect's statements on the wheels and their encoders."""
+    """Return the variables in an effect's statements on the wheels and their encoders."""
     equations = CATALOGUE[name].equations
     return frozenset(word for stage in OF_WHEELS for word in re.findall(r"\w+", equations.get(stage, "")))
 
@@ -257,7 +259,9 @@ def _speaks_of(lines: str, name: str) -> bool:
 
 
 def effects_of_rolling(laws: Collection[str] = ()) -> tuple[Effect, ...]:
-    """Return the effects that may show in a robot that rolls as its wheels say, without commands; of laws only some."""
+    """Return the effects that can be seen in a robot driven by its measured wheel speeds, without commands; `laws`
+    lists the laws included.
+    """
     hidden = (*OF_ACCELERATIONS, *AS_THE_RADIUS, *(name for name in LAWS if name not in laws))
     return tuple(e for e in CATALOGUE.values() if set(e.equations) - DRIVING and e.name not in hidden)
 
@@ -268,17 +272,17 @@ def is_limit(parameter: ParameterDefinition) -> bool:
 
 
 def can_be_small(effect: Effect) -> bool:
-    """Return whether an effect has sizes about 0: no limit, nothing of a moment or a place, nothing by chance."""
+    """Return whether an effect has sizes about 0: not a limit, not tied to a time or place, not random."""
     if effect.name in RANDOM or effect.name in SENSED or locality(effect):
         return False
     return not any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
 
 
 def is_rough(effect: Effect) -> bool:
-    """Return whether the sum of squares may have steps along the effect's parameters.
+    """Return whether the sum of squares may be discontinuous in the effect's parameters.
 
-    Wheels that stick set off a little earlier or not at all, limits and gaps are reached or not, and moments and places
-    take in one reading more or less.
+    Sticking wheels start a little earlier or not at all, limits and gaps are reached or not, and a time or place
+    includes one reading more or less.
     """
     kinks = any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
     return kinks or "wheel" in effect.equations or "break_away" in changed_by(effect, "acceleration")
@@ -293,7 +297,7 @@ def locality(effect: Effect) -> str:
 
 
 def _others(effect: Effect) -> list[dict[str, float]]:
-    """Return values of the parameters that do not switch the effect on: always, everywhere, at two angles."""
+    """Return values of the parameters that do not switch the effect on: from the start, everywhere, at two angles."""
     choices = [[(parameter.name, value) for value in _choices(parameter)] for parameter in effect.parameters]
     return [dict(one) for one in product(*(choice for choice in choices if choice))]
 
@@ -323,7 +327,7 @@ def lanes_of(sets: Sequence[Mapping[str, float]]) -> dict[str, Quantity]:
 
 
 def step_of(name: str, value: float, excitation: Excitation) -> float:
-    """Return by how much a parameter is moved to see what it does, in its unit."""
+    """Return the finite-difference step of a parameter, in its unit."""
     parameter = definition(name)
     if parameter.neutral is None:
         return 1e-3 * abs(value)
@@ -339,9 +343,9 @@ def rarity(effect: str) -> float:
 
 
 def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
-    """Return the sum of squares by which sizes of effects are unlikely; of limits, moments and places none is.
+    """Return the prior penalty of the sizes of effects, as a sum of squares; limits, times and places have none.
 
-    Where the data hardly distinguish effects, huge sizes can make up for each other.
+    Without it, huge sizes of effects that the data hardly distinguish could cancel each other.
     """
     total = 0.0
     for effect in CATALOGUE.values():
@@ -355,14 +359,16 @@ def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
 
 
 def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], excitation: Excitation) -> bool:
-    """Return whether an effect is large enough to matter: some parameter of it a fair share of its typical size."""
+    """Return whether an effect is large enough to matter: at least one parameter is a fair share of its typical
+    size.
+    """
     sizes = {name: least_worth_naming(definition(name), excitation) for name in values if definition(name).switches}
     changes = {name: abs(values[name] - excitation.given.get(name, 0.0)) for name in sizes}
     return any(least == 0.0 or changes[name] > max(least, SURE * stds.get(name, 0.0)) for name, least in sizes.items())
 
 
 def least_worth_naming(parameter: ParameterDefinition, excitation: Excitation) -> float:
-    """Return the size of a parameter, or its change where it is given, that matters; 0 where any limit does."""
+    """Return the smallest size of a parameter that matters, or the smallest change of a given one; 0 for a limit."""
     if is_limit(parameter):
         given = excitation.given.get(parameter.name, math.inf)
         return SMALLEST_OF_A_LIMIT * given if math.isfinite(given) else 0.0
@@ -370,7 +376,7 @@ def least_worth_naming(parameter: ParameterDefinition, excitation: Excitation) -
 
 
 def seen_later(values: Mapping[str, float], seconds: float) -> dict[str, float]:
-    """Return the values with gyro and poses later by some seconds, which is nearly what slip does to them.
+    """Return the values with gyro and poses delayed by some seconds, which is nearly the effect of slip on them.
 
     Wheels that slip by k times their acceleration move the robot as if it followed them k later.
     """

@@ -1,4 +1,4 @@
-"""Look at the data before the robot: set aside what cannot be judged, and set right a clock that is far off."""
+"""Check the data before fitting: set aside unusable recordings, and correct clocks that are far off."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,22 +17,22 @@ from cmr.recordings.lags import Lag, clocks_differ, lags_of, slowest_response
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
-MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more cannot be true, none can be trusted
-LARGEST_LAG = 0.5  # s; a pose's clock that is further off is moved, a smaller difference may be named
-LEAST_CHANGE, SURELY = 0.005, 3.0  # s, and standard deviations, by which a lag must change for a clock to be skewed
-# s that wheels usually lag their commands. Commands whose clock is corrected come a little early, so that what is left
-# is a delay.
+MOST_SET_ASIDE = 0.4  # of a sensor's samples; if more are impossible, the sensor is not trusted
+LARGEST_LAG = 0.5  # s; a larger offset of the poses' clock is corrected; a smaller one may be selected as an effect
+LEAST_CHANGE, SURELY = 0.005, 3.0  # s, and standard deviations, by which a lag must change to indicate clock skew
+# Usual lag of wheels behind their commands [s]. Corrected commands are placed slightly early, so that the remaining
+# error is a delay.
 USUAL_MOTOR = 0.2
-SET_RIGHT = "The poses are stamped {late:.2f} s {where} than the wheels: their times were set right."
+SET_RIGHT = "The poses are stamped {late:.2f} s {where} than the wheels: their times were corrected."
 TOO_SOON = "By its time stamps, a wheel turns {lag:.2f} s before it is commanded to"
 TOO_LATE = "By its time stamps, a wheel follows its command {lag:.2f} s late"
 MOVED = (
     "The commands' times were moved {by:.2f} s {where}, so that the wheels follow them after the usual {usual:.1f} s."
 )
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
-REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
-FEWEST = 2  # readings of a sensor from which on it shows a motion
-SHORTEST = 5.0  # s; what is named from less is chance
+REPEATS = ("poses_held", "stale_poses")  # checks that set aside valid samples that are older than their stamps
+FEWEST = 2  # readings of a sensor needed to show motion
+SHORTEST = 5.0  # s; a shorter drive gives chance results
 DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
 LONG_ENOUGH = (
     f"A diagnosis takes {SHORTEST:.0f} s of driving at least; two minutes of cmr-pilot's rich_drive show most."
@@ -50,11 +50,11 @@ PATH, TURN = "a path (POSE_N)", "a turn (POSE_N or GYRO_N)"
 
 @dataclass(frozen=True)
 class Checked:
-    """A recording that was looked at, without what cannot be true, and with the clock of its poses set right.
+    """A checked recording: impossible samples removed, clock offsets corrected.
 
-    `name` is for a person. `findings` are those of the recording as it came, `note` is a sentence on what
-    was changed. `segments` are its parts between gaps that show a motion. `useless` is a sentence on why nothing can
-    be concluded from it, empty if something can.
+    `name` is for messages. `findings` are those of the original recording, `note` is a sentence on what was changed.
+    `segments` are the parts between gaps that show motion. `useless` is a sentence on why nothing can be concluded from
+    it, empty if something can.
     """
 
     name: str
@@ -71,9 +71,10 @@ def looked_at(
     otherwise: str = "recording",
     wheels_late: Lag | None = None,
 ) -> list[Checked]:
-    """Look at recordings of one robot; without `names` they are numbered.
+    """Check recordings of one robot; without `names` they are numbered.
 
-    `wheels_late` says how late its wheels report, if that is known (see `check`); else it is found, the same for all.
+    `wheels_late` is the known latency of its wheel readings (see `check`); otherwise one value is estimated for all
+    recordings.
     """
     names = list(names) or [f"{otherwise} {number + 1}" for number in range(len(recordings))]
     found = [check(recording, wheels_late) for recording in recordings]
@@ -103,15 +104,16 @@ def _looked_at(recording: Recording, findings: Findings, number: int, name: str)
 
 
 def with_clocks_set(recording: Recording, findings: Findings | None = None) -> tuple[Recording, Findings, str]:
-    """Return the recording with the clocks of poses and commands set by that of the wheels, the findings, and a note.
+    """Return the recording with the clocks of poses and commands aligned to that of the wheels, the findings, and a
+    note.
 
-    Wheels that report late, or were stamped unevenly, are set right before. `findings` are those of its check, where
-    that was made.
+    Late or unevenly stamped wheel readings are corrected first. `findings` are those of a previous check, if there was
+    one.
 
-    The checks are those of the recording as it came, so that what was wrong is reported; they allow for a late clock.
-    Only a clock that is far off is touched, or one that shows what has not happened yet. A pose that is a little late
-    may be the fault of the localisation, and is then a finding about it; so may be a command. A clock that runs at
-    another rate is no constant lag: it is left to be found as such.
+    The checks are made on the original recording, so that its faults are reported; they allow for a late clock. A clock
+    is corrected only if it is far off, or shows an effect before its cause. Slightly late poses may be a property of
+    the localisation, which the search should find; so may late commands. A clock that runs at a different rate has no
+    constant lag and is left for the search to find.
     """
     findings = check(recording) if findings is None else findings
     notes = []
@@ -140,14 +142,14 @@ def with_clocks_set(recording: Recording, findings: Findings | None = None) -> t
 
 
 def _commands_moved(lag: float, by: float) -> str:
-    """Return a sentence on commands that the wheels follow after `lag` [s], and whose times were moved on `by` [s]."""
+    """Return a sentence on commands that the wheels follow after `lag` [s] and whose times were moved by `by` [s]."""
     how = (TOO_SOON if lag < 0.0 else TOO_LATE).format(lag=abs(lag))
     where = "earlier" if by < 0.0 else "later"
     return f"{how}: one of the clocks is wrong. {MOVED.format(by=abs(by), where=where, usual=USUAL_MOTOR)}"
 
 
 def _skewed(recording: Recording) -> bool:
-    """Return whether the lag of the poses is surely another one in the second half of a recording than in the first."""
+    """Return whether the lag of the poses differs significantly between the two halves of a recording."""
     first, last = int(recording.wheels.utime[0]), int(recording.wheels.utime[-1])
     middle = (first + last) // 2
     halves = [recording.between(first, middle), recording.between(middle, last)]
@@ -159,7 +161,7 @@ def _skewed(recording: Recording) -> bool:
 
 
 def _tells(segment: Segment) -> bool:
-    """Return whether a segment says what drove the robot, and how it moved."""
+    """Return whether a segment contains both the robot's input and its motion."""
     observations = segment.observations
     return (
         max(len(observations.wheel_time), len(observations.commands.time)) >= FEWEST
@@ -193,7 +195,7 @@ def _why_set_aside(findings: Findings, signal: str) -> list[str]:
 
 
 def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, segments: Sequence[Segment]) -> str:
-    """Return why nothing can be concluded from a recording, and what to do."""
+    """Return why a recording is useless, and what to do."""
     if max(len(recording.wheels), len(recording.commands)) < FEWEST:
         return WITHOUT_WHEELS
     untrue = _untrue(recording, findings)
@@ -213,7 +215,7 @@ def _why_useless(recording: Recording, cleaned: Recording, findings: Findings, s
 
 
 def _why_no_motion(recording: Recording, cleaned: Recording, findings: Findings) -> str:
-    """Return why nothing says how the robot moved."""
+    """Return why a recording does not show how the robot moved."""
     lost = [name for name in ("poses", "gyro") if len(cleaned.signals[name]) < FEWEST]
     set_aside = [sentence for name in lost for sentence in _why_set_aside(findings, name)]
     if set_aside:
@@ -222,8 +224,8 @@ def _why_no_motion(recording: Recording, cleaned: Recording, findings: Findings)
     if not any(recorded.values()):
         return WITHOUT_MOTION
     return (
-        f"{' and '.join(counted(count, what) for what, count in recorded.items() if count)} were recorded, but in no "
-        f"stretch in which it is known what drove the robot, {FEWEST} or more: nothing shows how it moved there."
+        f"{' and '.join(counted(count, what) for what, count in recorded.items() if count)} were recorded, but no "
+        f"stretch with known wheels or commands has {FEWEST} of them or more: nothing shows how the robot moved there."
     )
 
 
@@ -244,7 +246,7 @@ def refusal(looked: Sequence[Checked], shortest: float = SHORTEST) -> str:
 
 
 def _crossed(looked: Sequence[Checked]) -> str:
-    """Return which wires or axes seem to be crossed; empty if none."""
+    """Return a sentence on wires or axes that seem to be swapped; empty if none."""
     try:
         require_consistent_signs([one.recording for one in looked])
     except EstimationError as error:
@@ -253,9 +255,9 @@ def _crossed(looked: Sequence[Checked]) -> str:
 
 
 def require_of_use_held_out(looked: Sequence[Checked], *, path: bool) -> None:
-    """Make sure that the gain can be measured on these recordings, that in path error if there is a `path` at all.
+    """Make sure that the gain can be measured on these recordings, in path error if there is a `path`.
 
-    Raises EstimationError that names those on which it cannot, and says why.
+    Raises EstimationError with the names of unsuitable recordings and the reasons.
     """
     lacking = WITHOUT_WINDOW.format(what=PATH if path else TURN)
     reasons = {one.name: one.useless or ("" if _has_window(one, path) else lacking) for one in looked}
@@ -268,15 +270,16 @@ def require_of_use_held_out(looked: Sequence[Checked], *, path: bool) -> None:
 
 
 def _has_window(looked: Checked, path: bool) -> bool:
-    """Return whether there is a window over which free runs can be measured; with `path`, one with poses."""
+    """Return whether there is a window for free runs; with `path`, one with poses."""
     observations = [segment.observations for segment in looked.segments]
     return any(len(windows_of(one, WINDOW).begin) for one in observations if len(one.pose) or not path)
 
 
 def with_lags_found(looked: Sequence[Checked], found: Sequence[Lag]) -> list[Checked]:
-    """Return recordings whose checks of clocks give the lags to the wheels that were `found` with the model.
+    """Return recordings whose clock checks state the lags to the wheels `found` with the model.
 
-    Two sensors alone show a lag less well. Where times were set right, checks stay those of the recording as it came.
+    Two sensors alone determine a lag less accurately. If times were corrected, the checks of the original recording
+    stay.
     """
     return [one if one.note else replace(one, findings=_with_lags(one.findings, found)) for one in looked]
 
@@ -289,9 +292,9 @@ def _with_lags(findings: Findings, found: Sequence[Lag]) -> Findings:
 
 
 def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:
-    """Return what the checks found; where there are several recordings, each sentence says in which.
+    """Return the findings of the checks; with several recordings, each sentence names its recording.
 
-    A check that found nothing in any of them stands there once.
+    A check without a finding in any of them is listed once.
     """
     if len(looked) == 1:
         return looked[0].findings.all
@@ -306,7 +309,7 @@ def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:
 
 
 def notes_of(looked: Sequence[Checked]) -> tuple[str, ...]:
-    """Return what was changed in recordings, and which of several are of no use."""
+    """Return sentences on what was changed in recordings, and on those that were set aside."""
     if len(looked) == 1:
         return (looked[0].note,) if looked[0].note else ()
     set_aside = [f"{one.name} is set aside. {one.useless}" for one in looked if one.useless]

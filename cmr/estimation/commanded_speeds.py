@@ -1,7 +1,7 @@
-"""Recordings of robots that are commanded how fast to go, as the model takes them: duties that stand for the speeds.
+"""Convert recordings with commanded speeds for the model: duties that represent the speeds.
 
-`cmr.model.velocity_controller` says what stands for what. Where nobody has given the robot's top wheel speed, which is
-the unit of these duties, one is chosen that leaves room above all that was commanded.
+`cmr.model.velocity_controller` defines the conversion. If the robot's top wheel speed, the unit of these duties, is not
+given, one is chosen with headroom above all commands.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,22 +22,22 @@ from cmr.parameters.file import COUNTED_WIDTH, MOTOR, ParameterFile, Value
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
-HEADROOM = 2.0  # top wheel speed, where it is not known, over the fastest that was commanded
+HEADROOM = 2.0  # an unknown top wheel speed, relative to the fastest command
 NEARLY_ALL = 0.999  # of the commands, so that one damaged number does not choose the unit
 DIGITS = 2
 GEOMETRY = ("wheel_radius", "base_width")
 MIXED = "Some of the recordings have duties (MOTOR_COMMAND_N), others commanded speeds: calibrate them apart."
 WITHOUT_WIDTH = (
-    "The commands are those of the body (VELOCITY_COMMAND_N). To know what they ask of the wheels takes base_width, or "
-    "command_base_width if the robot counts with another: give it by --parameters."
+    "The commands are body velocities (VELOCITY_COMMAND_N). Converting them to wheel speeds needs base_width, or "
+    "command_base_width if the robot computes with a different one: give it by --parameters."
 )
 
 
 def controller_of(recordings: Sequence[Recording], nominal: ParameterFile) -> VelocityController | None:
-    """Return the velocity controller of the robot that these recordings are of; None where it takes duties.
+    """Return the velocity controller of the recorded robot; None if it takes duties.
 
-    What the recordings have decides; where they have no commands at all, the `nominal` parameters do.
-    Raises EstimationError where kinds of commands are mixed, or a base width is needed and not known.
+    The kind of recorded commands decides; without any commands, the `nominal` parameters do. Raises EstimationError
+    where kinds of commands are mixed, or a base width is needed and not known.
     """
     kinds = {recording.command_kind for recording in recordings if _commanded(recording)}
     if DUTY in kinds and len(kinds) > 1:
@@ -54,14 +54,14 @@ def controller_of(recordings: Sequence[Recording], nominal: ParameterFile) -> Ve
 
 
 def as_duties(recording: Recording, controller: VelocityController | None) -> Recording:
-    """Return the recording with the duties that stand for its commanded speeds; as it is where it has none."""
+    """Return the recording with duties that represent its commanded speeds; unchanged if it has none."""
     if controller is None or recording.converted_from or recording.command_kind == DUTY:
         return recording
     return recording.with_duties(*controller.duties(*_asked(recording, controller)))
 
 
 def as_motor(nominal: ParameterFile, controller: VelocityController | None) -> ParameterFile:
-    """Return nominal parameters in which the motor that the controller makes stands for it; as they are without one."""
+    """Return nominal parameters with motor parameters equivalent to the controller; unchanged without one."""
     if controller is None:
         return nominal
     values = {name: value for name, value in nominal.values.items() if name not in (*CONTROLLER_DEFINITIONS, *MOTOR)}
@@ -75,7 +75,8 @@ def as_motor(nominal: ParameterFile, controller: VelocityController | None) -> P
 def in_words_of(
     estimates: Mapping[str, Estimate], controller: VelocityController | None, correlation: float = 0.0
 ) -> dict[str, Estimate]:
-    """Return estimates in which response_time and speed_scale stand for k2_over_k3 and k1; as they are without one.
+    """Return estimates with response_time and speed_scale in place of k2_over_k3 and k1; unchanged without a
+    controller.
 
     `correlation` is that of k2_over_k3 and k1.
     """
@@ -89,7 +90,7 @@ def in_words_of(
 
 
 def values_in_words_of(values: Mapping[str, float], controller: VelocityController | None) -> dict[str, float]:
-    """Return values of parameters by name as a parameter file of a robot with this controller has them."""
+    """Return values by name, as in the parameter file of a robot with this controller."""
     if controller is None:
         return dict(values)
     geometry = {name: values[name] for name in GEOMETRY if name in values}
@@ -114,7 +115,7 @@ def _commanded(recording: Recording) -> bool:
 
 
 def _asked(recording: Recording, controller: VelocityController) -> tuple[Floats, Floats]:
-    """Return the wheel speeds [rad/s] that were commanded, (n,) each."""
+    """Return the commanded wheel speeds [rad/s], (n,) each."""
     if recording.command_kind == WHEEL_SPEED:
         return recording.wheel_speed_commands["psi_left"], recording.wheel_speed_commands["psi_right"]
     recorded = recording.velocity_commands
@@ -123,7 +124,7 @@ def _asked(recording: Recording, controller: VelocityController) -> tuple[Floats
 
 
 def _top_of(recordings: Sequence[Recording], controller: VelocityController) -> float:
-    """Return a top wheel speed [rad/s] that leaves room above all that was commanded."""
+    """Return a top wheel speed [rad/s] with headroom above all commands."""
     asked = [np.abs(_asked(recording, controller)).ravel() for recording in recordings if _commanded(recording)]
     fastest = float(np.quantile(np.concatenate(asked), NEARLY_ALL)) if asked else 0.0
     lowest = CONTROLLER_DEFINITIONS["top_wheel_speed"].lower

@@ -1,4 +1,4 @@
-"""Choose the criterion: one-step prediction errors, or where no model predicts the robot, errors of free runs.
+"""Choose the criterion: one-step prediction errors or, if no model predicts the robot, errors of free runs.
 
 Both are sums of squared white errors over all signals and samples i,
 
@@ -9,9 +9,9 @@ and -2 log likelihood = S + a constant. They differ in what is predicted:
 - one step (prediction error): each reading from those before it, by the observer (problem.py);
 - free runs (simulation error, output error): each reading from the commands alone (simulation_error.py).
 
-The first says more, and comes first. It is trusted if the wheels, run freely with the model found, stay with the robot:
-|v_free - v| < STRAYING |v|, where v (n, 2) [rad/s] are the measured speeds of the wheels, and if the body strays no
-further than with the paper's model.
+The first is more informative and is tried first. It is trusted if the wheel speeds of free runs with the resulting
+model stay close to those of the robot, |v_free - v| < STRAYING |v| with the measured wheel speeds v (n, 2) [rad/s], and
+if the body deviates no further than with the paper's model.
 
 Reference: L. Ljung, System Identification: Theory for the User, 2nd ed., 1999 (prediction-error methods; output error).
 """
@@ -33,18 +33,18 @@ from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.recordings.signal import Floats
 
-ASTRAY = 2.5  # factor by which the paper's parameters may differ from those of free runs, where ticks are coarse
-# Share of the usual speed by which wheels may stray: models without the physics of tests/hidden_effects stray by 9 % at
-# most; of the robots of docs/measurements/real_recordings.md the Husky on grass, for which moments say nothing, by
-# 13 %, the MBot by 90 %.
+ASTRAY = 2.5  # with coarse ticks, factor by which the paper's parameters may differ from those of free runs
+# Largest deviation of wheel speeds, as a share of the usual speed. Models that lack the physics of tests/hidden_effects
+# deviate by at most 9 %; of the robots in docs/measurements/real_recordings.md, the Husky on grass, for which one-step
+# errors are useless, deviates by 13 %, the MBot by 90 %.
 STRAYING = 0.11
-LONG, TRIAL = 400.0, 120.0  # s of driving of which moments are tried on a part first, and of that part
-SAME = 0.01  # share by which gains may differ because readings of a part do not come exactly as often
-FURTHER = 1.5  # ratio to the errors of the paper's model, or of one before, from which free runs are clearly worse
+LONG, TRIAL = 400.0, 120.0  # s: of longer drives, one-step errors are tried on a part first; length of that part
+SAME = 0.01  # share by which gains may differ because a part's reading intervals are not exactly the same
+FURTHER = 1.5  # ratio to the errors of the paper's model, or of an earlier one, above which free runs are clearly worse
 
 
 def look(ready: Ready, say: Callable[[str], None]) -> Search:
-    """Return what the search found in recordings that were not refused."""
+    """Choose the criterion and search recordings that were not refused; return what was found."""
     assert ready.problem is not None
     assert ready.base is not None
     if not ready.rolling:
@@ -54,16 +54,16 @@ def look(ready: Ready, say: Callable[[str], None]) -> Search:
         say("No model predicts this robot from moment to moment: fitting free runs instead ...")
     courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
     base = courses.base(ready.start, ready.base.names)
-    # Errors of moments may suggest a robot that hardly moves: typical sizes of effects are those on this one.
+    # One-step errors may suggest a robot that hardly moves, so typical sizes are scaled to the free-run fit.
     courses.excitation = replace(courses.excitation, parameters=base.values)
     return search(courses, base, say)
 
 
 def _by_one_step(ready: Ready, say: Callable[[str], None]) -> Search | None:
-    """Return what one-step errors lead to; None where that is of no use.
+    """Search by one-step errors; return None if the result cannot be trusted.
 
-    Robots with a velocity controller of their own are often such: of a long recording, a part is tried first, and no
-    search goes on after a step that made free runs worse.
+    This is common for robots with a velocity controller: of a long recording, a part is tried first, and a search stops
+    after a step that makes free runs worse.
     """
     assert ready.problem is not None
     assert ready.base is not None
@@ -86,22 +86,22 @@ def _searched(problem: Problem, base: Fit, ready: Ready, say: Callable[[str], No
 
 
 def _unwatched(_fit: Fit) -> None:
-    """Let any model pass."""
+    """Accept any model."""
 
 
 class _AstrayError(Exception):
-    """A step of a search led to a model whose free runs are clearly worse than those of a model before it."""
+    """A step of the search led to a model whose free runs are clearly worse than those of an earlier one."""
 
 
 class _Watch:
-    """The least errors of free runs that a search by one-step errors has come to so far."""
+    """Watches the free runs of the models of a one-step search, relative to the best so far."""
 
     def __init__(self, problem: Problem, base: Fit) -> None:
         self._segments = [predictor.segment for predictor in problem.predictors]
         self._least = self._of(base)
 
     def __call__(self, fit: Fit) -> None:
-        """Look at the next model; raises _AstrayError."""
+        """Check the next model; raises _AstrayError."""
         now = self._of(fit)
         clearly = now > FURTHER * self._least
         if (clearly[0] and now[0] > STRAYING) or np.any(clearly[1:]):
@@ -109,16 +109,19 @@ class _Watch:
         self._least = np.fmin(now, self._least)
 
     def _of(self, fit: Fit) -> Floats:
-        """Return how far wheels stray as a share of their speed, and medians of position [m] and heading [rad]."""
+        """Return the deviation of wheel speeds as a share of their speed, and medians of position [m] and heading
+        [rad].
+        """
         (errors,) = errors_of(self._segments, [[Fold((fit.values,))]] * len(self._segments))
         return np.array([_straying(self._segments, errors), errors.median("position"), errors.median("heading")])
 
 
 def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -> Search:
-    """Return the search with the gains that the model found calls for, where these are others.
+    """Repeat the search if the model found requires different observer gains; return the result.
 
-    Gains are chosen by the paper's model. Limits of a velocity controller act all the time: without them the model is
-    so wrong that the observer had to follow its encoders closely, and what ticks do to it then looks like an effect.
+    Gains are first chosen with the paper's model. If the limits of a velocity controller act all the time, a model
+    without them is so wrong that the observer has to follow the encoders closely, and quantisation then looks like an
+    effect.
     """
     problem = found.problem
     if not problem.excitation.controlled:
@@ -131,11 +134,11 @@ def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -
 
 
 def trusted(found: Search, ready: Ready) -> bool:
-    """Return whether one-step errors led to a model that is of use: |v_free - v| < STRAYING |v|, root mean squares.
+    """Return whether one-step errors led to a useful model: |v_free - v| < STRAYING |v|, root mean squares.
 
-    v are the speeds of the wheels [rad/s], v_free those that run freely with the model. Coarse ticks do not say whether
-    wheels stray; there the paper's parameters must be such as free runs allow. Where the body strays further than with
-    the paper's model, one-step errors were explained by effects that do not exist.
+    v are the speeds of the wheels [rad/s], v_free those that run freely with the model. With coarse ticks, deviations
+    of the wheels cannot be measured; then the paper's parameters must be near those of free runs. If the body deviates
+    further than with the paper's model, the search has explained one-step errors by effects that do not exist.
     """
     segments = [predictor.segment for predictor in found.problem.predictors]
     fold = Fold((dict(found.base.values), dict(found.final.values)))
@@ -150,7 +153,7 @@ def trusted(found: Search, ready: Ready) -> bool:
 
 
 def _straying(segments: Sequence[Segment], errors: Errors) -> float:
-    """Return the error of the wheels' speeds in free runs as a share of these; 0 where no wheels were read."""
+    """Return the error of the wheel speeds in free runs as a share of these; 0 without wheel readings."""
     speeds = [
         np.diff(observations.wheel, axis=0) / np.diff(observations.wheel_time)[:, None]
         for observations in (segment.observations for segment in segments)

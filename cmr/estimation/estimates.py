@@ -1,7 +1,7 @@
-"""What an estimate is: a value with its standard deviation, never 0 because the model is inexact; or why there is none.
+"""Estimates: values with standard deviations, which include a term for model-form uncertainty.
 
-No equation, raster or stamp is exact: by how much sizes of effects are off was measured on logs of a plant that shares
-no code with the model (scripts/study_diagnosis).
+Equations, time grid and stamps are not exact. The resulting errors in the sizes of effects were measured on logs of a
+plant that shares no code with the model (scripts/study_diagnosis).
 """
 
 from collections.abc import Mapping
@@ -13,31 +13,32 @@ from cmr.estimation.candidates import Excitation, is_limit, size
 from cmr.model.catalogue import definition
 from cmr.model.parameters import DEFINITIONS as PAPER
 
-INTERVAL = 1.96  # standard deviations to either side that hold the truth in 95 % of cases
-# How inexact the model is, as a share:
+INTERVAL = 1.96  # standard deviations on either side of a 95 % interval
+# Model-form uncertainty, as a share:
 OF_VALUE = 0.008
-OF_TYPICAL = 0.012  # of the typical size: robots without the effect seem to have so much of some
-# Of the value, instead. How dry friction depends on the speed differs from one motor to the next; what holds a wheel at
-# rest fades as the wheel sets off: with one Stribeck exponent or another, it seems up to 20 % smaller. Slip at
-# accelerations is found within 5 % where motors run unevenly.
+OF_TYPICAL = 0.012  # of the typical size: robots without an effect appear to have this much of it
+# Of the value, instead. The speed dependence of dry friction differs between motors, and static friction fades as the
+# wheel starts: depending on the Stribeck exponent, it appears up to 20 % smaller. Slip under acceleration is found
+# within 5 % if motors run unevenly.
 OF_EFFECT = {
     "coulomb_friction": 0.07,
     "static_friction": 0.12,
     "surface_patch_friction": 0.07,
     "longitudinal_slip": 0.05,
 }
-# The effect in a parameter's own unit whose inexactness it takes over: what holds a wheel fades while it sets off. That
-# looks like another motor: of robots held by 11 to 16 % duty, k2_over_k3 was off by 1.1 to 1.4 %.
+# A parameter that inherits the uncertainty of an effect in the same unit: static friction fades while a wheel starts,
+# which looks like a different motor. For robots with static friction of 11 to 16 % duty, k2_over_k3 was off by 1.1 to
+# 1.4 %.
 TAKEN_OVER = {"k2_over_k3": "static_friction"}
-# Of the paper's parameters: effects beside them are not exactly as the model has them.
+# Of the paper's parameters, because effects are not exactly as modelled.
 OF_PAPER = {"k2_over_k3": 0.0016, "k1": 0.0013, "base_width": 0.0005}
-# Of those that stand for a velocity controller, a second of its response time: what the load does to a wheel lasts as
-# long as the controller lets it, and is then no noise that changes from reading to reading.
+# For those that represent a velocity controller, per second of its response time: load disturbances last as long as the
+# controller needs to correct them, so they are correlated between readings.
 OF_SLOW_CONTROLLERS = {"k2_over_k3": 0.025, "k1": 0.025}
 
 
 class EstimationError(Exception):
-    """Nothing can be estimated from these data. The text says why and what to do."""
+    """Nothing can be estimated from these data; the text says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,9 @@ class Estimate:
 
 
 def inexactness(name: str, values: Mapping[str, float], excitation: Excitation) -> float:
-    """Return the standard deviation that inexactness adds to a parameter, in its unit.
+    """Return the standard deviation that model-form uncertainty adds to a parameter, in its unit.
 
-    `values` are those of the paper's parameters and of the effects that are there.
+    `values` are those of the paper's parameters and of the effects present.
     """
     value = values[name]
     if name in PAPER:

@@ -1,6 +1,6 @@
-"""Estimate a robot's parameters in the presence of whatever else its recordings show.
+"""Estimate a robot's parameters together with the effects that its recordings show.
 
-Calibration and diagnosis both ask here, so that they give the same numbers for the same recordings. `estimate` reads
+Calibration and diagnosis both call this module, so they give the same numbers for the same recordings. `estimate` reads
 in the order of its stages, each with formulas and references in its module:
 
     data                  checks.py, segments.py; preparation.py also fits the paper's model
@@ -14,8 +14,8 @@ in the order of its stages, each with formulas and references in its module:
     backward elimination  search/elimination.py
     what remains          unexplained/extending.py
     laws                  laws/proposing.py, laws/searching.py: formulas for what no effect describes
-    verdict               usefulness.py: names that are of no use on left-out data are taken back
-    averaging             averaging.py: the parameters, over what these drives may hide
+    verdict               usefulness.py: effects that do not help on left-out data are withdrawn
+    averaging             averaging.py: parameters averaged over undetected effects
 
 docs/reference/thresholds.md lists the numbers by which they decide; scripts/trace_search lists the functions that
 control passes through for a log.
@@ -49,17 +49,17 @@ from cmr.recordings.faults.late_wheels import IN_TIME
 from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 
-SEEN_IN_A_PATH = 0.02  # of the typical size: more of an effect that was not named changes a path that is predicted
+SEEN_IN_A_PATH = 0.02  # of the typical size: a larger effect, even if not named, changes predicted paths
 
 
 @dataclass(frozen=True)
 class Estimation:
-    """What the recordings of one robot show.
+    """The result of an estimation from recordings of one robot.
 
-    `ready` are the recordings as they were prepared, or why they were refused; then all else is None. So is `nominal`,
-    the robot as it was given, where it was not asked for, or not all parameters were given that a simulation needs.
-    `controller` is the robot's own for its speed, None if it takes duties. `against` says that the robot as it was
-    given, effects included, is the baseline.
+    `ready` are the prepared recordings, or the reason for their refusal; then all else is None. `nominal`, the robot as
+    given, is also None if it was not requested, or if parameters needed for a simulation are missing. `controller` is
+    the robot's velocity controller, None if it takes duties. `against` says that the baseline is the robot as given,
+    including effects.
     """
 
     looked: tuple[Checked, ...]
@@ -94,7 +94,7 @@ class Estimation:
         return {name: fit_estimate(self.found.base, name, self.found) for name in self.found.base.names}
 
     def estimate(self, name: str) -> Estimate:
-        """Return a parameter of the whole model, or of an effect of chance."""
+        """Return a parameter of the whole model, or of a random effect."""
         assert self.whole is not None
         by_chance = [one.estimates[name] for one in self.found.named if name in one.estimates]
         if by_chance:
@@ -106,7 +106,7 @@ class Estimation:
         return Estimate(average.values[name], float(np.hypot(average.std(name), doubt)))
 
     def cause(self, effect: Effect) -> str:
-        """Return the sentence that names the cause of an effect that was found, in words for this kind of robot."""
+        """Return the sentence that names the cause of a selected effect, worded for this kind of robot."""
         values = {parameter.name: self.estimate(parameter.name).value for parameter in effect.parameters}
         if self.controller is None:
             return effect.sentence(values)
@@ -115,9 +115,9 @@ class Estimation:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """All values that the whole model runs with, by name, but those that mean nothing.
+        """All values of the whole model, by name, except meaningless ones.
 
-        Of effects that were not named those stay that change the predicted path.
+        Effects that were not named are kept if they change the predicted path.
         """
         assert self.whole is not None
         values = dict(self.whole.model.values)
@@ -135,7 +135,7 @@ class Estimation:
         return {name: value for name, value in known.items() if name in PAPER or value != definition(name).neutral}
 
     def _shows(self, name: str) -> bool:
-        """Return whether the mean of a parameter that was not named changes a path that is predicted."""
+        """Return whether the mean of a parameter of an unnamed effect changes a predicted path."""
         assert self.whole is not None
         parameter, excitation = definition(name), self.found.problem.excitation
         if not parameter.switches or parameter.neutral is None:
@@ -164,12 +164,12 @@ def estimate(
     """Estimate one robot's parameters from one or more of its recordings; `ready` reports what is wrong with data.
 
     `nominal` gives at least wheel_radius. On `held_out` the gain is measured, and nothing is fitted. `sources` and
-    `held_out_sources` name the recordings. The robot as it was given is measured, too, if `against_nominal`. If
-    `departing`, `nominal` is a whole robot, effects included, and what is looked for are departures from it.
-    `progress` receives a sentence on what is being done.
-    Raises EstimationError where nothing can be fitted for a reason other than bad data.
+    `held_out_sources` name the recordings. With `against_nominal` the robot as given is measured, too. With
+    `departing`, `nominal` is a complete robot, including effects, and the search is for deviations from it. `progress`
+    receives sentences on the current step. Raises EstimationError where nothing can be fitted for a reason other than
+    bad data.
     """
-    # Threads of OpenBLAS spin where the matrices are as small as here: a fit of 4 s would take 40 s of two processors.
+    # OpenBLAS threads spin on matrices as small as these: a fit of 4 s would take 40 s on two processors.
     with threadpool_limits(1, "blas"):
         progress("Checking the data ...")
         looked = tuple(looked_at(recordings, sources))
@@ -193,7 +193,9 @@ def estimate(
 
 
 def _with_checks(estimation: Estimation, held_out: Sequence[Checked]) -> Estimation:
-    """Return the estimation in which the checks of clocks say what the model says: one number for one thing."""
+    """Return the estimation with clock lags in the checks replaced by those of the model, so that reports are
+    consistent.
+    """
     late: dict[str, list[Estimate]] = {}
     for effect in (one.candidate.effect for one in estimation.found.named):
         if effect.lateness_of:
@@ -207,7 +209,7 @@ def _with_checks(estimation: Estimation, held_out: Sequence[Checked]) -> Estimat
 
 
 def _with_held_out(ready: Ready, fitted: Sequence[Checked], held_out: Sequence[Checked]) -> Ready:
-    """Return what is ready with the findings and notes of held-out recordings; these must be of use."""
+    """Return the prepared recordings with the findings and notes of held-out ones, which must be usable."""
     assert ready.problem is not None
     path = any(len(predictor.segment.observations.pose) for predictor in ready.problem.predictors)
     require_of_use_held_out(held_out, path=path)
@@ -216,10 +218,10 @@ def _with_held_out(ready: Ready, fitted: Sequence[Checked], held_out: Sequence[C
 
 
 def _nominal_values(nominal: ParameterFile, ready: Ready, departing: bool) -> dict[str, float]:
-    """Return all values of the robot as it was given, by name; none where it cannot be simulated with them.
+    """Return all values of the robot as it was given, by name; empty if it cannot be simulated with them.
 
-    Where the robot rolls as its wheels did, nothing depends on its motors. A robot that is the baseline of departures
-    runs as the model that departs from it does: what acts by chance is replaced by its mean.
+    If the model is driven by measured wheel speeds, motor parameters are not needed. With deviations from a given
+    robot, both models are run alike: random effects are replaced by their means.
     """
     motors = {name: ready.start[name] for name in MOTOR} if ready.rolling else {}
     values = {**motors, **{name: value.value for name, value in nominal.values.items()}}
@@ -231,7 +233,7 @@ def _nominal_values(nominal: ParameterFile, ready: Ready, departing: bool) -> di
 def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> ParameterFile:
     """Return the parameters given, else the first that a recording announces.
 
-    Raises EstimationError where no wheel radius is among them.
+    Raises EstimationError if they lack the wheel radius.
     """
     nominal = given or next((r.parameters for r in recordings if r.parameters is not None), None)
     if nominal is None or not nominal.has("wheel_radius"):
@@ -243,7 +245,7 @@ def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> 
 
 
 def fit_estimate(fit: Fit, name: str, found: Search, doubts: Mapping[str, float] | None = None) -> Estimate:
-    """Return a parameter of a fit, its deviation with `doubts`: by default those that the search left."""
+    """Return a parameter of a fit; its standard deviation includes `doubts`, by default those of the search."""
     value = fit.values[name]
     doubts = found.doubts if doubts is None else doubts
     doubt = np.hypot(doubts.get(name, 0.0), inexactness(name, fit.values, found.problem.excitation))

@@ -1,12 +1,11 @@
-"""Free runs over short windows: how far the model strays from the robot when nothing corrects it.
+"""Free runs over short windows: the deviation of the model from the robot without corrections.
 
-Each window begins at the real pose and then runs on commands alone (on measured wheels where there are none). Wheel
-speeds, and what effects remember, run freely from the segment's beginning on: they do not stray.
+Each window begins at the real pose and then runs on commands alone (on measured wheel speeds if there are none). Wheel
+speeds and the internal states of effects run freely from the beginning of the segment, because they do not drift.
 
-The window is short on purpose. Disturbances of a real drive make headings wander at random, and errors pile up with
-the 1.5th power of time: over 10 s, two logs of the same robot differ by 20 % and more in what a perfect model
-would get wrong. Over 3 s, with windows that overlap by half, they agree, so that an error measured on one log predicts
-that on the next.
+The window is short on purpose. Disturbances make headings drift randomly, and errors grow with the 1.5th power of time:
+over 10 s, the errors of a perfect model on two logs of the same robot differ by 20 % and more. Over 3 s, with windows
+that overlap by half, they agree, so an error measured on one log predicts that on the next.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,8 +27,8 @@ WINDOW = 3.0  # s
 OVERLAP = 2  # windows that cover each moment
 BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
 COMPLETE = 0.95  # share of a window that its poses must span
-LEAST = 0.5  # of a window; shorter stretches are left out
-SPAN = 0.1  # s over which speeds are averaged: what encoders' ticks leave open is then small
+LEAST = 0.5  # of a window; shorter stretches are skipped
+SPAN = 0.1  # s over which speeds are averaged: which makes quantisation errors small
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
 
 Indices = NDArray[np.int64]
@@ -46,7 +45,7 @@ class Fold(NamedTuple):
 class Windows(NamedTuple):
     """When W free runs begin and end [s since the segment's beginning], and the numbers of their first poses, (W,).
 
-    A recording without poses has none of the numbers.
+    Without poses the numbers are empty.
     """
 
     begin: Floats
@@ -54,7 +53,9 @@ class Windows(NamedTuple):
     pose: Indices
 
     def number_of(self, times: Floats) -> Indices:
-        """Return into which of the windows, which do not overlap, each time falls; -1 for none. Shape as `times`."""
+        """Return the number of the window that contains each time, -1 for none; windows must not overlap. Shape as
+        `times`.
+        """
         number = np.searchsorted(self.begin, times, side="left") - 1
         inside = (number >= 0) & (times <= np.append(self.end, -np.inf)[number])
         return np.asarray(np.where(inside, number, -1))
@@ -75,8 +76,8 @@ class Averages(NamedTuple):
 class Errors:
     """Errors of one model's free runs over W windows of `window` [s].
 
-    `begin` [s since the recording's first sample] and the number of the `recording` have shape (W,); so have, by
-    signal of SIGNALS, the sums of squared errors `squares` (m, rad, rad/s) and how many errors there were, `counts`.
+    `begin` [s since the recording's first sample] and the number of the `recording` have shape (W,); so have, by signal
+    of SIGNALS, the sums of squared errors `squares` (m, rad, rad/s) and the numbers of errors, `counts`.
     """
 
     window: float
@@ -98,10 +99,10 @@ class Errors:
 
 
 def alternating_spans(seconds: float, folds: int, block: float = BLOCK) -> list[tuple[tuple[float, float], ...]]:
-    """Return the spans of each fold: blocks of `block` [s] dealt out to the folds in turn, over so many seconds.
+    """Return the spans of each fold: blocks of `block` [s] assigned to the folds in turn, over a duration of `seconds`.
 
-    Blocks should be some windows long. A whole quarter left out at once would take a kind of driving out of the fit,
-    and say more about that than about the next log.
+    Blocks should be several windows long. Leaving out a whole quarter at once would remove a kind of driving from the
+    fit, and measure that rather than the error on the next log.
     """
     begins = [block * number for number in range(int(np.ceil(seconds / block)))]
     return [tuple((begin, begin + block) for begin in begins[fold::folds]) for fold in range(folds)]
@@ -112,9 +113,9 @@ def errors_of(
 ) -> tuple[Errors, ...]:
     """Return the errors of each model over all segments; `folds` are those of each, all with as many models.
 
-    The last model should be the one that knows most: its sensor effects say what the real pose is at a beginning.
-    Windows do not reach beyond a fold's span; each is run with the parameters found without it. What is left over at
-    the ends is not used.
+    The last model should be the most complete one: its sensor effects determine the real pose at the start of a window.
+    Windows do not extend beyond a fold's span; each is run with parameters fitted without it. Remainders at the ends
+    are not used.
     """
     observations = [segment.observations for segment in segments]
     models = {id(fold.models): fold.models for of_segment in folds for fold in of_segment}
@@ -161,15 +162,15 @@ def joined(errors: Iterable[Errors], window: float = WINDOW) -> Errors:
 
 
 def stacked(models: Sequence[Values]) -> dict[str, Floats]:
-    """Return the values of all models by name, shape (models,); where one lacks a name, its neutral value."""
+    """Return the values of all models by name, shape (models,); missing names get the neutral value."""
     names = dict.fromkeys(name for model in models for name in model)
     return {name: np.array([m.get(name, definition(name).neutral) for m in models], np.float64) for name in names}
 
 
 def free_run(observations: Observations, begins: Indices, poses: Floats, values: Mapping[str, Floats]) -> Innovations:
-    """Run freely from a segment's beginning to its end, put to `poses` (P, 3) at the poses with numbers `begins`.
+    """Run freely from a segment's beginning to its end, reset to `poses` (P, 3) at the poses with numbers `begins`.
 
-    What the sensors said less what they would have said comes back, at each pose that was measured.
+    Returns measured minus simulated sensor readings.
     """
     return free_runs([observations], [begins], [poses], values, [False])[0]
 
@@ -181,7 +182,9 @@ def free_runs(
     values: Mapping[str, Floats],
     continued: Sequence[bool],
 ) -> list[Innovations]:
-    """Run freely over several segments; see `free_run`. `continued` says which follow the one before after a gap."""
+    """Run freely over several segments; see `free_run`. `continued` says which segments continue the previous one after
+    a gap.
+    """
     changed = [_put_to(*one) for one in zip(observations, begins, poses, strict=True)]
     results = Observer(values, FREE).observe_each(changed, continued)
     measured = (
@@ -192,8 +195,8 @@ def free_runs(
 
 
 def _put_to(observations: Observations, begins: Indices, poses: Floats) -> Observations:
-    """Return observations in which the robot is put to `poses` (P, 3) right after the poses with numbers `begins`."""
-    # Twice, because where the tracked point is depends on the heading, which the first time sets.
+    """Return observations in which the robot is reset to `poses` (P, 3) right after the poses with numbers `begins`."""
+    # Twice, because the position of the tracked point depends on the heading, which the first pass sets.
     source = np.repeat(begins, 2)
     at = source + 1
     return replace(
@@ -207,9 +210,9 @@ def _put_to(observations: Observations, begins: Indices, poses: Floats) -> Obser
 def windows_of(
     observations: Observations, window: float, late: float = 0.0, begin: float = -np.inf, end: float = np.inf
 ) -> Windows:
-    """Return windows end to end, within `begin` and `end` [s], over each stretch in which the path does not break.
+    """Return windows end to end, within `begin` and `end` [s], over each stretch of unbroken path.
 
-    The first begins `late` [s] after its stretch. A stretch that is shorter than a window, but not by half, is one.
+    The first begins `late` [s] after its stretch. A stretch between half a window and a window long is one window.
     """
     time = observations.pose_time
     if len(time) == 0:
@@ -223,7 +226,7 @@ def windows_of(
             first, last = float(time[inside[0]]), float(time[inside[-1]])
             length = _length(float(np.ptp(time[stretch])), window)
             number = np.unique(inside[np.searchsorted(time[inside], _begins(first, last, length, late) - 1e-9)])
-            # A pose may be late; then the window before would reach into the next.
+            # If poses are late, the previous window would otherwise reach into the next.
             parts.append((number, np.minimum(time[number] + window, np.append(time[number[1:]], last)[: len(number)])))
     number, ends = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Windows(time[number], ends, number)
@@ -235,7 +238,7 @@ def _length(whole: float, window: float) -> float:
 
 
 def _begins(first: float, last: float, length: float, late: float) -> Floats:
-    """Return when windows of a length [s] begin that lie end to end between two times, or nearly so."""
+    """Return the start times of windows of a length [s] placed end to end, or nearly so, between two times."""
     return np.arange(first + late, last - COMPLETE * length, length)
 
 
@@ -244,7 +247,7 @@ def _windows(observations: Observations, folds: Sequence[Fold], window: float, l
     numbers, parts = [np.empty(0, np.int64)], [NO_WINDOWS]
     for index, fold in enumerate(folds):
         for begin, end in fold.spans:
-            if begin < observations.seconds and end > 0.0:  # of many pieces most lie outside
+            if begin < observations.seconds and end > 0.0:  # most of many spans lie outside
                 parts.append(windows_of(observations, window, late, begin, end))
                 numbers.append(np.full(len(parts[-1].begin), index))
     number = np.concatenate(numbers)
@@ -254,7 +257,7 @@ def _windows(observations: Observations, folds: Sequence[Fold], window: float, l
 
 
 def reading_errors(observations: Observations, innovations: Innovations) -> dict[str, Averages]:
-    """Return the errors by signal of SIGNALS; positions as distances, speeds as means over SPAN, poses as they come."""
+    """Return the errors by signal of SIGNALS; positions as distances, speeds as means over SPAN, poses individually."""
     poses = observations.pose_time, observations.pose_time
     result = {
         "position": Averages(*poses, np.hypot(innovations.pose[:, 0], innovations.pose[:, 1])),
@@ -285,7 +288,7 @@ def _binned(time: Floats, error: Floats, seconds: float) -> Averages:
 
 
 def _rates(time: Floats, error: Floats) -> Averages:
-    """Return the rates at which errors (n, C) of angles grow, over spans of SPAN or little more."""
+    """Return the growth rates of angle errors (n, C), over spans of at least SPAN."""
     first = np.flatnonzero(np.diff(np.floor(time / SPAN), prepend=-1.0))
     begin, end = time[first[:-1]], time[first[1:]]
     wide = end - begin > 0.5 * SPAN
@@ -294,7 +297,7 @@ def _rates(time: Floats, error: Floats) -> Averages:
 
 
 def _summed(segment: Segment, window: float, windows: Windows, known: Mapping[str, Averages], lane: Indices) -> Errors:
-    """Return the sums over windows of the errors of that candidate which belongs to each window, `lane` (W,)."""
+    """Return the sums over windows of the errors of the candidate assigned to each window, `lane` (W,)."""
     squares: dict[str, Floats] = {}
     counts: dict[str, Floats] = {}
     for name, averages in known.items():

@@ -1,4 +1,4 @@
-"""What an extended model is worth: how much errors of free runs shrink on data left out of its fit, and how surely."""
+"""The gain of an extended model: the reduction of free-run errors on data left out of its fit, with an interval."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,8 +17,8 @@ from cmr.recordings.signal import Floats, Mask
 
 COVERAGE = 0.95  # of the interval
 WINDOWS_IN_A_BLOCK = 2  # windows overlap, and disturbances outlast one; blocks this long are nearly independent
-DRAWS = 2000  # more move the ends of the interval by less than a hundredth of its width
-FEWEST_BLOCKS = 3  # from fewer nothing is known of how much they vary
+DRAWS = 2000  # more would change the interval by less than a hundredth of its width
+FEWEST_BLOCKS = 3  # fewer do not show how much they vary
 GAIN_SIGNALS = {"psi": WHEELS, "yaw_rate": ("yaw_rate",), "pose": ("position",)}
 FOLDS = 4
 JITTER = "command_jitter"
@@ -26,7 +26,7 @@ JITTER = "command_jitter"
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """By how much errors of free runs shrink on data that nothing was fitted on.
+    """The reduction of free-run errors on data that were not used in a fit.
 
     `ratio` is the baseline's path error over that of the extended model, `interval` its 95 % interval by a block
     bootstrap. `signals` are the ratios by signal: psi, yaw_rate, pose.
@@ -43,10 +43,10 @@ def path_rmse(errors: Errors) -> float:
 
 
 def gain_of(before: Errors, after: Errors, *, seed: int = 0) -> Gain:
-    """Return how many times smaller the errors `after` are than those `before`, both over the same windows.
+    """Return the ratios of the errors `before` to those `after`, both over the same windows.
 
-    What was not recorded has no ratio: NaN for the path, no entry among the signals. The interval holds for other
-    drives like these; that of fewer than FEWEST_BLOCKS blocks is NaN.
+    Signals that were not recorded have no ratio: NaN for the path, no entry in `signals`. The interval is valid for
+    similar drives; with fewer than FEWEST_BLOCKS blocks it is NaN.
     """
     ratios = {name: ratio_of(before, after, *signals) for name, signals in GAIN_SIGNALS.items()}
     interval = _interval(_in_blocks(before), _in_blocks(after), seed)
@@ -61,7 +61,7 @@ def ratio_of(before: Errors, after: Errors, *signals: str) -> float:
 
 
 def _in_blocks(errors: Errors) -> Floats:
-    """Return the sums of the path's squared errors over blocks of windows that follow one another; (blocks,)."""
+    """Return the sums of the path's squared errors over blocks of consecutive windows; (blocks,)."""
     measured = errors.counts["position"] > 0
     number = np.floor(errors.begin / (WINDOWS_IN_A_BLOCK * errors.window)).astype(np.int64)
     _, block = np.unique(np.stack([errors.recording, number])[:, measured], axis=1, return_inverse=True)
@@ -71,8 +71,8 @@ def _in_blocks(errors: Errors) -> Floats:
 def _interval(before: Floats, after: Floats, seed: int) -> tuple[float, float]:
     """Return the interval of the ratio by a block bootstrap: blocks are drawn with replacement, DRAWS times.
 
-    Of few blocks the quantiles lie further out, as those of Student's t do (T. Hesterberg, What Teachers Should Know
-    About the Bootstrap, The American Statistician 69, 2015, section 5.3: expanded percentiles).
+    For few blocks the quantiles are widened, like those of Student's t (T. Hesterberg, What Teachers Should Know About
+    the Bootstrap, The American Statistician 69, 2015, section 5.3: expanded percentiles).
     """
     from scipy.special import stdtrit
 
@@ -89,13 +89,13 @@ def _interval(before: Floats, after: Floats, seed: int) -> tuple[float, float]:
 
 @lru_cache(maxsize=2)
 def _drawn(blocks: int, seed: int) -> Floats:
-    """Return how often each of so many blocks is drawn, (DRAWS, blocks): the same for all gains of one recording."""
+    """Return how often each block is drawn, (DRAWS, blocks): the same for all gains of one recording."""
     drawn = np.random.default_rng(seed).multinomial(blocks, np.full(blocks, 1.0 / blocks), DRAWS)
     return np.asarray(drawn, np.float64)
 
 
 class Model(Protocol):
-    """Values by name, and those that there would be without some of the data: a fit, or a posterior."""
+    """A fit or a posterior: values by name, also with some of the data left out."""
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -107,7 +107,7 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class Given:
-    """A model whose values, by name, were not fitted: they are the same whatever data are left out."""
+    """A model with fixed values, by name, that do not depend on the data."""
 
     values: Mapping[str, float]
 
@@ -118,7 +118,7 @@ class Given:
 
 @dataclass(frozen=True)
 class Measured:
-    """Path errors [m] of both models on data that they were fitted on, their errors on data left out, and the gain."""
+    """Path errors [m] of both models on the fitted data, their errors on left-out data, and the gain."""
 
     before: float
     after: float
@@ -129,10 +129,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class NominalMeasured:
-    """Errors of the robot as it was given, and what the whole model gains over it.
+    """Errors of the robot as given, and the gain of the whole model over it.
 
-    `values` are all by name, `path_rmse` [m] is over the data that the others were fitted on, `held_out` over the
-    windows on which they were measured.
+    `values` are all values by name, `path_rmse` [m] is over the data that the other models were fitted on, `held_out`
+    over the same windows as theirs.
     """
 
     values: Mapping[str, float]
@@ -151,7 +151,8 @@ def measure(
 ) -> Measured:
     """Measure both models on the `segments` they were fitted on, on parts of them left out, or on `held_out` segments.
 
-    `chance` are values by name of effects that no fit has. The problem holds the segments as they were fitted.
+    `chance` are the values by name of random effects, which are not part of a fit. The problem holds the segments as
+    they were fitted.
     """
     pair = Running(base), Running(final, chance)
     before, after = (path_rmse(errors) for errors in _fitted_errors(pair, segments))
@@ -167,10 +168,10 @@ def measure_nominal(
     held_out: Sequence[Segment],
     smoothing: Mapping[str, float],
 ) -> NominalMeasured | None:
-    """Measure a robot that was given, by the values of all its parameters, over the windows of what was `measured`.
+    """Measure the robot as given, by all its parameter values, over the windows of `measured`.
 
-    `smoothing` are the values of the model that knows most: its sensor effects say where the windows begin. Without
-    values of the robot there is nothing to measure: None.
+    `smoothing` are the values of the most complete model, whose sensor effects determine the start poses of the
+    windows. Returns None without values of the robot.
     """
     if not nominal:
         return None
@@ -187,9 +188,9 @@ def left_out_gains(
     segments: Sequence[Segment],
     held_out: Sequence[Segment],
 ) -> list[Gain]:
-    """Return what one model gains over each of others where all know the same of what acts by `chance`.
+    """Return the gains of one model over each of the others, all with the same random effects (`chance`).
 
-    It is measured on `held_out` segments, without any on parts of the `segments` left out.
+    They are measured on `held_out` segments, or else on left-out parts of the `segments`.
     """
     models = [Running(model, chance) for model in (*before, after)]
     *without_it, with_it = _left_out_errors(problem, models, segments, held_out)
@@ -197,7 +198,7 @@ def left_out_gains(
 
 
 class Running(NamedTuple):
-    """A model that runs freely: what acts by `chance`, of which no fit knows, is replaced by its mean."""
+    """A model for free runs: random effects (`chance`), which are not part of a fit, are replaced by their means."""
 
     model: Model
     chance: Mapping[str, float] = {}
@@ -213,7 +214,7 @@ class Running(NamedTuple):
 
 
 def with_mean_of_chance(values: Mapping[str, float], chance: Mapping[str, float]) -> dict[str, float]:
-    """Return the values of a model in which commands are as late as what acts by `chance` makes them on average."""
+    """Return the values of a model with the mean command delay of its random effects."""
     running = dict(values)
     if JITTER in chance:
         running["command_delay"] = running.get("command_delay", 0.0) + 0.5 * chance[JITTER]
@@ -221,7 +222,7 @@ def with_mean_of_chance(values: Mapping[str, float], chance: Mapping[str, float]
 
 
 def _fitted_errors(models: Sequence[Running], segments: Sequence[Segment]) -> tuple[Errors, ...]:
-    """Return the errors of each model in segments, with its values as they are."""
+    """Return the errors of each model in segments, with its values unchanged."""
     fold = Fold(tuple(model.values for model in models))
     return errors_of(segments, [[fold]] * len(segments))
 
@@ -229,7 +230,7 @@ def _fitted_errors(models: Sequence[Running], segments: Sequence[Segment]) -> tu
 def _left_out_errors(
     problem: Problem, models: Sequence[Running], segments: Sequence[Segment], held_out: Sequence[Segment]
 ) -> tuple[Errors, ...]:
-    """Return the errors of each model on held-out segments, without any on parts of the segments left out."""
+    """Return the errors of each model on held-out segments, or else on left-out parts of the segments."""
     if held_out:
         return _fitted_errors(models, held_out)
     return errors_of(segments, _folds(problem, models, segments))
@@ -253,7 +254,7 @@ def _folds(problem: Problem, models: Sequence[Running], segments: Sequence[Segme
 
 
 def _row_folds(problem: Problem) -> np.typing.NDArray[np.int64]:
-    """Return the fold of each white error of the problem, (n,): blocks of time dealt out in turn."""
+    """Return the fold of each white error of the problem, (n,): blocks of time assigned in turn."""
     return np.concatenate(
         [
             np.floor((times + predictor.segment.observations.time) / BLOCK).astype(np.int64) % FOLDS

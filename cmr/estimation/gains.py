@@ -1,7 +1,7 @@
-"""How far the observer follows its sensors: as usual, unless a robot's sensors are of another kind.
+"""Choose the observer gains: the usual ones, unless a robot's sensors require others.
 
-Gains are right where their own past predicts prediction errors least. Encoders of some hundred ticks per turn at 100 Hz
-are to be smoothed; wheel speeds that a motor controller reports, or a lidar's poses at 5 Hz, are to be believed.
+Gains are right if prediction errors are not predictable from their own past. Encoders with a few hundred ticks per turn
+at 100 Hz need smoothing; wheel speeds reported by a motor controller, or a lidar's poses at 5 Hz, do not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,17 +14,17 @@ from cmr.model.observer.observer import Gains, Observer
 from cmr.recordings.signal import Floats
 
 USUAL_ANGLE, USUAL_POSE = 0.2, 0.15
-ANGLES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # shares of a wheel's error that are followed
+ANGLES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # gains for a wheel's angle error
 POSES = (0.05, 0.1, 0.15, 0.25, 0.4, 0.6, 1.0)
 COARSE = 2.0 * np.pi / 100.0  # rad; ticks that are larger are coarse
-OF_COARSE_ENCODERS = Gains(0.05, 0.05, USUAL_POSE, USUAL_POSE)  # whose ticks say little of the speed
-CLEARLY = 0.2  # by which share errors must shrink for other gains than usual
+OF_COARSE_ENCODERS = Gains(0.05, 0.05, USUAL_POSE, USUAL_POSE)  # whose ticks carry little information on speed
+CLEARLY = 0.2  # share by which errors must shrink to prefer other gains to the usual ones
 
 
 def gains_at(angle: float, pose: float, interval: float) -> Gains:
-    """Return gains that follow wheels, read every `interval` [s], and poses by these shares.
+    """Return observer gains with these gains for wheel angles, read every `interval` [s], and poses.
 
-    The share of the speed that goes with `angle` damps errors critically (an alpha-beta filter).
+    The speed gain that belongs to `angle` gives critical damping (an alpha-beta filter).
     """
     return Gains(angle, angle**2 / 4.0 / interval, pose, pose)
 
@@ -50,7 +50,7 @@ def interval_of(predictors: Sequence[Predictor]) -> float:
 
 
 def _sizes(names: Sequence[str], batch: Batch, errors: Errors, lanes: Sequence[int]) -> Floats:
-    """Return the mean logarithm of the size that errors have beyond what their past predicts, lane by lane."""
+    """Return the mean log size of the errors after subtracting what their past predicts, per lane."""
     there = [name for name in names if name in batch.signals]
     if not there:
         return np.zeros(0)
@@ -67,7 +67,7 @@ def _log_size(rest: Floats) -> float:
 
 
 def _nearest(ladder: Sequence[float], usual: float, sizes: Floats) -> float:
-    """Return the gain nearest to the usual one that leaves errors hardly larger; `sizes` are their logarithms."""
+    """Return the gain nearest to the usual one whose errors are hardly larger; `sizes` are their logarithms."""
     if not len(sizes) or not np.any(np.isfinite(sizes)):
         return usual
     good = [gain for gain, size in zip(ladder, sizes, strict=True) if size <= np.min(sizes) + CLEARLY]

@@ -1,7 +1,7 @@
-"""Fit a model by Gauss and Newton, asking for what it needs.
+"""Fit a model by damped Gauss-Newton, as a generator of evaluation requests.
 
-A fit is a generator: it asks for the white errors of several sets of values, and goes on once it has them. So fits of
-several models can go side by side, and what they ask for is observed at once.
+A fit is a generator: it requests the white errors of several sets of values, and continues once it receives them. So
+several fits can run side by side, with their requests evaluated in one batch.
 """
 
 from collections.abc import Collection, Generator, Mapping, Sequence
@@ -19,9 +19,10 @@ T = TypeVar("T")
 Asking = Generator[Sequence[Mapping[str, float]], Floats, T]  # sets of values; their white errors (n, C); the result
 Linear = tuple[Floats, Floats]  # white errors (n,) and their slopes (n, p)
 MOST_STEPS = 7
-SETTLED = 0.1  # of the sum of squares: a step that promises less is not taken
-KEPT, LEAST_KEPT = 0.5, 0.05  # of what a step promises must come; of the best of many shorter ones
-WORTH_A_DETOUR = 5.0  # of the sum of squares: where less is promised and does not come, the ground is only rough
+SETTLED = 0.1  # of the sum of squares: steps with a smaller predicted reduction are not taken
+# Least share of the predicted reduction that must be achieved; and by the best of many shorter steps.
+KEPT, LEAST_KEPT = 0.5, 0.05
+WORTH_A_DETOUR = 5.0  # of the sum of squares: if a smaller predicted reduction fails, the sum is merely rough
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tested at once
 LONG_STRIDE = 6.0
 
@@ -41,7 +42,7 @@ class Fit:
 
     @property
     def squares(self) -> float:
-        """Sum of the squared white errors; infinite where the model does not hold."""
+        """Sum of the squared white errors; infinite if the model is invalid."""
         return float(np.nan_to_num(self.rest @ self.rest, nan=np.inf))
 
     @property
@@ -55,26 +56,27 @@ class Fit:
         return float(np.sqrt(self.covariance[index, index]))
 
     def std_beside(self, name: str, held: Collection[str]) -> float:
-        """Return the standard deviation of a free parameter while those of `held` stay where they are."""
+        """Return the standard deviation of a free parameter while those of `held` are fixed."""
         names = [one for one in self.names if one == name or one not in held]
         return replace(self, names=tuple(names), slopes=self.slopes[:, [self.names.index(n) for n in names]]).std(name)
 
     def values_without(self, left_out: Mask) -> Mapping[str, float]:
-        """Return the values that the fit would have without some white errors, shape (n,), to first order."""
+        """Return the values fitted without some white errors, mask (n,), to first order."""
         slopes, rest = self.slopes[~left_out], self.rest[~left_out]
         step = np.asarray(-np.linalg.lstsq(slopes.T @ slopes, slopes.T @ rest, rcond=1e-10)[0], np.float64)
         return moved(self.values, self.names, step)
 
 
 def fitted(start: Mapping[str, float], names: tuple[str, ...], noise: Noise, excitation: Excitation) -> Asking[Fit]:
-    """Fit the free parameters `names`; where a step does not keep its promise, the best of many shorter ones is taken.
+    """Fit the free parameters `names`; if a step falls short of its predicted reduction, the best of many shorter ones
+    is taken.
 
-    Dry friction makes the sum of squares rough. Where all steps fail, slopes over a longer distance may still do, if
-    they promise much.
+    Dry friction makes the sum of squares rough. If all steps fail, slopes over a longer distance are tried, if they
+    predict a large reduction.
     """
     values, stride = dict(start), 1.0
     here = yield from linear(values, names, excitation)
-    usual: Linear | None = here  # over the usual distance, where that is known
+    usual: Linear | None = here  # over the usual distance, if known
     for _ in range(MOST_STEPS):
         rest, slopes = here
         step = newton_steps(slopes, rest, DAMPINGS[:1], room(values, names))[0]
@@ -103,7 +105,7 @@ def fitted(start: Mapping[str, float], names: tuple[str, ...], noise: Noise, exc
 def _best_step(
     values: Mapping[str, float], names: Sequence[str], rest: Floats, slopes: Floats
 ) -> Asking[tuple[dict[str, float], float]]:
-    """Return the best values of many shortened and damped steps, and by how much they drop the sum of squares."""
+    """Return the best values of many shortened and damped steps, and their reduction of the sum of squares."""
     steps = [share * step for step in newton_steps(slopes, rest, DAMPINGS, room(values, names)) for share in SHARES]
     tested = [moved(values, names, step) for step in steps]
     white = yield tested
@@ -117,28 +119,28 @@ def linear(
 ) -> Asking[Linear]:
     """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
 
-    Slopes are taken over `stride` times the usual distance, that of all or of each (p,).
+    Slopes are finite differences over `stride` times the usual step, a number or one per parameter (p,).
     """
     moves = moves_of(values, names, excitation, stride)
     white = yield [values, *one_by_one(values, names, moves)]
     lost = ~np.isfinite(white[:, 1:]).all(axis=0)
-    if lost.any():  # so far the model no longer holds; it may on the other side
+    if lost.any():  # the model is invalid there; it may be valid on the other side
         moves = np.where(lost, -moves, moves)
         white = yield [values, *one_by_one(values, names, moves)]
         white[:, 1:] = np.where(np.isfinite(white[:, 1:]), white[:, 1:], white[:, :1])
-    with np.errstate(invalid="ignore"):  # where the model does not hold at all the step that led here is not taken
+    with np.errstate(invalid="ignore"):  # where the model is invalid, the step that led here is rejected
         return white[:, 0].copy(), (white[:, 1:] - white[:, :1]) / moves
 
 
 def sums_of_squares(white: Floats) -> Floats:
-    """Return the sum of squared white errors (n, C) of each candidate; infinite where nothing holds."""
+    """Return the sum of squared white errors (n, C) of each candidate; infinite if it is invalid."""
     return np.asarray(np.nan_to_num(np.einsum("nc,nc->c", white, white), nan=np.inf))
 
 
 def moves_of(
     values: Mapping[str, float], names: Sequence[str], excitation: Excitation, stride: float | Floats = 1.0
 ) -> Floats:
-    """Return by how much each parameter (p,) is moved to see what it does, times `stride`."""
+    """Return the finite-difference steps of parameters (p,), times `stride`."""
     steps = np.array([step_of(name, values[name], excitation) for name in names]) * stride
     return np.array([inward(name, values[name], step) for name, step in zip(names, steps, strict=True)])
 
@@ -160,7 +162,9 @@ def newton_steps(slopes: Floats, rest: Floats, dampings: Sequence[float], room: 
 
 
 def _step_within(normal: Floats, right: Floats, room: Floats) -> Floats:
-    """Return the step (p,) down a parabola; parameters that would leave their room stop there, the others know it."""
+    """Return the step (p,) to the minimum of a quadratic model; parameters stop at their bounds, and the others are
+    solved accordingly.
+    """
     step = -np.linalg.solve(normal, right)
     stopped = np.zeros(len(step), np.bool_)
     while np.any(beyond := ~stopped & ((step < room[:, 0]) | (step > room[:, 1]))):
@@ -179,7 +183,7 @@ def room(values: Mapping[str, float], names: Sequence[str]) -> Floats:
 
 
 def inward(name: str, value: float, step: float) -> float:
-    """Return the step, turned round where it would leave the parameter's bounds."""
+    """Return the step, with its sign reversed if it would leave the parameter's bounds."""
     return -step if value + step > definition(name).upper else step
 
 

@@ -1,4 +1,4 @@
-"""A first guess of the paper's parameters, good enough to begin a fit, whatever effects hide in the data."""
+"""An initial guess of the paper's parameters, good enough to start a fit whatever effects are in the data."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -10,13 +10,13 @@ from cmr.model.observer.observer import RESTART, Gains, Observations
 from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats
 
-STANDING = 0.1  # of the fastest wheels' speed: motors that hold still say little
-WINDOW = 0.5  # s over which turns are compared
-GOOD = 0.02  # share of a base width that is known well enough to begin with
+STANDING = 0.1  # of the fastest wheels' speed: motors at rest carry little information
+WINDOW = 0.5  # s; window over which rotations are compared
+GOOD = 0.02  # relative standard deviation at which a base width is good enough to start with
 LATE = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s, of poses
-RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: how fast motors of wheeled robots follow
+RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: response rates of motors of wheeled robots
 SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
-POSES_APART = 0.2  # s between poses that stand for wheels: their noise is small beside the way
+POSES_APART = 0.2  # s between poses used instead of wheels, so that noise is small compared with the distance
 OF_POSES = ("forward", "heading")
 FREE = Gains(0.3, 0.0, 0.3, 0.3)
 
@@ -29,9 +29,9 @@ class Width(NamedTuple):
 
 
 def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> Width | None:
-    """Return the base width by which the wheels' difference explains the turns; None if the robot never turned.
+    """Estimate the base width from the wheels' difference and the rotation; None if the robot never turned.
 
-    Where it explains them badly, poses may be late: then it is the width at the lateness that explains them best.
+    If the fit is poor, poses may be late: then the latency with the best fit is used.
     """
     width = _width(predictors, wheel_radius, 0.0)
     if width is not None and width.doubt < GOOD:
@@ -41,7 +41,7 @@ def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> Wi
 
 
 def _width(predictors: Sequence[Predictor], wheel_radius: float, late: float) -> Width | None:
-    """Return the base width that explains poses which are `late` [s]; None if the robot never turned."""
+    """Return the base width that fits poses delayed by `late` [s]; None if the robot never turned."""
     turned = [_turns(predictor, late) for predictor in predictors]
     difference, turn, _ = (np.concatenate(column) for column in zip(*turned, strict=True))
     moving = np.abs(difference) > 1e-3
@@ -54,10 +54,10 @@ def _width(predictors: Sequence[Predictor], wheel_radius: float, late: float) ->
 
 
 def _turns(predictor: Predictor, late: float = 0.0) -> tuple[Floats, Floats, Floats]:
-    """Return by how much the wheels' angles differ, and the robot turned, in each window [rad], and how long it is [s].
+    """Return the difference of the wheel angles and the rotation of the robot in each window [rad], and its length [s].
 
-    Poses that are farther apart than a window, such as those at the ends of a run, are its borders. Others are `late`
-    [s], and say nothing of windows in which their path begins again.
+    Poses farther apart than a window, such as those at the ends of a run, delimit windows themselves. Others are
+    delayed by `late` [s]; windows in which the path restarts are skipped.
     """
     observations = predictor.segment.observations
     borders = np.arange(0.0, observations.seconds, WINDOW)
@@ -80,13 +80,15 @@ def _turns(predictor: Predictor, late: float = 0.0) -> tuple[Floats, Floats, Flo
 
 
 def turn_rates(predictor: Predictor) -> Floats:
-    """Return how fast the robot was seen to turn [rad/s], whichever way, in each window, (n,)."""
+    """Return the absolute yaw rate [rad/s] in each window, (n,)."""
     _, turned, seconds = _turns(predictor)
     return np.asarray(np.abs(turned) / seconds, np.float64)
 
 
 def _wheels(observations: Observations, values: Mapping[str, float]) -> tuple[Floats, Floats]:
-    """Return when wheels were read [s], and the angles of both [rad], (n, 2): where none were, as the poses moved."""
+    """Return the times of wheel readings [s] and both angles [rad], (n, 2); without readings, they are computed from
+    poses.
+    """
     if len(observations.wheel_time) or not len(observations.pose_time):
         return observations.wheel_time, observations.wheel
     times = np.arange(observations.pose_time[0], observations.pose_time[-1], POSES_APART)
@@ -112,11 +114,11 @@ def _efforts(predictor: Predictor, values: Mapping[str, float]) -> Floats:
 
 
 def guess_motor(predictors: Sequence[Predictor], values: dict[str, float]) -> dict[str, float]:
-    """Return k2_over_k3 and k1 by which commands explain the wheels, or else the poses, best, on a grid."""
+    """Estimate k2_over_k3 and k1 by a grid search, from commands and wheels, or else poses."""
     steps = np.concatenate([_efforts(predictor, values) for predictor in predictors])
     moving = steps[steps[:, 1] > STANDING * np.max(steps[:, 1], initial=0.0)]
     k1 = float(np.sum(moving[:, 0]) / max(np.sum(moving[:, 1]), 1e-9))
-    # At one rate the errors are linear in the acceleration: those at both ends determine those between.
+    # At a given rate the errors are linear in the acceleration, so the two ends determine all values between.
     speeds = SPEEDS[[0, -1]] * k1
     lanes: dict[str, Quantity] = {
         **values,

@@ -1,8 +1,8 @@
 """Estimate the noise of a robot's sensors from prediction errors, and whiten the errors with it.
 
-Three steps whiten each signal's errors. The part that the latest errors of the other sensors predict is subtracted;
-then the part that the signal's own past errors predict (an autoregressive model). What remains is divided by its
-standard deviation, which grows with the wheel speed and with the uncertainty that the encoder's ticks leave.
+Three steps whiten each signal's errors: subtract the part predicted by the latest errors of other sensors, subtract the
+part predicted by the signal's own past errors (an autoregressive model), and divide by the standard deviation, which
+grows with wheel speed and with encoder quantisation.
 """
 
 import math
@@ -26,14 +26,14 @@ SPANS = {
     **dict.fromkeys(POSE_SIGNALS, (1, 1, 1, 1, 4, 8)),
 }
 LARGEST_PAST = 1.0 / 6.0  # of the usual segment: errors are predicted from at most so long a past
-RIDGE = 1e-6  # of the variance: keeps the model of a signal that never errs solvable
+RIDGE = 1e-6  # of the variance: keeps the model of an error-free signal solvable
 LEAST_SIZE = 1e-9
-LONGEST_GAP = 10  # readings; in longer ones a wheel is no further off
+LONGEST_GAP = 10  # readings; beyond this, the error of a wheel does not grow further
 RARE = 0.01  # of errors: too few to estimate their size
 ROUNDS = 3
 FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before predict those of the pose
 PSI_LEFT, PSI_RIGHT, YAW_RATE = (MOTION.index(name) for name in ("psi_left", "psi_right", "yaw_rate"))
-STAMP = 1e-3  # s by which a gyro's stamp may be off
+STAMP = 1e-3  # s of uncertainty of a gyro's stamp
 LARGE = 2.5  # standard deviations from which an error counts less than in full (Huber, Ann. Math. Statist. 35, 1964)
 # The mean square of normal errors of size one, where larger ones count as LARGE.
 CUT_OFF = 1.0 - math.sqrt(2.0 / math.pi) * LARGE * math.exp(-0.5 * LARGE**2)
@@ -45,7 +45,7 @@ SETTLING = 20  # rounds in which the size of cut-off errors settles
 class SignalNoise:
     """The noise of one signal: `past` (p,) weighs its own last errors, span by span, `foreign` (3,) those of FOREIGN.
 
-    `sizes` are the standard deviations of what remains, in the signal's unit: one array (n,) for each segment.
+    `sizes` are the standard deviations of the innovations, in the signal's unit: one array (n,) per segment.
     """
 
     past: Floats
@@ -53,7 +53,7 @@ class SignalNoise:
     sizes: tuple[Floats, ...]
 
     def weights(self, first: int, last: int) -> Floats:
-        """Return one over the sizes in the segments from `first` to `last`, the latter not included, (n,)."""
+        """Return the reciprocal sizes in the segments from `first` up to but not including `last`, (n,)."""
         inverse, ends = self._weights
         return inverse[ends[first] : ends[last]]
 
@@ -75,9 +75,9 @@ class Noise:
 
     @classmethod
     def found(cls, batch: Batch, errors: Errors, largest_past: float = LARGEST_PAST) -> "Noise":
-        """Find the noise from the errors of the first candidate in all segments of a batch.
+        """Estimate the noise from the errors of the first candidate in all segments of a batch.
 
-        They are predicted from at most so long a past, as a share of the usual segment.
+        `largest_past` limits the autoregression, as a share of the usual segment.
         """
         first = replace(errors, of={name: of[:, :1] for name, of in errors.of.items()})
         sums = np.stack([of[:, 0] for of in foreign_sums(batch, first)])
@@ -85,7 +85,7 @@ class Noise:
 
     @classmethod
     def plain(cls, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
-        """Return white noise of the size of all errors: what is known before anything is."""
+        """Return white noise with the size of all errors, as an initial estimate."""
         result = {}
         for name in SPANS:
             own = [error.of[name][:, 0] for error in errors if name in error.of]
@@ -99,7 +99,7 @@ class Noise:
     def with_outliers(self, predictors: Sequence[Predictor], errors: Sequence[Errors]) -> "Noise":
         """Return the noise with larger sizes for readings at which the first candidate's errors are large.
 
-        A busy computer spoils the time stamps of a few readings, which would otherwise outweigh all others.
+        A busy computer corrupts the time stamps of a few readings, which would otherwise dominate.
         """
         batch = Batch(predictors)
         white = self.all_white(batch, batch.joined(errors))[:, 0]
@@ -114,7 +114,7 @@ class Noise:
 
     @property
     def log_size(self) -> float:
-        """Twice the sum of the logarithms of all sizes: what a likelihood has beside the squares of white errors."""
+        """Twice the sum of the logarithms of all sizes: the log-determinant term of -2 log likelihood."""
         return 2.0 * sum(float(np.sum(np.log(size))) for noise in self.of.values() for size in noise.sizes)
 
     def white(self, number: int, predictor: Predictor, errors: Errors) -> dict[str, Floats]:
@@ -153,7 +153,8 @@ def _size_of_most(white: Floats) -> float:
 
 
 def _found(name: str, batch: Batch, errors: Errors, others: Floats, largest_past: float) -> SignalNoise:
-    """Find one signal's noise: weighted least squares for what is predictable, then the size of the rest, repeated.
+    """Estimate one signal's noise: weighted least squares for the predictable part, then the size of the rest,
+    iterated.
 
     `others` (3, poses) are sums of the errors of FOREIGN before each pose.
     """
@@ -183,9 +184,9 @@ def _by_segment(rows: Floats, ends: Indices) -> tuple[Floats, ...]:
 
 
 def predicted(name: str, errors: Floats, ends: Indices) -> Floats:
-    """Return a signal's errors (n,), whose segments end at the rows `ends`, less what their own past predicts.
+    """Return a signal's errors (n,), whose segments end at the rows `ends`, minus what their own past predicts.
 
-    Errors at the beginning of a segment, which have no past, are left out.
+    Errors at the beginning of a segment, which have no past, are omitted.
     """
     spans = _spans(name, np.diff(ends).tolist())
     used, ends = _long_enough(ends, sum(spans))
@@ -255,8 +256,8 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
 def nonnegative(normal: Floats, right: Floats) -> Floats:
     """Return the x (n,) of x >= 0 for which x N x / 2 - x r is least; N (n, n) is positive definite, r (n,).
 
-    All choices of unknowns that are zero are tried at once, of two or three. SciPy's `nnls` does for many unknowns what
-    this does for few, but to import it takes longer than many a fit.
+    All subsets of zero unknowns are tried at once, for two or three unknowns. SciPy's `nnls` handles many, but
+    importing it takes longer than a typical fit.
     """
     free = _choices(len(right))
     systems = np.where(free[:, :, None] & free[:, None, :], normal, np.eye(len(right)))
@@ -269,18 +270,18 @@ def nonnegative(normal: Floats, right: Floats) -> Floats:
 
 @cache
 def _choices(count: int) -> Mask:
-    """Return all choices of one, of two, ... of so many unknowns as rows, (choices, unknowns)."""
+    """Return all non-empty subsets of `count` unknowns as rows, (choices, unknowns)."""
     chosen = [one for size in range(1, count + 1) for one in combinations(range(count), size)]
     return np.array([[number in one for number in range(count)] for one in chosen])
 
 
 def _sizes(name: str, batch: Batch, errors: Errors) -> Floats:
-    """Return what the variance of a signal's noise may grow with, shape (n, 3): 1, doubt squared, wheel speeds squared.
+    """Return the regressors of a signal's noise variance, shape (n, 3): 1, doubt squared, wheel speeds squared.
 
-    The doubt of a wheel is the uncertainty that its ticks leave [rad]; that of the gyro is the uncertainty that its
-    time stamps leave while the yaw rate changes [rad/s]. In each segment, the smallest 1 % of doubts are raised to that
-    quantile. On a steady drive nearly all doubts are equal, so their share of the noise cannot be estimated, and the
-    few errors with a small doubt, of a wheel that rolls to a stop, would get far too much weight.
+    The doubt of a wheel is the standard deviation due to quantisation [rad]; that of the gyro is due to uncertain
+    stamps while the yaw rate changes [rad/s]. In each segment, the smallest 1 % of doubts are raised to that quantile.
+    On a steady drive nearly all doubts are equal, so their share of the noise cannot be estimated, and the few errors
+    with a small doubt, of a wheel that rolls to a stop, would get far too much weight.
     """
     rows = batch.motion_rows[name]
     speed = errors.motion[rows, PSI_LEFT] ** 2 + errors.motion[rows, PSI_RIGHT] ** 2
@@ -296,7 +297,7 @@ def _sizes(name: str, batch: Batch, errors: Errors) -> Floats:
 
 
 def growth_in_gaps(name: str, batch: Batch, errors: Errors) -> Floats:
-    """Return the factor by which errors after a gap in a wheel's readings are larger, (n,).
+    """Return the factor by which errors grow after a gap in a wheel's readings, (n,).
 
     It is 1 without a gap, and for other signals. A wheel that rolls to a stop passes its last ticks ever more slowly,
     and no reading corrects its speed meanwhile. The error after a gap of some readings is estimated from stretches
@@ -304,7 +305,7 @@ def growth_in_gaps(name: str, batch: Batch, errors: Errors) -> Floats:
     """
     ends = batch.ends[name]
     counts, own = np.diff(ends), errors.of[name][:, 0]
-    number = np.arange(len(own)) - np.repeat(ends[:-1], counts)  # of each reading in its segment
+    number = np.arange(len(own)) - np.repeat(ends[:-1], counts)  # index of each reading in its segment
     if name not in WHEELS or not np.any(number):
         return np.ones(len(own))
     times = np.concatenate([one.times.get(name, np.empty(0)) for one in batch.predictors])
@@ -320,7 +321,7 @@ def growth_in_gaps(name: str, batch: Batch, errors: Errors) -> Floats:
 
 
 def _acceleration(rate: Floats, batch: Batch) -> Floats:
-    """Return how fast the yaw rate changes about each border of the batch's segments [rad/s^2], (n,)."""
+    """Return the yaw acceleration at each step boundary of the batch's segments [rad/s^2], (n,)."""
     change = np.abs(np.diff(rate, prepend=rate[:1], append=rate[-1:])) / batch.dt
     change[batch.borders] = 0.0
     return np.maximum(change[1:], change[:-1])
@@ -364,8 +365,8 @@ def sums_of_past(past: Floats, spans: Sequence[int]) -> tuple[Floats, Indices]:
 def whiten(errors, ends, shares, before, weights, at, result):  # type: ignore[no-untyped-def]
     """Write the errors (n, C) of one signal made white, those of each segment from row `at` of the result on.
 
-    Segments end at the rows `ends`. Subtracted are `shares` of the sums of all errors of the segment up to so many
-    `before` each, and what remains is weighed. The first, which have no past, become 0.
+    Segments end at the rows `ends`. Subtracts `shares` times the running sums of the segment up to `before` rows
+    earlier, and multiplies by `weights`. The first errors, which have no past, become 0.
     """
     candidates = errors.shape[1]
     longest, kept = 0, 1
@@ -374,7 +375,7 @@ def whiten(errors, ends, shares, before, weights, at, result):  # type: ignore[n
     while kept <= longest:  # a power of two: its remainders are the last bits
         kept *= 2
     last_bits = kept - 1
-    sums = np.empty((kept, candidates))  # in turn: that up to `row`, itself not included, stands at its remainder
+    sums = np.empty((kept, candidates))  # ring buffer of running sums, indexed by row modulo its length
     for segment in range(len(ends) - 1):
         begin, count = ends[segment], ends[segment + 1] - ends[segment]
         sums[:] = 0.0

@@ -1,4 +1,4 @@
-"""Prediction errors of candidate parameters, signal by signal, and made white: independent and of size one."""
+"""Prediction errors of candidate parameters, signal by signal, and whitened: independent with unit variance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,14 +16,14 @@ from cmr.recordings.signal import Floats, Mask
 SIGNALS = ("psi_left", "psi_right", "yaw_rate", "forward", "sideways", "heading")
 WHEELS, POSE_SIGNALS = SIGNALS[:2], SIGNALS[3:]
 Indices = np.typing.NDArray[np.int64]
-FREE = Gains(0.0, 0.0, 0.0, 0.0)  # nothing is followed
+FREE = Gains(0.0, 0.0, 0.0, 0.0)  # no corrections: a free run
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Prediction errors of C candidates in one segment, shape (n, C) by signal, and how the first of them moved.
+    """Prediction errors of C candidates in one segment, shape (n, C) by signal, and the motion of the first one.
 
-    `motion` has shape (T + 1, columns of the observer's MOTION); `followed` is how far the sensors were followed.
+    `motion` has shape (T + 1, columns of the observer's MOTION); `followed` are the observer gains used.
     """
 
     of: Mapping[str, Floats]
@@ -32,7 +32,7 @@ class Errors:
 
 
 class Predictor:
-    """What the errors of one recorded segment are: when they arise, and how well each reading is known."""
+    """Computes prediction errors of one recorded segment, with their times and reading uncertainties."""
 
     def __init__(self, segment: Segment) -> None:
         self.segment = segment
@@ -45,7 +45,7 @@ class Predictor:
 
     @cached_property
     def times(self) -> dict[str, Floats]:
-        """When each error arises [s since the segment's beginning], by signal, shape (n,)."""
+        """The time of each error [s since the segment's beginning], by signal, shape (n,)."""
         observations = self.segment.observations
         times = {"yaw_rate": observations.gyro_time, **dict.fromkeys(POSE_SIGNALS, observations.pose_time)}
         if not len(observations.given):
@@ -54,7 +54,7 @@ class Predictor:
 
     @cached_property
     def doubt(self) -> dict[str, Floats]:
-        """Standard deviation [rad] that the encoder's ticks leave of each of its errors, (n,); of other signals 0."""
+        """Standard deviation [rad] of each error due to encoder quantisation, (n,); 0 for other signals."""
         columns = {"psi_left": 0, "psi_right": 1}
         return {
             name: self.segment.wheel_doubt[self.used[name], columns[name]] if name in columns else np.zeros(len(times))
@@ -70,21 +70,21 @@ class Predictor:
         return _told_once(errors, gains, self.rests_on)
 
     def motion_at(self, motion: Floats, signal: str) -> Floats:
-        """Return how the robot moved when each error of a signal arose, shape (n, columns of MOTION)."""
+        """Return the robot's motion at the time of each error of a signal, shape (n, columns of MOTION)."""
         return np.asarray(motion[self.motion_rows(signal)], np.float64)
 
     def motion_rows(self, signal: str) -> Indices:
-        """Return in which row of the motion the robot is when each error of a signal arises, (n,)."""
+        """Return the row of the motion at the time of each error of a signal, (n,)."""
         observations = self.segment.observations
         return np.minimum(np.round(self.times[signal] / observations.dt).astype(np.int64), observations.steps)
 
 
 class Batch:
-    """Segments that are predicted together: one call of the observer for all, and errors of all in one array a signal.
+    """Segments that are predicted together: one call of the observer, and one error array per signal.
 
-    Rows of a signal stand segment by segment; `ends[name]` (K + 1,) tells where those of each of K segments end.
-    White errors, of all signals, stand segment by segment and signal by signal: there those of a signal begin at the
-    rows `at[name]` (K,), of `rows` in all.
+    Rows of a signal stand segment by segment; `ends[name]` (K + 1,) are the ends of each of K segments. White errors,
+    of all signals, stand segment by segment and signal by signal: there those of a signal begin at the rows `at[name]`
+    (K,), of `rows` in all.
     """
 
     def __init__(self, predictors: Sequence[Predictor]) -> None:
@@ -102,11 +102,11 @@ class Batch:
             return self.joined([batch.errors(observer) for batch in self._of_one_kind])
         innovations = observer.observe_all(self._drives)
         east, north = innovations.pose[:, 0], innovations.pose[:, 1]
-        with np.errstate(invalid="ignore"):  # a candidate that makes no sense may lose its way altogether
+        with np.errstate(invalid="ignore"):  # an absurd candidate may diverge
             forward, sideways = self._cosine * east + self._sine * north, self._cosine * north - self._sine * east
         of = {"yaw_rate": innovations.gyro, "forward": forward, "sideways": sideways, "heading": innovations.pose[:, 2]}
         for name in POSE_SIGNALS:
-            of[name][self._restarts] = 0.0  # nothing before such a pose tells of it
+            of[name][self._restarts] = 0.0  # earlier errors do not predict such a pose
         for side, name in enumerate(WHEELS):
             of[name] = innovations.wheel[self._used[name], side]
         return Errors({name: of[name] for name in self.signals}, innovations.motion)
@@ -132,7 +132,7 @@ class Batch:
         ]
 
     def joined(self, errors: Sequence[Errors]) -> Errors:
-        """Return the errors of all segments, or of parts of the batch one after another, as those of one batch."""
+        """Concatenate the errors of all segments, or of parts of the batch, to those of one batch."""
         if len(errors) == 1:
             return errors[0]
         of = {name: np.concatenate([one.of[name] for one in errors if name in one.of]) for name in self.signals}
@@ -140,7 +140,7 @@ class Batch:
 
     @cached_property
     def before_poses(self) -> dict[str, Indices]:
-        """In which rows the errors of each signal end that arise before each pose, (poses,)."""
+        """The end rows, by signal, of the errors before each pose, (poses,)."""
         result = {}
         for name in self.signals:
             rows = [np.empty(0, np.int64)]
@@ -152,12 +152,12 @@ class Batch:
 
     @property
     def dt(self) -> float:
-        """The step of the segments' raster [s]."""
+        """The step of the segments' time grid [s]."""
         return self.predictors[0].segment.observations.dt
 
     @cached_property
     def motion_rows(self) -> dict[str, Indices]:
-        """In which row of the motion the robot is when each error of a signal arises, (n,) by signal."""
+        """The row of the motion at the time of each error, (n,) by signal."""
         return {
             name: np.concatenate(
                 [one.motion_rows(name) + self.borders[k] for k, one in enumerate(self.predictors) if name in one.times]
@@ -166,19 +166,19 @@ class Batch:
         }
 
     def white_rows(self, name: str) -> list[slice]:
-        """Return in which rows of the white errors those of a signal stand, segment by segment."""
+        """Return the rows of a signal in the white errors, segment by segment."""
         counts = np.diff(self.ends[name])
         return [slice(int(at), int(at + count)) for at, count in zip(self.at[name], counts, strict=True)]
 
     @cached_property
     def _of_one_kind(self) -> list["Batch"]:
-        """The batch in parts that have commands, or have none."""
+        """The batch split into segments with and without commands."""
         kinds = [list(group) for _, group in groupby(self.predictors, lambda p: len(p.segment.observations.given) > 0)]
         return [self] if len(kinds) == 1 else [Batch(group) for group in kinds]
 
     @cached_property
     def borders(self) -> Indices:
-        """Where the rows of the motion of each segment end, (K + 1,), with 0 before."""
+        """The ends of each segment's rows of motion, (K + 1,), starting with 0."""
         return ends_of([one.segment.observations.steps + 1 for one in self.predictors])
 
     @cached_property

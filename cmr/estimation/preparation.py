@@ -1,4 +1,4 @@
-"""Make recordings ready for the search: on the observer's raster, with the paper's model fitted."""
+"""Prepare recordings for the search: put them on the observer's time grid and fit the paper's model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,13 +24,13 @@ from cmr.recordings.faults.findings import Finding
 
 THINNED = "More was recorded than the estimate needs; it uses {shares}."
 GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
-# Parameters of effects that no fit has: they are looked for in what is left, whether the robot is known to have them
-# or not.
+# Parameters of effects that are never fitted: they are estimated from the residuals, whether given or not.
 ACTING_BY_CHANCE = tuple(parameter.name for name in (*RANDOM, *SENSED) for parameter in CATALOGUE[name].parameters)
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
-# Beyond this share a base width is not known. With turns it is known ten times as well, straight on half as well.
+# With a larger relative uncertainty the base width counts as unknown. Drives with turns are ten times better, straight
+# ones two times worse.
 LARGEST_DOUBT = 0.05
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
 HARDLY_TURNED = "The robot hardly turned: its turns determine the base width to {doubt:.0f} % only."
@@ -38,8 +38,8 @@ TURNS = "Record a drive with turns: figure-eights, or circles in both directions
 WITHOUT_WIDTH = "No wheels were recorded (MOTOR_FEEDBACK_N): give base_width, nearly, by --parameters."
 WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing shows how the motors follow them: "
 
-WORST_FACTOR = 3.0  # of the wheels' way to that of the poses; beyond it, or under one over it, one of them is wrong
-SHORTEST_WAY = 0.3  # m; root of the sum of squares of the ways of each second
+WORST_FACTOR = 3.0  # ratio of the distances of wheels and poses; beyond it, or below its inverse, one of them is wrong
+SHORTEST_WAY = 0.3  # m; root of the sum of squared distances per second
 CONTRADICTION = (
     "The wheels turn {factor:.3g} times as far as the poses say: check wheel_radius ({radius:g} m), the encoder's "
     "ticks per turn, and the poses (m, rad, y to the left)."
@@ -48,11 +48,11 @@ CONTRADICTION = (
 
 @dataclass(frozen=True)
 class Ready:
-    """Recordings ready to be searched, with the paper's model fitted; or `refused`, a sentence that says why not.
+    """Prepared recordings with the paper's model fitted, or `refused`, a sentence on why not.
 
-    `start` are values of the paper's parameters, by name, that free runs support. `unknown` names those of which
-    neither the recordings nor the nominal parameters say anything: their values mean nothing. `untold` says, by name,
-    why the recordings do not determine a parameter of the paper.
+    `start` are values of the paper's parameters, by name, that free runs support. `unknown` names parameters in neither
+    the recordings nor the nominal parameters: their values are meaningless. `untold` gives, by name, the reason why the
+    recordings do not determine one of the paper's parameters.
     """
 
     problem: Problem | None
@@ -70,12 +70,12 @@ class Ready:
         return self.base is not None and not set(MOTOR) & set(self.base.names)
 
     def with_gains(self, gains: Gains) -> tuple[Problem, Fit]:
-        """Return the same problem for an observer with other gains, and the paper's model fitted by it."""
+        """Return the same problem with other observer gains, and the paper's model fitted with them."""
         assert self.problem is not None
         return self._fitted(Problem(self.problem.predictors, gains, self.problem.excitation))
 
     def part(self, seconds: float) -> "Ready":
-        """Return a part of the recordings, that lasts so long."""
+        """Return a part of the recordings of this duration [s]."""
         assert self.problem is not None
         segments = part_of([predictor.segment for predictor in self.problem.predictors], seconds)
         problem, base = self._fitted(Problem(predictors(segments), self.problem.gains, self.problem.excitation))
@@ -88,13 +88,13 @@ class Ready:
 
 
 def _first_fit(problem: Problem, start: Mapping[str, float], names: Sequence[str], errors: Sequence[Errors]) -> Fit:
-    """Return the paper's model fitted from its start, at which the `errors` are, before anything is known of noise."""
+    """Fit the paper's model from `start` and its `errors`, before the noise is known."""
     return problem.fit(start, tuple(names), Noise.plain(problem.predictors, errors), renew=0)
 
 
 @dataclass
 class _Start:
-    """Where the fit begins: values by name, of which `names` are free and those of `unknown` mean nothing."""
+    """The start of the fit: values by name, of which `names` are free and those of `unknown` meaningless."""
 
     values: dict[str, float]
     names: tuple[str, ...] = ()
@@ -107,9 +107,9 @@ class _Start:
 def prepare(
     looked: Sequence[Checked], nominal: ParameterFile, *, departing: bool = False, shortest: float = SHORTEST
 ) -> Ready:
-    """Fit the paper's model to those recordings that are of use, at least `shortest` [s] in all.
+    """Fit the paper's model to the usable recordings, at least `shortest` [s] in all.
 
-    If `departing`, the model has the effects of the `nominal` robot, which are not fitted, and the fit begins with it.
+    With `departing`, the model includes the effects of the `nominal` robot, not fitted, and the fit begins from it.
     """
     checks, notes, refused = findings_of(looked), notes_of(looked), refusal(looked, shortest)
     if refused:
@@ -141,9 +141,9 @@ def prepare(
 
 
 def _contradiction(ready: Sequence[Predictor], radius: float) -> str:
-    """Return a sentence where wheels and poses report ways that cannot both be true; empty if they can.
+    """Return a sentence if the distances of wheels and poses contradict each other; otherwise empty.
 
-    Ways are those of each second: noise of the poses adds little to them, and a heading that drifts nothing.
+    Distances are per second: pose noise adds little to them, and heading drift nothing.
     """
     by_wheels, by_poses = 0.0, 0.0
     for one in (predictor.segment.observations for predictor in ready):
@@ -160,7 +160,7 @@ def _contradiction(ready: Sequence[Predictor], radius: float) -> str:
 
 
 def given_effects(robot: ParameterFile) -> dict[str, float]:
-    """Return the parameters, by name, of the effects that a robot has; without those that no fit has."""
+    """Return the parameters, by name, of the effects that a robot has; without those that are never fitted."""
     values = {name: value.value for name, value in robot.values.items() if name not in (*PAPER, *GIVEN)}
     for effect in CATALOGUE.values():
         if effect.is_on(values):
@@ -171,9 +171,9 @@ def given_effects(robot: ParameterFile) -> dict[str, float]:
 
 
 def _start(ready: Sequence[Predictor], nominal: ParameterFile, departing: bool) -> _Start:
-    """Return where the fit begins, and what is to be fitted: what the recordings determine.
+    """Return the start of the fit and the parameters to fit, which the recordings must determine.
 
-    Under which circumstances effects act is given, like the wheel radius, which `nominal` must have.
+    The conditions of given effects are kept, like the wheel radius, which `nominal` must contain.
     """
     given = (parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
     from_nominal = ("wheel_radius", *given)
@@ -198,7 +198,7 @@ def _start(ready: Sequence[Predictor], nominal: ParameterFile, departing: bool) 
 
 
 def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile) -> None:
-    """Add the base width; where the turns do not determine it, the nominal one, which is not fitted."""
+    """Add the base width; if turns do not determine it, use the nominal one, not fitted."""
     width = guess_base_width(ready, start.values["wheel_radius"])
     if not any(len(predictor.segment.observations.wheel_time) for predictor in ready):
         if nominal.has("base_width"):  # the poses determine it, beside how the motors follow commands
@@ -221,7 +221,7 @@ def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile
 
 
 def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
-    """Add the motors' parameters as they are given; else those of a typical robot, which stand for nothing."""
+    """Add the given motor parameters, or those of a typical robot as meaningless placeholders."""
     names = " and ".join(MOTOR)
     start.untold |= dict.fromkeys(MOTOR, "No motor commands were recorded.")
     if nominal.has(*MOTOR):
@@ -234,13 +234,13 @@ def _add_nominal_motor(start: _Start, nominal: ParameterFile) -> None:
 
 
 def _poses_late(looked: Sequence[Checked]) -> float:
-    """Return by how much [s] the poses are stamped late by the checks of their clocks, 0 where they say nothing."""
+    """Return the latency of the poses [s] according to the clock checks, 0 if unknown."""
     lags = [one.findings.lag("poses") for one in looked if not one.useless and not one.note]
     return float(np.median([lag.seconds for lag in lags if lag] or [0.0]))
 
 
 def _excitation(ready: Sequence[Predictor], values: dict[str, float], errors: Sequence[Errors]) -> Excitation:
-    """Return how fast the robot turned, how far it went, and how often its pose was reported."""
+    """Return the excitation: how fast the robot turned, how far it went, and how often its pose was reported."""
     motions = [error.motion for error in errors]
     rates = [np.abs(motion[:, MOTION.index("yaw_rate")]) for motion in motions]
     fast = np.concatenate([rate[rate > TURNING] for rate in rates])

@@ -37,7 +37,7 @@ LARGE = 4.0  # standard deviations from which an error counts less than its squa
 X, Y = MOTION.index("x"), MOTION.index("y")
 SAME_POSE, NEARLY_SAME_POSE, MOST_ALIKE = 1e-6, 0.05, 0.8  # m and rad; share of the pieces
 SEVERAL, COMING = 3, 0.2  # pieces; rad/s of a wheel of a robot that does not stand still
-EDGE = 0.06  # of the way: a change that is to be named happens between this and the rest
+EDGE = 0.06  # of the wheels' rotation: a nameable change happens between this and the remainder
 QUICK_STEPS = 5  # of models fitted side by side,
 PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
 MORE_STEPS, MUCH_PROMISED = 6, 0.05  # further ones, where the next one promises this share of the best one's drop
@@ -45,7 +45,7 @@ FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best on
 
 
 class Problem:
-    """Recordings to be explained, and what is known of their noise.
+    """An estimation problem: recordings, and their noise.
 
     `one_step`: errors are one-step prediction errors, whitened by their past, not those of free runs.
     """
@@ -61,7 +61,7 @@ class Problem:
         self._latest: tuple[Mapping[str, float], Errors] | None = None  # single candidate observed, its errors
 
     def part(self, rows: Mask) -> "Problem":
-        """Return the problem in which only the errors count at which `rows` (n,), over all errors, is true."""
+        """Return the problem restricted to the errors where `rows` (n,), over all errors, is true."""
         result = copy(self)
         result._counted = rows
         return result
@@ -71,9 +71,9 @@ class Problem:
         return self.batch.split(self.joint_errors(values))
 
     def joint_errors(self, values: Mapping[str, Quantity]) -> Errors:
-        """Return the prediction errors in all segments of the batch; not to be written over for a single candidate.
+        """Return the prediction errors in all segments of the batch; read-only for a single candidate.
 
-        One by one, the same candidate is often asked for again: judged first, then made the basis of what comes next.
+        A single candidate is often evaluated again: first judged, then used as the next base.
         """
         if any(np.asarray(value).size > 1 for value in values.values()):
             return self._observed(values)
@@ -86,13 +86,15 @@ class Problem:
         return self.batch.told_once(self.batch.errors(Observer(values, self.gains)), self.gains)
 
     def white(self, values: Mapping[str, Quantity], noise: Noise) -> Floats:
-        """Return all prediction errors made white and tempered, shape (n, C)."""
+        """Return all prediction errors, whitened and tempered, shape (n, C)."""
         white = self._counted_white(self.joint_errors(values), noise)
         temper(white.reshape(-1), LARGE)
         return white
 
     def squares(self, sets: Sequence[Mapping[str, float]], noise: Noise) -> Floats:
-        """Return the sum of squared white errors with each of several sets of values; infinite where nothing holds."""
+        """Return the sum of squared white errors with each of several sets of values; infinite if the model is
+        invalid.
+        """
         return sums_of_squares(self.white(lanes_of(sets), noise))
 
     def made_white(self, errors: Sequence[Errors], noise: Noise) -> Floats:
@@ -112,7 +114,7 @@ class Problem:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that may show: without commands, not those of the motors."""
+        """The effects that can be detected: without commands, not those of the motors."""
         rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
         effects = effects_of_rolling(self.excitation.laws) if rolls else self.possible
         hidden = (*self.as_the_delay, *(OF_ONE_FRAME if self._set_to_one_pose else ()))
@@ -120,7 +122,7 @@ class Problem:
 
     @cached_property
     def as_the_delay(self) -> tuple[str, ...]:
-        """The effects that are the same as command_delay to these sensors, as wheels, or a gyro, are missing."""
+        """The effects that these sensors cannot distinguish from command_delay, because wheels or gyro are missing."""
         read = {name for predictor in self.predictors for name in predictor.times}
         if any(len(predictor.segment.observations.given) for predictor in self.predictors) or read & {*WHEELS}:
             return ()
@@ -130,7 +132,7 @@ class Problem:
     def _set_to_one_pose(self) -> bool:
         """Whether the poses are those of pieces that each begin at the same pose: in a frame of its own.
 
-        Poses are exactly the same only if they are set; those of a robot that comes along are set if nearly the same.
+        Exactly equal poses must have been set; nearly equal ones count as set if the robot was moving.
         """
         observations = [predictor.segment.observations for predictor in self.predictors]
         segments = [predictor.segment for predictor in self.predictors if len(predictor.segment.observations.pose)]
@@ -144,9 +146,9 @@ class Problem:
 
     @cached_property
     def possible(self) -> tuple[Effect, ...]:
-        """The effects of the catalogue that may show with commands of the kind that the robot takes.
+        """The effects of the catalogue that are possible with the robot's kind of commands.
 
-        Of laws only those that the robot is said to have: others came with other robots.
+        Only laws of the given robot are included: others belong to other robots.
         """
         kinds = {predictor.segment.observations.kind for predictor in self.predictors}
         known = (effect for name, effect in CATALOGUE.items() if name not in LAWS or name in self.excitation.laws)
@@ -154,7 +156,7 @@ class Problem:
 
     @cached_property
     def seed(self) -> int:
-        """A seed of random numbers that is the recordings' own: the same on every computer."""
+        """A random seed derived from the recordings, the same on every computer."""
         angles = [np.ascontiguousarray(predictor.segment.observations.wheel) for predictor in self.predictors]
         return zlib.crc32(b"".join(angle.tobytes() for angle in angles))
 
@@ -165,7 +167,7 @@ class Problem:
 
     @cached_property
     def moving(self) -> tuple[float, float]:
-        """When the robot has turned its wheels by EDGE, and by all but EDGE, of all that it turns them [s]."""
+        """The times [s] at which the wheels have made EDGE, and all but EDGE, of their total rotation."""
         spans = []
         for predictor in self.predictors:
             observations = predictor.segment.observations
@@ -186,7 +188,7 @@ class Problem:
         return np.concatenate([np.full(count, name in signals) for name, count in times])
 
     def rows(self, errors: Sequence[Errors]) -> Floats:
-        """Return when [s] and where [m] each white error arises, shape (n, 3): time, x, y."""
+        """Return time [s] and position [m] of each white error, shape (n, 3): time, x, y."""
         parts = []
         for predictor, error in zip(self.predictors, errors, strict=True):
             for name, times in predictor.times.items():
@@ -197,9 +199,9 @@ class Problem:
         return np.concatenate(parts)
 
     def masked(self, changes: Sequence[Errors], masks: Mapping[int, Mask]) -> list[Errors]:
-        """Let some candidates, by column, change errors only where a mask (n,) over all errors is true.
+        """Zero the changes of some candidates, by column, where a mask (n,) over all errors is false.
 
-        The changes are large, and so are written over.
+        The changes are large and modified in place.
         """
         begin = 0
         for predictor, one in zip(self.predictors, changes, strict=True):
@@ -211,7 +213,7 @@ class Problem:
         return list(changes)
 
     def found(self, errors: Sequence[Errors]) -> Noise:
-        """Return the noise that the errors of the first candidate in each segment show."""
+        """Estimate the noise from the errors of the first candidate in each segment."""
         return Noise.found(self.batch, self.batch.joined(errors))
 
     def fit(self, values: Mapping[str, float], names: Sequence[str], noise: Noise, renew: int = 1) -> Fit:
@@ -233,7 +235,7 @@ class Problem:
         return self, fit
 
     def doubts(self, fit: Fit) -> dict[str, float]:
-        """Return what is to be added to standard deviations of a fit, by name: nothing where errors are white."""
+        """Return additional standard deviations of a fit, by name; none if errors are white."""
         return dict.fromkeys(fit.names, 0.0)
 
     def renewed(self, fit: Fit, noise: Noise) -> Fit:
@@ -245,7 +247,9 @@ class Problem:
         return self.fits([(values, fit.names) for values in starts], fit.noise)
 
     def without(self, fit: Fit, effects: Sequence[Sequence[Effect]]) -> list[Fit]:
-        """Return the fit without some effects, and without others, ...; to first order, what stays is fitted again."""
+        """Return the fit without some effects, and without others, ...; the remaining parameters are refitted to first
+        order.
+        """
         own = [{parameter.name for effect in some for parameter in effect.parameters} for some in effects]
         sets = [self.excitation.without(fit.values, names) for names in own]
         white = self.white(lanes_of(sets), fit.noise)
@@ -258,7 +262,7 @@ class Problem:
         return self._answered([linear(values, names, self.excitation, stride)], noise)[0]
 
     def _answered(self, askings: Sequence[Asking[T]], noise: Noise) -> list[T]:
-        """Give all that ask the white errors they ask for, until each has come to its result."""
+        """Run several fits side by side, evaluating their requests together, until each has returned its result."""
         asked = {number: next(asking) for number, asking in enumerate(askings)}
         results: dict[int, T] = {}
         while asked:
@@ -277,8 +281,8 @@ class Problem:
     ) -> list[tuple[dict[str, float], float]]:
         """Fit several models at once: the free parameters of `base` and, in each, some `names` of its own.
 
-        `starts` are the values that each model's own parameters begin with. What the base's parameters do is taken
-        from its fit. Returns each model's values and its sum of squared white errors.
+        `starts` are the values that each model's own parameters begin with. The slopes of the base's parameters are
+        taken from its fit. Returns each model's values and its sum of squared white errors.
         """
         courses = [
             _Course({**base.values, **start}, (*base.names, *own), tuple(own), self.excitation)
@@ -300,17 +304,17 @@ class Problem:
 
 
 def _refitted(fit: Fit, values: Mapping[str, float], gone: Collection[str], rest: Floats) -> Fit:
-    """Return the fit at values that lack parameters `gone`, moved to where its slopes leave least of `rest`."""
+    """Return the fit without the parameters `gone`, moved along its slopes to the least squares of `rest`."""
     kept = [index for index, name in enumerate(fit.names) if name not in gone]
     names, slopes = tuple(fit.names[index] for index in kept), np.ascontiguousarray(fit.slopes[:, kept])
-    if not np.isfinite(rest).all():  # a robot without these effects would lose its way altogether
+    if not np.isfinite(rest).all():  # the model without these effects diverges
         return Fit(values, names, rest, slopes, fit.noise)
     step = newton_steps(slopes, rest, DAMPINGS[:1], room(values, names))[0]
     return Fit(moved(values, names, step), names, rest + slopes @ step, slopes, fit.noise)
 
 
 class _Course:
-    """How one of several models, fitted side by side, comes on; `own` are its parameters beside those of the base."""
+    """The progress of one of several models fitted side by side; `own` are its parameters besides the base's."""
 
     def __init__(
         self, start: dict[str, float], free: Sequence[str], own: Sequence[str], excitation: Excitation
@@ -321,9 +325,10 @@ class _Course:
         self._step, self._pace, self._rounds = np.zeros(len(free)), 1.0, 0
 
     def open(self, base: float, leader: float, least: float) -> bool:
-        """Return whether more steps may matter: the next promises at least so much, and the best one is not far ahead.
+        """Return whether more steps may matter: the next predicts a reduction of at least `least`, and the best model
+        is not far ahead.
 
-        `base` and `leader` are the sums of squares without it and at best.
+        `base` and `leader` are the sums of squares of the base and of the best model.
         """
         late = self._rounds >= FAIR_ROUNDS and base - self.squares + self.promised < FAR_BEHIND * (base - leader)
         return self.promised > max(least, PROMISED_BESIDE) and not late
@@ -333,7 +338,7 @@ class _Course:
         return [self.candidate, *one_by_one(self.candidate, self.own, moves)]
 
     def go_on(self, rest: Floats, slopes: Floats, base: Floats) -> None:
-        """Go a step on from white errors (n,), slopes (n, p) of the own parameters, and those of the base."""
+        """Take a step from white errors (n,), slopes (n, p) of the own parameters, and those of the base."""
         self._rounds += 1
         squares = float(rest @ rest)
         if squares < self.squares:
@@ -350,7 +355,9 @@ class _Course:
 
 
 def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str], excitation: Excitation) -> dict[str, float]:
-    """Return the values with the effect of parameters `names` made smaller: what it began with made no sense."""
+    """Return the values with the effect of parameters `names` made smaller, because the model was invalid at its
+    start.
+    """
     result = dict(values)
     for known in (definition(name) for name in names):
         neutral = excitation.neutral(known.name)
@@ -360,9 +367,9 @@ def nearer_to_neutral(values: Mapping[str, float], names: Sequence[str], excitat
 
 
 def tempered(white: Floats) -> Floats:
-    """Return white errors (n, C) whose squares grow like Huber's loss, so that no single moment decides.
+    """Return white errors (n, C) whose squares grow like Huber's loss, so that outliers do not dominate.
 
-    A wheel that starts half a step earlier than predicted makes errors of a hundred standard deviations for a moment.
+    A wheel that starts half a step early causes errors of a hundred standard deviations for an instant.
     """
     result = np.array(white)
     temper(result.reshape(-1), LARGE)
@@ -371,7 +378,7 @@ def tempered(white: Floats) -> Floats:
 
 @compiled("void(f8[::1], f8)")
 def temper(white, largest):  # type: ignore[no-untyped-def]
-    """Let what is larger than `largest` grow with its root only."""
+    """Let errors above `largest` grow only with their square root."""
     for index in range(len(white)):
         size = abs(white[index])
         if size > largest:

@@ -6,9 +6,9 @@ V. A. Hajivassiliou et al., J. Econometrics 72, 1996). It is accepted by the rat
 sizes of all signs are integrated out, times how likely possible signs were as the sizes were drawn (Metropolis and
 Hastings: that is the ratio of the target and the density of the draw).
 
-Sets that explain each other's traces lie far apart. So several walks go side by side, each believing the data less than
-the one before, and exchange their sets (parallel tempering; C. J. Geyer, Markov chain Monte Carlo maximum likelihood,
-Computing Science and Statistics 23, 1991). Only the first one counts.
+Sets that imitate each other are far apart. So several walks run in parallel, each with a smaller power of the
+likelihood than the one before, and exchange their sets (parallel tempering; C. J. Geyer, Markov chain Monte Carlo
+maximum likelihood, Computing Science and Statistics 23, 1991). Only the first one counts.
 """
 
 from math import erfc
@@ -19,15 +19,15 @@ from cmr.model.compiled import compiled, inlined
 from cmr.recordings.signal import Floats, Mask
 
 BELIEFS = (1.0, 0.5, 0.25, 0.1)  # power of the likelihood in each walk
-MOST_ON = 40  # sizes at once
-RESEMBLING = 4  # of each effect: those whose changes are most like its own
+MOST_ON = 40  # largest number of sizes in a set
+RESEMBLING = 4  # number of most similar effects that can be exchanged with each effect
 BURN_IN = 0.2  # of the steps
-FAR = -30.0  # standard deviations beyond which a normal's tail is known to a part in a thousand by its first term
+FAR = -30.0  # standard deviations beyond which the first term of a normal's tail is accurate to 1e-3
 Indices = np.typing.NDArray[np.int64]
 
 
 def neighbours(normal: Floats, groups: Indices) -> Indices:
-    """Return pairs of effects (e, 2) that resemble each other most, by the products of what their sizes change."""
+    """Return the most similar pairs of effects (e, 2), by the products of their traces."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     alike = np.abs(normal) / np.outer(scale, scale)
     count = int(groups.max()) + 1 if len(groups) else 0
@@ -42,7 +42,8 @@ def neighbours(normal: Floats, groups: Indices) -> Indices:
 def walk(
     normal: Floats, pull: Floats, groups: Indices, one_sided: Mask, odds: Floats, begin: Mask, steps: int, seed: int
 ) -> tuple[Floats, Floats, Floats, Mask]:
-    """Return means (p,) and mean products (p, p) of the sizes, how often each effect (e,) is on, and the likeliest set.
+    """Sample sets; return means (p,) and mean products (p, p) of sizes, each effect's frequency (e,), and the likeliest
+    set.
 
     The log-likelihood of sizes s is -s' `normal` s / 2 - `pull`' s; their prior is normal with variance 1, one half of
     it where `one_sided` (p,). `groups` (p,) says to which effect each size belongs, `odds` (e,) the logarithm of the
@@ -94,9 +95,9 @@ def _probability(belief, normal, pull, one_sided, odds, state, on, count, factor
 
 @compiled("f8(f8, u1[::1], i8[::1], i8, f8[:, ::1], f8[::1], f8[::1])")
 def _drawn(least, one_sided, on, count, factor, solved, drawn):  # type: ignore[no-untyped-def]
-    """Draw the sizes of a set from their posterior; return the log of how likely signs were that are possible.
+    """Draw the sizes of a set from their posterior; return the log probability that their signs are possible.
 
-    Below `least` the set is rejected, whatever the sizes that are not drawn yet.
+    Below `least` the set is rejected whatever the remaining sizes.
     """
     total = 0.0
     for i in range(count - 1, -1, -1):
@@ -116,9 +117,9 @@ def _drawn(least, one_sided, on, count, factor, solved, drawn):  # type: ignore[
 
 @inlined
 def _drawn_at(least, belief, normal, pull, groups, one_sided, odds, state, on, factor, solved, drawn):  # type: ignore[no-untyped-def]
-    """Draw the sizes of a set; return the log of its probability, for how likely signs were, and how many sizes.
+    """Draw the sizes of a set; return the log of its probability, corrected for the signs, and the number of sizes.
 
-    Signs only make it less: what is below `least` without them, or with some, is rejected, and its sizes are not drawn.
+    Signs only reduce it, so a set already below `least` is rejected without drawing its sizes.
     """
     count = _switched_on(state, groups, on)
     total = _probability(belief, normal, pull, one_sided, odds, state, on, count, factor, solved)
@@ -152,7 +153,7 @@ def _positive(mean):  # type: ignore[no-untyped-def]
 
 @inlined
 def _copy(state, to):  # type: ignore[no-untyped-def]
-    """Copy a set: a slice that is assigned takes seconds to compile."""
+    """Copy a set by loops: slice assignment takes seconds to compile."""
     for effect in range(len(state)):
         to[effect] = state[effect]
 
@@ -207,7 +208,7 @@ def _walk(  # type: ignore[no-untyped-def]
     """Walk; see `walk`, whose means are sums here. `states` are the sets that each walk begins with."""
     np.random.seed(seed)
     walks, effects, sizes = len(beliefs), states.shape[1], np.zeros(len(pull))
-    here = np.full(walks, -np.inf)  # where a walk begins is accepted
+    here = np.full(walks, -np.inf)  # the start of a walk is always accepted
     on, drawn = np.empty(MOST_ON, np.int64), np.empty(MOST_ON)
     factor, solved = np.empty((MOST_ON, MOST_ON)), np.empty(MOST_ON)
     tried, settled, highest = np.empty(effects, np.uint8), int(BURN_IN * steps), -np.inf

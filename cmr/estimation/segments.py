@@ -1,4 +1,4 @@
-"""Recordings on the observer's raster: what was sent, what was observations, and how well each reading is known."""
+"""Segments of recordings on the observer's time grid: commands, observations, and the uncertainty of each reading."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,33 +14,33 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 from cmr.recordings.wheel_angles import wheel_angles
 
-STEP = 0.01  # s of the raster
-LONGEST_SILENCE = 1.0  # s; over a longer gap of commands, or of wheels, nothing is predicted
-# s, and so many times the usual interval, without feedback that tells the duties: the driver may have stopped the
-# motors meanwhile, and nothing is predicted over it.
+STEP = 0.01  # s; step of the time grid
+LONGEST_SILENCE = 1.0  # s; no prediction across a longer gap in commands or wheels
+# s, and multiple of the usual interval, without feedback on duties: the driver may have stopped the motors meanwhile,
+# so there is no prediction across the gap.
 LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS = 0.05, 5.0
-LONGEST_POSE_GAP = 1.0  # s; the pose that comes after it is a new beginning
+LONGEST_POSE_GAP = 1.0  # s; the path restarts at the next pose
 SHORTEST_PIECE = 1.0  # s
-# s before anything happens and after it that are used: they tell the gyro's bias as well as its drift lets.
+# s of standstill used before and after motion: enough to determine the gyro's bias as well as its drift allows.
 LONGEST_STAND = 10.0
-EARLIER = 2.0  # s; commands as old as this may still be in force, or under way, when a segment begins
+EARLIER = 2.0  # s; commands of this age may still be in force, or delayed, when a segment begins
 LONGEST_REST = 0.1  # s without an edge after which a standing wheel's angle counts as a reading again
-# The noise that ticks may leave, as a share of how fast the wheels turn against each other; s of averaging at most.
+# Allowed quantisation noise, as a share of the difference of wheel speeds; s of averaging at most.
 NOISY, LONGEST_MEAN = 0.045, 0.05
 SIDES = ("left", "right")
 ANGLES = ("angle_left", "angle_right")  # fields of wheels in this module
-UNIFORM = 12.0**-0.5  # standard deviation of what is spread evenly over 1
+UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution of width 1
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of a recording without gaps, as the observer takes it.
+    """A part of a recording without gaps, as input of the observer.
 
-    `wheel_doubt` [rad], shape (W, 2), is the standard deviation that the encoder's ticks leave of each reading;
-    `tick` [rad] their size, 0 where there are none. `first` [us] is the time of the grid's beginning, `recording` the
-    number of the recording to which it belongs, `piece` that of the recording's piece in which it lies. `piece_pose`
-    (x, y, theta) [m, m, rad] is the first pose of that piece, which may have come before the commands. `rolled`,
-    shape (steps, 2), is how fast [rad/s] the wheels turned by their encoders; empty without them.
+    `wheel_doubt` [rad], shape (W, 2), is the standard deviation of each reading due to encoder quantisation; `tick`
+    [rad] is the tick size, 0 without ticks. `first` [us] is the time of the grid's beginning, `recording` the number of
+    the recording to which it belongs, `piece` that of the recording's piece in which it lies. `piece_pose` (x, y,
+    theta) [m, m, rad] is the first pose of that piece, which may have come before the commands. `rolled`, shape (steps,
+    2), are the wheel speeds [rad/s] from the encoders; empty without them.
     """
 
     observations: Observations
@@ -54,7 +54,7 @@ class Segment:
 
     @property
     def rolling(self) -> "Segment":
-        """The segment as if the robot had rolled as its wheels did, whatever it was commanded."""
+        """The segment with the measured wheel speeds as input instead of commands."""
         return replace(self, observations=replace(self.observations, given=self.rolled))
 
     def with_commands_at(self, time: Floats) -> "Segment":
@@ -64,7 +64,7 @@ class Segment:
 
 
 def continued(segments: Sequence[Segment]) -> list[bool]:
-    """Tell of each segment whether it goes on with the recording of the one before, after a gap."""
+    """Return for each segment whether it continues the previous one's recording after a gap."""
     before = [None, *(one.recording for one in segments[:-1])]
     return [one.recording == last for one, last in zip(segments, before, strict=True)]
 
@@ -72,7 +72,7 @@ def continued(segments: Sequence[Segment]) -> list[bool]:
 def segments_of(recording: Recording, splits: Sequence[int], number: int) -> list[Segment]:
     """Return the parts of a recording between gaps; `splits` [us] are poses at which the path begins again.
 
-    Of a rest without commands at the beginning or at the end only LONGEST_STAND is used.
+    At most LONGEST_STAND of a standstill without commands is used at the beginning and end.
     """
     recording = replace(recording, wheels=_with_angles(recording.wheels))
     sources = [s for s in (recording.duty, recording.wheels) if len(s)] or [s for s in (recording.poses,) if len(s)]
@@ -96,9 +96,9 @@ def segments_of(recording: Recording, splits: Sequence[int], number: int) -> lis
 
 
 def _with_angles(wheels: Signal) -> Signal:
-    """Return the wheels' readings with their angles [rad]: a part of them alone does not say what a tick is.
+    """Return the wheels' readings with their angles [rad]: the tick size cannot be determined from a part of them.
 
-    While a robot drives steadily, coarse speeds beside the counts are too large, or too small, all the time.
+    During steady driving, coarse speeds reported with the counts are biased.
     """
     angles = wheel_angles(wheels) if len(wheels) else (np.empty(0), np.empty(0))
     return replace(wheels, fields={**wheels.fields, **dict(zip(ANGLES, angles, strict=True))})
@@ -113,9 +113,9 @@ def _turned(wheels: Signal, times: Sequence[int]) -> list[tuple[float, float]]:
 
 
 def _eventful(recording: Recording) -> Times:
-    """Return times [us] between which all motion lies, and all of the motors' work.
+    """Return the times [us] between which the wheels move or the motors are driven.
 
-    Motors that are driven, and do not turn, tell of friction.
+    Driven motors that do not turn are evidence of friction.
     """
     duty = recording.duty
     driven = duty.utime[(duty["left"] != 0.0) | (duty["right"] != 0.0)]
@@ -123,7 +123,7 @@ def _eventful(recording: Recording) -> Times:
 
 
 def _breaks(recording: Recording, sources: Sequence[Signal]) -> list[tuple[int, int]]:
-    """Return first and last moment [us] of each gap over which nothing can be predicted: in order and apart."""
+    """Return start and end [us] of each gap that cannot be predicted across, in order and disjoint."""
     found = [gap for signal in sources for gap in _gaps(signal.utime, LONGEST_SILENCE)]
     if "status" in recording.duty.fields and len(recording.wheels) > 1:
         usual = float(np.median(np.diff(recording.wheels.utime))) * SECONDS
@@ -143,7 +143,7 @@ def _gaps(utime: Times, longest: float) -> list[tuple[int, int]]:
 
 
 def _tick(wheels: Signal) -> float:
-    """Return the size [rad] of the encoders' ticks: of the finer one, 0 where there are no readings."""
+    """Return the size [rad] of the encoders' ticks: of the finer encoder, 0 without readings."""
     if len(wheels) == 0:
         return 0.0
     sizes = [tick_of(wheels[f"angle_{side}"], wheels[f"ticks_{side}"]) for side in SIDES]
@@ -204,7 +204,7 @@ def _first_pose(recording: Recording, piece: int) -> tuple[float, float, float]:
 
 
 def _commands(duty: Signal, first: int, end: int) -> Commands:
-    """Return the commands from `first` to `end` [us], and those before that may still be under way."""
+    """Return the commands from `first` to `end` [us], and earlier ones that may still be delayed."""
     sent = duty.between(first - int(EARLIER / SECONDS), end)
     return Commands(_seconds(sent, first), np.stack([sent["left"], sent["right"]], axis=1))
 
@@ -215,10 +215,10 @@ def _seconds(signal: Signal, first: int) -> Floats:
 
 
 def _readings(wheels: Signal, tick: float) -> tuple[Floats, np.typing.NDArray[np.uint8], Floats]:
-    """Return each reading's angle [rad], whether it tells something, and its doubt [rad], (W, 2).
+    """Return each reading's angle [rad], whether it is informative, and its doubt [rad], (W, 2).
 
-    An encoder that has just moved on has passed the edge of a tick since the reading before. One that says again what
-    it said tells nothing new, but for a wheel that rests: somewhere within the tick.
+    An encoder that has just advanced has passed a tick edge since the previous reading. A repeated count carries no new
+    information, except for a wheel at rest, which is somewhere within the tick.
     """
     if len(wheels) == 0:
         return np.empty((0, 2)), np.empty((0, 2), np.uint8), np.empty((0, 2))
@@ -227,7 +227,7 @@ def _readings(wheels: Signal, tick: float) -> tuple[Floats, np.typing.NDArray[np
     seconds = (wheels.utime - wheels.utime[0]) * SECONDS
     columns = [_side(angle, step, tick, seconds) for angle, step in zip(angles.T, steps.T, strict=True)]
     reading, use, doubt = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
-    # The observer's wheels begin at angle 0, and it sees the first reading.
+    # The observer's wheels begin at angle 0, and the first reading is used.
     return reading - reading[:1], use, doubt
 
 
@@ -246,7 +246,7 @@ def _since_last(marks: Mask, seconds: Floats) -> Floats:
 
 
 def _every(marks: Mask, seconds: Floats, interval: float) -> Mask:
-    """Return one mark of all that fall into the same interval [s]."""
+    """Return the marks, thinned to one per interval [s]."""
     number = np.floor(seconds / interval).astype(np.int64)
     first = np.ones(len(marks), np.bool_)
     first[1:] = number[1:] != number[:-1]
@@ -270,7 +270,7 @@ def _start_speeds(wheels: Signal, first: int) -> tuple[float, float]:
 
 
 def _rolled_of(recording: Recording, first: int, end: int, tick: float, steps: int) -> Floats:
-    """Return how fast the wheels turned [rad/s], (steps, 2), from `first` to `end` [us].
+    """Return the wheel speeds [rad/s], (steps, 2), from `first` to `end` [us].
 
     Readings shortly before and after the segment are used as well, so that its first and last steps are covered.
     """
@@ -285,9 +285,9 @@ def _rolled_of(recording: Recording, first: int, end: int, tick: float, steps: i
 def _rolled(time: Floats, angles: Floats, tick: float, steps: int) -> Floats:
     """Return the mean speed [rad/s] of each wheel, shape (steps, 2), around each step, from `angles` (W, 2) [rad].
 
-    It is the mean over a longer time than the step where ticks would else make it noisy. Noise of what a gyro is
-    compared with makes the gyro's scale too small, by its share of the squared turn rate (regression dilution; W. A.
-    Fuller, Measurement Error Models, 1987, section 1.1).
+    The average is over more than the step if quantisation would make it noisy. Noise in the regressor of a gyro makes
+    the gyro's scale too small, by its share of the squared turn rate (regression dilution; W. A. Fuller, Measurement
+    Error Models, 1987, section 1.1).
     """
 
     def at(times: Floats) -> Floats:

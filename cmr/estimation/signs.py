@@ -1,4 +1,4 @@
-"""Find wires that are crossed: encoders, motors or poses whose signs or sides contradict the commands."""
+"""Detect wiring errors: encoders, motors or poses whose signs or sides contradict the commands."""
 
 from collections.abc import Iterable, Sequence
 
@@ -8,14 +8,15 @@ from cmr.estimation.estimates import EstimationError
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Times, hold
 
-SURE = 0.5  # correlation from which on a sign is believed
+SURE = 0.5  # correlation above which a sign is trusted
 LONGEST_TURN = 1.0  # rad from pose to pose; a larger one may be a jump
 
 
 def require_consistent_signs(recordings: Sequence[Recording]) -> None:
-    """Check which way wheels and poses go against the commands, over all recordings together.
+    """Check the signs of wheels and poses against the commands, over all recordings together.
 
-    Raises EstimationError that names what seems to be crossed. What is not recorded, or hardly varies, is passed.
+    Raises EstimationError naming what seems to be swapped or inverted. Signals that are missing or hardly vary are
+    skipped.
     """
     commanded = [recording for recording in recordings if len(recording.duty)]
     with_wheels = [recording for recording in commanded if len(recording.wheels) > 1]
@@ -43,7 +44,7 @@ def _check_wheels(recordings: list[Recording]) -> None:
 
 
 def _check_turns(recordings: list[Recording]) -> None:
-    """Compare the turns of the poses with those that were commanded."""
+    """Compare the rotation of the poses with that commanded."""
     left, right = _joined(_duties(recording, recording.poses.utime[:-1]) for recording in recordings)
     (theta,) = _joined((np.diff(recording.poses["theta"]),) for recording in recordings)
     turn = np.remainder(theta + np.pi, 2.0 * np.pi) - np.pi
@@ -65,6 +66,6 @@ def _duties(recording: Recording, times: Times) -> tuple[Floats, Floats]:
 
 
 def _agreement(signal: Floats, command: Floats) -> float:
-    """Return the cosine between two signals, from -1 to 1; 0 where one does nothing."""
+    """Return the cosine between two signals, from -1 to 1; 0 if one is zero."""
     size = float(np.linalg.norm(signal) * np.linalg.norm(command))
     return float(np.sum(signal * command)) / size if size > 0.0 else 0.0

@@ -1,11 +1,11 @@
-"""Judge models by the course that things take, not by each moment: for robots that no model describes moment by moment.
+"""Fit models by simulation error (free runs), for robots whose one-step errors are not informative.
 
-Wheels that a controller of their own drives, stick, or rattle make errors from one reading to the next that have little
-to do with what the model lacks. A model that never moves predicts the next reading best, and the robot worst. Here
-the wheels' speeds run freely from the commands on; gyro and pose follow the measured wheels. Errors are not made white
-by their past: each counts as much less as they last (effective sample size; Bayley and Hammersley, J. R. Stat. Soc.
+Wheels that are driven by their own controller, stick, or rattle have one-step errors that are hardly related to errors
+of the model. A model that never moves predicts the next reading best, and the robot worst. Here the wheel speeds are
+simulated freely from the commands; gyro and pose follow the measured wheels. Errors are not whitened by their past;
+instead their weights are reduced for autocorrelation (effective sample size; Bayley and Hammersley, J. R. Stat. Soc.
 Suppl. 8, 1946). They also come in bursts, after commands; standard deviations allow for that by blocks of time (Liang
-and Zeger, Biometrika 73, 1986), and for effects that may be hidden (averaging.py).
+and Zeger, Biometrika 73, 1986), and for undetected effects (averaging.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,16 +26,16 @@ from cmr.model.parameters import Quantity
 from cmr.parameters.file import MOTOR
 from cmr.recordings.signal import Floats, Mask
 
-MEMORY = 0.1  # s after which the angle of a wheel that runs freely has come to its encoder's: what counts is its speed
+MEMORY = 0.1  # s; time constant with which a free-running wheel angle follows its encoder, so that only speed matters
 STILL, TICKS = 0.5, 3.0  # s to either side in which a wheel that stands still turns by no more than so many ticks
-SMALLER = 2  # times a fit's start is tested nearer to none
+SMALLER = 2  # number of smaller start sizes tested per fit
 MOVING = 1e-3  # rad/s
 QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
 PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
 BURST = 3.0  # s; errors of one burst lie within a block, or two
 UNCORRELATED = 0.05  # correlation from which on errors no longer belong together
-FREE_RUN_INFLATION = 1.5  # for how many samples errors count that last is known roughly
-FINEST = 1e-6  # rad, m, rad/s: no sensor is more exact; without noise no fit would ever be close enough
+FREE_RUN_INFLATION = 1.5  # because the effective sample size is only approximate
+FINEST = 1e-6  # rad, m, rad/s: floor of the noise: no sensor is more accurate, and without noise no fit would converge
 
 
 class SimulationErrorProblem(Problem):
@@ -49,7 +49,7 @@ class SimulationErrorProblem(Problem):
         self._free = Gains(min(1.0, interval_of(predictors) / MEMORY), 0.0, gains.position, gains.theta)
 
     def _observed(self, values: Mapping[str, Quantity]) -> Errors:
-        """Return the errors of wheels that run freely, and of gyro and pose beside wheels as they were measured."""
+        """Return the errors of free-running wheels, and of gyro and pose given the measured wheels."""
         sets = _sets(values)
         of_motors = driving_parameters()
         without_motors = [{name: one for name, one in of.items() if name not in of_motors} for of in sets]
@@ -62,9 +62,9 @@ class SimulationErrorProblem(Problem):
         return Errors({name: both[name] for name in self.batch.signals}, rolled.motion)
 
     def one_step_of(self, fit: Fit) -> tuple[Problem, Fit]:
-        """Return the problem of the body's motion beside wheels as they were measured, and the same model fitted there.
+        """Return the problem of the body's motion given the measured wheels, with the same model fitted to it.
 
-        What the motors do is not judged by it.
+        It does not judge the motors.
         """
         body = Problem(self._rolling.predictors, self.gains, self.excitation)
         values = {name: value for name, value in fit.values.items() if name not in driving_parameters()}
@@ -72,9 +72,10 @@ class SimulationErrorProblem(Problem):
         return body, body.fit(values, names, body.found(body.errors(values)))
 
     def found(self, errors: Sequence[Errors]) -> Noise:
-        """Return the noise that the errors of the first candidate in each segment show: how large, and how lasting.
+        """Return the noise that the errors of the first candidate in each segment show: its size and correlation
+        length.
 
-        Both wheels are believed alike: else the one that the model fits worse would soon count for nothing.
+        Both wheels get equal weight; otherwise the one with the worse fit would soon be ignored.
         """
         result: dict[str, SignalNoise] = {}
         for group in (WHEELS, *((name,) for name in SPANS if name not in WHEELS)):
@@ -82,7 +83,7 @@ class SimulationErrorProblem(Problem):
         return Noise(result)
 
     def _group(self, names: Sequence[str], errors: Sequence[Errors]) -> dict[str, SignalNoise]:
-        """Return the noise of signals that are of one size and last alike."""
+        """Return the noise of signals that share size and correlation length."""
         pairs = [(n, p, e) for n in names for p, e in zip(self.predictors, errors, strict=True) if n in p.times]
         if not pairs:
             return {}
@@ -102,16 +103,16 @@ class SimulationErrorProblem(Problem):
         }
 
     def doubts(self, fit: Fit) -> dict[str, float]:
-        """Return what standard deviations lack, by name: errors come in bursts, and effects may be hidden."""
+        """Return additional standard deviations, by name, due to bursts of errors and undetected effects."""
         bursts, hidden = self._bursts(fit), self._hidden(fit)
         return {name: float(np.hypot(bursts[name], hidden[name])) for name in fit.names}
 
     def _hidden(self, fit: Fit) -> dict[str, float]:
-        """Return what effects that were not named leave in doubt of a fit's parameters, by name.
+        """Return the uncertainty of a fit's parameters due to undetected effects, by name.
 
-        A search by steps finds none of several effects that show only together, such as those of a robot whose wheels
-        stick; an average over all does. Of the body, free runs say less than each moment beside wheels as they were
-        measured; the larger doubt is that of both.
+        Stepwise selection misses effects that are visible only together, such as those of sticking wheels; an average
+        over all effects includes them. For the body, free runs are less informative than one-step errors given the
+        measured wheels; the larger uncertainty is used.
         """
         doubts = _left_in_doubt(self, fit, fit, FREE_RUN_INFLATION)
         body, beside = self.one_step_of(fit)
@@ -124,7 +125,7 @@ class SimulationErrorProblem(Problem):
         return doubts
 
     def _bursts(self, fit: Fit) -> dict[str, float]:
-        """Return what standard deviations lack because errors come in bursts, by name."""
+        """Return additional standard deviations due to bursts of errors, by name."""
         blocks = [
             np.stack(
                 [np.full(len(times), p.segment.recording), np.floor((times + p.segment.observations.time) / BURST)],
@@ -145,7 +146,7 @@ class SimulationErrorProblem(Problem):
     def fit_beside(
         self, base: Fit, starts: Sequence[Mapping[str, float]], names: Sequence[Sequence[str]]
     ) -> list[tuple[dict[str, float], float]]:
-        """Fit several models at once; see `Problem`. Each begins with as much of its effect as helps most."""
+        """Fit several models at once; see `Problem`. Each starts with the best of several sizes of its effect."""
         nearer = [[{**base.values, **start} for start in starts]]
         for _ in range(SMALLER):
             pairs = zip(nearer[-1], names, strict=True)
@@ -155,14 +156,14 @@ class SimulationErrorProblem(Problem):
         return super().fit_beside(base, [nearer[step][model] for model, step in enumerate(best)], names)
 
     def base(self, values: Mapping[str, float], names: Sequence[str]) -> Fit:
-        """Fit the paper's model where the wheels turn: it knows of no friction that holds a wheel with a duty on."""
+        """Fit the paper's model where the wheels turn, since it has no friction that holds a driven wheel."""
         turning = self.part(np.concatenate([_turning(p, name) for p in self.predictors for name in p.times]))
         fit = turning.fit(values, names, self.found(self.errors(values)))
         return self.renewed(fit, self.found(self.errors(fit.values)))
 
 
 def _left_in_doubt(problem: Problem, about: Fit, fit: Fit, inflation: float) -> dict[str, float]:
-    """Return what an average about one fit leaves open of another's parameters, with what lies between them."""
+    """Return the uncertainty of one fit's parameters from an average about another, including their difference."""
     named = [effect.name for effect in problem.effects if problem.excitation.departs(effect, about.values)]
     average = averaged(problem, about, inflation, named)
     known = [name for name in fit.names if name in average.names]
@@ -204,7 +205,7 @@ def _observed_once(
 
 
 def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
-    """Return what a signal's errors may grow with, shape (n, 3); a gyro is quiet while nothing moves."""
+    """Return the regressors of a signal's error variance, shape (n, 3); a gyro is quiet while nothing moves."""
     columns = np.zeros((len(predictor.times[name]), 3))
     columns[:, 0] = 1.0
     if name == "yaw_rate":
@@ -218,7 +219,7 @@ def _sizes(name: str, predictor: Predictor, errors: Errors) -> Floats:
 
 
 def _turning(predictor: Predictor, name: str) -> Mask:
-    """Return when a signal is not that of a wheel that stands still, (n,)."""
+    """Return a mask, (n,), that is false while the signal's wheel stands still."""
     observations, times = predictor.segment.observations, predictor.times[name]
     if name not in WHEELS:
         return np.ones(len(times), np.bool_)
@@ -230,7 +231,7 @@ def _turning(predictor: Predictor, name: str) -> Mask:
 
 
 def lasting(errors: Sequence[Floats]) -> float:
-    """Return for how many samples errors, one array (n,) a segment, count as one: at least 1."""
+    """Return how many samples of errors, one array (n,) per segment, count as one: at least 1."""
     longest = max(len(one) for one in errors)
     length = 1 << int(np.ceil(np.log2(2 * longest)))
     spectrum = sum(np.abs(np.fft.rfft(one, length)) ** 2 for one in errors)

@@ -1,9 +1,10 @@
-"""What sizes effects may have: the prior of each, and the posterior where errors are linear in the sizes.
+"""Priors on the sizes of effects, and the posterior for errors that are linear in the sizes.
 
-An effect is present with a prior probability. Its size is then normal about 0 with a share of what is typical, one half
-of that where only one sign is possible (spike and slab; Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988). No robot
-is without a trace of most effects (George and McCulloch, 88, 1993): slip in turns that is too small to be found still
-bends the base width. A trace of either sign is normal; one of a single sign is there or not, like an effect.
+An effect is present with a prior probability. Its size is then normal about 0 with a share of the typical size as
+standard deviation, half-normal if only one sign is possible (spike and slab; Mitchell and Beauchamp, J. Am. Stat.
+Assoc. 83, 1988). Every robot has a trace of most effects (George and McCulloch, 88, 1993): undetectably small slip in
+turns still biases the base width. A trace of either sign is normal; a one-sided trace is present or not, like an
+effect.
 """
 
 from collections.abc import Collection, Sequence
@@ -18,7 +19,7 @@ from cmr.recordings.signal import Floats, Mask
 
 SPREAD = 0.7  # of the typical size: standard deviation of the size of an effect that is present
 TRACE = 0.05  # of the typical size: standard deviation of a trace of either sign
-SMALL, EVEN = 0.1, 0.0  # the same of a trace of one sign, and the logarithm of the odds that there is one
+SMALL, EVEN = 0.1, 0.0  # the same for a one-sided trace, and the log odds of its presence
 
 
 class SizePosterior(NamedTuple):
@@ -33,7 +34,7 @@ class SizePosterior(NamedTuple):
 class Sizes:
     """The sizes (p,) of some effects (e,), in their units, on a robot and a drive.
 
-    No sensor reports what has not happened yet, but for those whose clocks are known to be `ahead`, by parameter.
+    Latencies are not negative, except for parameters `ahead`, whose clocks are known to be ahead.
     """
 
     def __init__(self, effects: Sequence[Effect], excitation: Excitation, ahead: Collection[str] = ()) -> None:
@@ -64,21 +65,21 @@ class Sizes:
         *,
         traces: bool,
     ) -> SizePosterior:
-        """Return what is known of sizes s whose log-likelihood is -s' `normal` s / 2 - `pull`' s.
+        """Return the posterior of sizes s with log-likelihood -s' `normal` s / 2 - `pull`' s.
 
         `slabs` (p,) are the standard deviations of sizes that are present, `odds` (e,) the logarithms of the prior odds
         of the effects, `begin` (e,) those with which walks begin, `seed` that of their random numbers. Without `traces`
-        what is not present is 0.
+        the sizes of absent effects are 0.
         """
         small = np.flatnonzero(self._one_sided & traces)
-        walked = np.append(np.arange(len(slabs)), small)  # to which size each one adds that is walked over
+        walked = np.append(np.arange(len(slabs)), small)  # the size to which each sampled one is added
         scales = np.zeros((len(slabs), len(walked)))
         scales[walked, np.arange(len(walked))] = np.append(slabs, SMALL * self.usual[small])
         groups = np.append(self._effects, len(odds) + np.arange(len(small)))
         one_sided = self._one_sided[walked]
         odds, begin = np.append(odds, np.full(len(small), EVEN)), np.append(begin, np.zeros(len(small), np.bool_))
 
-        # Sizes are those walked over and normal traces; what the data say of the former while the latter are not known:
+        # Sizes are sampled ones plus normal traces; marginalise the likelihood over the traces:
         small_std = np.where(self._one_sided | (not traces), 0.0, TRACE * self.usual)
         scaled = np.eye(len(slabs)) + small_std[:, None] * normal * small_std
         trace = small_std[:, None] * np.linalg.inv(scaled) * small_std
@@ -92,7 +93,7 @@ class Sizes:
 
 
 def _likeliest(on: Mask, normal: Floats, pull: Floats, one_sided: Mask) -> Floats:
-    """Return the likeliest sizes (p,) of those that are on, whose priors are normal with variance 1; of others 0."""
+    """Return the likeliest sizes (p,) of effects that are on, with normal priors of variance 1; 0 for others."""
     result, index = np.zeros(len(on)), np.flatnonzero(on)
     result[index] = np.linalg.solve(normal[np.ix_(index, index)] + np.eye(len(index)), -pull[index])
     result[one_sided] = np.maximum(result[one_sided], 0.0)

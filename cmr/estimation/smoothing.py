@@ -1,4 +1,4 @@
-"""The real pose at a moment, from all that were measured around it: that of a single one is noisy."""
+"""Smooth measured poses: estimate the pose at a time from all measurements around it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from cmr.model.parameters import RobotParameters
 from cmr.model.sensors import pose_seen
 from cmr.recordings.signal import Floats
 
-SMOOTHED = 0.3  # s before and after a moment, whose poses are averaged into the pose at that moment
+SMOOTHED = 0.3  # s before and after a pose that are averaged
 AGO = np.arange(LONGEST_LATENCY, 0.0, -0.05)  # s; of poses before a segment's beginning
 APART = 3.0 * LONGEST_LATENCY  # s between segments laid end to end
 POSE = [MOTION.index(name) for name in ("x", "y", "theta")]
@@ -24,7 +24,7 @@ Values = Mapping[str, float]
 
 
 def smoothed_poses(observations: Sequence[Observations], values: Values) -> list[Floats]:
-    """Return the pose at each moment of a measured one, from all measured within SMOOTHED of it, (P, 3) by segment.
+    """Return a smoothed pose for each measured one, from all within SMOOTHED of it, (P, 3) by segment.
 
     The motion between them is that of the wheels, or else of a free run, as the pose's sensor sees it with the effects
     that it has by these values. Errors of that motion that grow with time cancel between before and after. Headings
@@ -50,14 +50,14 @@ def smoothed_poses(observations: Sequence[Observations], values: Values) -> list
 def _motion(observations: Sequence[Observations], values: Values) -> Floats:
     """Return the poses that the sensor would measure on the wheels' motion, or else on a free run, (P, 3) of all.
 
-    The path of each segment begins at its first pose and strays from there.
+    The path of each segment starts at its first pose and drifts from there.
     """
     parameters = RobotParameters.of(values)
     rolling = all(len(one.wheel) > 1 for one in observations)
     paths = _rolled(observations, parameters) if rolling else [_driven(one, values) for one in observations]
     steps = (np.arange(one.steps + 1, dtype=np.float64) * one.dt for one in observations)
     times = [one.wheel_time for one in observations] if rolling else list(steps)
-    # Segments lie end to end, so far apart that no moment of one is in another.
+    # Segments are laid end to end, with gaps that keep their times apart.
     lengths = [one.seconds + APART for one in observations]
     place = observations[0].time + np.cumsum([0.0, *lengths[:-1]])
     axis = [at + part for at, time in zip(place, times, strict=True) for part in (time[0] - AGO, time)]
@@ -102,9 +102,9 @@ def _driven(observations: Observations, values: Values) -> Floats:
 
 
 def _past(observations: Observations, path: Floats, parameters: RobotParameters) -> Floats:
-    """Return where a path (n, 3) came from at the first wheel speeds: the poses AGO [s], shape (AGO, 3).
+    """Extrapolate a path (n, 3) backwards with the first wheel speeds: the poses AGO [s] before, shape (AGO, 3).
 
-    The first poses of a sensor that is late show the robot before the recording begins.
+    The first poses of a delayed sensor show the robot before the recording begins.
     """
     x, y, theta = path[0]
     left, right = (parameters.wheel_radius * psi for psi in observations.start[3:])
@@ -116,7 +116,7 @@ def _past(observations: Observations, path: Floats, parameters: RobotParameters)
 def _neighbours(observations: Observations, before: int) -> tuple[Indices, Indices]:
     """Return the numbers of the first and the last pose near each, (P,), (P,), `before` of which are those of others.
 
-    None are across a restart of the path.
+    None cross a restart of the path.
     """
     time = observations.pose_time
     restarts = np.flatnonzero(observations.pose_use == RESTART)

@@ -1,8 +1,8 @@
-"""Long drives say more than is needed: of their readings only so many are used, on a coarser raster.
+"""Thin long drives: use fewer readings, on a coarser time grid.
 
-Of a motion that changes within tenths of a second, 50 readings a second say nearly as much as 100: the parameters
-of two minutes are as sure to a few percent, in half the time. Beyond that, memory sets the limit. Steps of 0.02 s move
-the parameters by less than a twentieth of their standard deviations.
+For motion that changes within tenths of a second, 50 readings per second are nearly as informative as 100: standard
+deviations from two minutes differ by a few percent, at half the computing time. Beyond that, memory sets the limit.
+Steps of 0.02 s move the parameters by less than a twentieth of their standard deviations.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 from cmr.estimation.segments import Segment
 from cmr.model.observer.observer import RESTART
 
-ENOUGH = 50_000  # readings, of two minutes at 100 Hz: of more, no sensor's need come faster than in USEFUL
+ENOUGH = 50_000  # readings, of two minutes at 100 Hz: with more, each sensor is reduced to its rate in USEFUL
 # Of half an hour at 100 Hz; some 60 candidates are tested at once, with a few numbers for each reading.
 MOST_READINGS = 650_000
 
 
-LONGER = 2  # steps of the raster that become one,
-SLOW = 25.0  # Hz; also where wheels, or poses without them, are read no faster: two of the longer steps
+LONGER = 2  # steps of the grid merged into one,
+SLOW = 25.0  # Hz; also if wheels, or poses without wheels, are read no faster than every second merged step
 
 
 class PerSensor(NamedTuple):
-    """A number for each sensor: one of so many readings is used, or readings a second [Hz]."""
+    """A number per sensor: every n-th reading is used, or readings per second [Hz]."""
 
     wheels: int
     gyro: int
@@ -33,7 +33,7 @@ class PerSensor(NamedTuple):
 
 
 class Thinning(NamedTuple):
-    """How a long drive is thinned: of the readings of each sensor one in so many is used, and `steps` become one."""
+    """How a long drive is thinned: every n-th reading of each sensor is used, and `steps` steps become one."""
 
     readings: PerSensor
     steps: int = 1
@@ -42,12 +42,12 @@ class Thinning(NamedTuple):
 EVERY_READING = PerSensor(1, 1, 1)
 ALL = Thinning(EVERY_READING)
 USEFUL = PerSensor(50, 50, 25)  # Hz
-NUMBERS = PerSensor(2, 1, 3)  # that each reading holds
-MANY = 10  # segments among which some stand for all
+NUMBERS = PerSensor(2, 1, 3)  # numbers per reading
+MANY = 10  # number of segments from which a subset is representative
 
 
 def thinning_of(segments: Sequence[Segment]) -> Thinning:
-    """Return how segments are to be thinned, so that what is used suffices and no more."""
+    """Return how to thin segments so that the remaining data are just sufficient."""
     observations = [segment.observations for segment in segments]
     seconds = sum(one.seconds for one in observations)
     counts = [
@@ -65,7 +65,7 @@ def thinning_of(segments: Sequence[Segment]) -> Thinning:
 
 
 def part_of(segments: Sequence[Segment], seconds: float) -> list[Segment]:
-    """Return `seconds` of drives that last longer: of many segments one in so many, of few the beginning of each."""
+    """Return `seconds` of longer drives: every n-th of many segments, or the beginning of each of a few."""
     whole = sum(segment.observations.seconds for segment in segments)
     if len(segments) * seconds >= MANY * whole:
         return list(segments[:: round(whole / seconds)])
@@ -73,9 +73,9 @@ def part_of(segments: Sequence[Segment], seconds: float) -> list[Segment]:
 
 
 def thinned(segment: Segment, thinning: Thinning, seconds: float = np.inf) -> Segment:
-    """Return a segment with every so many-th reading of each sensor; where the path breaks it still does.
+    """Return a segment with every so many-th reading of each sensor; restarts of the path are kept.
 
-    Only its first `seconds` are used. What remains at the end of less than a step of the coarser raster is left out.
+    Only its first `seconds` are used. A remainder shorter than a step of the coarser grid is dropped.
     """
     whole = segment.observations
     if thinning == ALL and seconds >= whole.seconds:
@@ -113,7 +113,7 @@ def thinned(segment: Segment, thinning: Thinning, seconds: float = np.inf) -> Se
 
 
 def _beginning_again(use: NDArray[np.uint8], used: slice) -> NDArray[np.uint8]:
-    """Return the use of those poses that are used: where one of the others began the path again, the next one does."""
+    """Return the use of those poses that are used: if a dropped pose restarted the path, the next one does."""
     result = use[used].copy()
     begins = np.flatnonzero(use[: used.stop] == RESTART)
     result[np.minimum(-(-begins // used.step), len(result) - 1)] = RESTART

@@ -1,12 +1,12 @@
-"""Decide the verdict: remove names that are of no use on data left out of the fit.
+"""Final verdict: remove effects that do not help on left-out data.
 
 With E_s(m) the root mean square error of signal s of a model m on left-out data, an effect k stays if
 
     max_s E_s(without k) / E_s(with k) >= OF_USE
 
-over what a user sees: wheel speeds, yaw rate and path of free runs, or, for an effect of a sensor, the one-step
-prediction errors of its readings. With all effects, no error of free runs may grow much. Recordings that the user holds
-out have a veto: there the path must not surely become worse (95 % interval of the ratio).
+over wheel speeds, yaw rate and path of free runs or, for an effect of a sensor, the one-step prediction errors of its
+readings. With all effects, no free-run error may grow much. Held-out recordings have a veto: their path error must not
+become significantly worse (95 % interval of the ratio).
 """
 
 import math
@@ -28,10 +28,10 @@ from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.extending import Extended, chance_of
 from cmr.model.catalogue import CATALOGUE
 
-# A gain that is surely less than the first, on parts of the recordings left out or on recordings held out, or, unless
-# it is surely one, of any signal less than the last.
+# Limits of the gain: significantly below the first, on left-out parts or held-out recordings, or, for any signal, below
+# the last, unless significant.
 WORSE, WORSE_HELD_OUT, MUCH_WORSE = 0.95, 1.0, 0.8
-OF_USE = 1.01  # times as large must some error be without an effect
+OF_USE = 1.01  # least growth of some error without an effect
 TAKEN_BACK = "Free runs on data left out of the fit are less accurate with it."
 IN_WORDS = {
     "psi": "the wheel speeds of free runs",
@@ -41,9 +41,10 @@ IN_WORDS = {
 
 
 class _Use(NamedTuple):
-    """How many times as large an error becomes at most without an effect, and that in words; `vetoed` by held-out data.
+    """The usefulness of an effect: the largest growth of an error without it, with a sentence; `vetoed` by held-out
+    data.
 
-    Those vetoed come first in order.
+    Vetoed effects are ordered first.
     """
 
     ratio: float
@@ -53,10 +54,10 @@ class _Use(NamedTuple):
 
 @dataclass(frozen=True)
 class Whole:
-    """What was found, and the average over what may be hidden beside it; None where one-step errors say nothing.
+    """The search result and the average over undetected effects; the latter None if one-step errors are useless.
 
-    So it is where the average itself predicts worse than the paper's model; `doubts` then hold its deviations. They are
-    to be added to the standard deviations of some parameters of the model that is delivered.
+    It is also None where the average itself predicts worse than the paper's model; `doubts` then contain its standard
+    deviations. They are additional standard deviations of some parameters of the final model.
     """
 
     extended: Extended
@@ -65,14 +66,14 @@ class Whole:
 
     @property
     def model(self) -> Fit | Posterior:
-        """The model that is delivered."""
+        """The final model."""
         return self.extended.final if self.average is None else self.average
 
 
 def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[Segment]) -> tuple[Whole, Measured]:
-    """Return the model without the effects that are of no use in free runs, and its errors.
+    """Return the model without effects that are useless in free runs, and its errors.
 
-    The fit with the names is judged, the average about it delivered: an average makes little of what is in doubt.
+    The fit with the named effects is judged, and the average about it returned: an average shrinks doubtful effects.
     """
     judge, doubts = _Judge(segments, held_out), whole.found.doubts
     whole = judge.of_use(whole)
@@ -108,7 +109,8 @@ class _Judge:
     def strays(self, gain: Gain, whole: Extended) -> bool:
         """Return whether the whole model is worse than the paper's.
 
-        No free run reads a sensor: where laws of sensors are all that it has more, parameters may move a little.
+        Free runs do not use sensors: if the model has only laws of sensors in addition, its parameters may still differ
+        slightly.
         """
         if gain.interval[0] > 1.0:
             return False
@@ -127,10 +129,10 @@ class _Judge:
         return _as_the_paper_if_alone(whole)
 
     def _use(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[_Use]:
-        """Return of what use each effect is: which error grows most without it.
+        """Return the usefulness of each effect: which error grows most without it.
 
-        Where effects that are too small to be named are left out, others make up for them as far as they can, and may
-        seem useless for that. Such an effect has another chance beside them.
+        If effects too small to be named are omitted, others compensate for them and may appear useless. Such an effect
+        is judged again beside them.
         """
         use = self._use_in(whole, whole.final, fitted)
         beside = _beside_what_is_small(whole)
@@ -141,7 +143,7 @@ class _Judge:
         return use
 
     def _use_in(self, whole: Extended, model: Fit, fitted: Sequence[SelectedEffect]) -> list[_Use]:
-        """Return of what use each effect is in a model."""
+        """Return the usefulness of each effect in a model."""
         problem, chance = whole.found.problem, chance_of(whole.found)
         without_it = problem.without(model, [[one.candidate.effect] for one in fitted])
         gains = left_out_gains(problem, without_it, model, chance, self.segments, [])
@@ -171,14 +173,14 @@ class _Judge:
 
 
 def _beside_what_is_small(whole: Extended) -> Fit | None:
-    """Return the fit that has effects too small to be named beside all that are; None where there is none."""
+    """Return the fit that includes effects too small to be named; None if there are none."""
     seen = whole.found.seen
     more = seen is not None and set(whole.final.names) < set(seen.names)
     return seen if more and not whole.term and whole.found.problem.one_step else None
 
 
 def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit, model: Fit) -> dict[str, float]:
-    """Return how many times as large the left-out errors of each signal are without what a sensor does, by its words.
+    """Return the growth of each signal's left-out errors without a sensor effect, by description.
 
     Each fold is predicted by fits without it, to first order.
     """
@@ -196,7 +198,7 @@ def _of_readings(whole: Extended, one: SelectedEffect, without_it: Fit, model: F
 
 
 def _in_words(gain: Gain, where: str = "") -> dict[str, float]:
-    """Return the ratios of a gain by what they are of, in words."""
+    """Return the ratios of a gain by description."""
     return {IN_WORDS.get(name, name) + where: ratio for name, ratio in gain.signals.items()}
 
 
@@ -213,7 +215,7 @@ def _largest(ratios: Mapping[str, float]) -> _Use:
 
 
 def _vetoed(gain: Gain) -> _Use:
-    """Return the use of an effect that makes paths of held-out recordings worse."""
+    """Return the usefulness of an effect that makes paths of held-out recordings worse."""
     low, high = (1.0 / ratio for ratio in reversed(gain.interval))
     sentence = (
         f"On the held-out recordings the path error of free runs is {1.0 / gain.ratio:.2f} times as large with it "
@@ -223,7 +225,7 @@ def _vetoed(gain: Gain) -> _Use:
 
 
 def _of_little_use(ratio: float, where: str) -> Measure:
-    """Return the ratio of errors without an effect to those with it, the smallest of all where all together do harm."""
+    """Return the ratio of errors without an effect to those with it, the smallest one if all together do harm."""
     sentence = (
         f"With the named effects, free runs {where} are less accurate than with the paper's model. Without this effect "
         f"their error changes by {100.0 * (ratio - 1.0):+.2f} %."
@@ -232,7 +234,7 @@ def _of_little_use(ratio: float, where: str) -> Measure:
 
 
 def _speaks_against(gain: Gain) -> bool:
-    """Return whether recordings held out do: with an effect the path is surely worse, and nothing else better."""
+    """Return whether held-out recordings veto an effect: the path is significantly worse, and nothing else better."""
     return gain.interval[1] < WORSE_HELD_OUT and max(gain.signals.values()) < OF_USE
 
 
@@ -241,7 +243,7 @@ def _of_path(gain: Gain) -> float:
 
 
 def _with_what_is_small(whole: Extended) -> Fit:
-    """Return the fit at values with the effects that are there but were not named: an average begins there."""
+    """Return the fit with values that include unnamed effects, as the start of an average."""
     final, seen = whole.final, whole.found.seen
     if whole.term or not seen:
         return final
@@ -252,16 +254,16 @@ def _with_what_is_small(whole: Extended) -> Fit:
 
 
 def _as_the_paper_if_alone(whole: Extended) -> Extended:
-    """Return the paper's model for one in which nothing is left that extends it."""
+    """Return the paper's model if nothing extends it any more."""
     alone = whole.term is None and not whole.found.named
     return replace(whole, found=as_the_paper_has_it(whole.found)) if alone else whole
 
 
 def as_the_paper_has_it(found: Search) -> Search:
-    """Return what was found with the paper's model for the final one.
+    """Return the search result with the paper's model as the final one.
 
-    Both fits weigh the same data otherwise, by plain noise and by that which was found. So what lies between them is in
-    doubt, and what each of them leaves open.
+    The two fits weight the same data differently, by plain and by estimated noise, so their difference and the
+    uncertainty of each are added.
     """
     final, base, doubts = found.final, found.base, found.problem.doubts(found.base)
     doubts = {
@@ -271,12 +273,12 @@ def as_the_paper_has_it(found: Search) -> Search:
 
 
 def _fitted(found: Search) -> list[SelectedEffect]:
-    """Return the effects that a fit knows, the strongest first; the others act by chance or are read off the data."""
+    """Return the fitted effects, strongest first; others are random or read off the data."""
     return [one for one in found.named if not one.estimates]
 
 
 def _without(whole: Extended, leaving: SelectedEffect, why: str, measure: Measure) -> Extended:
-    """Return the model fitted again without an effect, for a reason that the measure states in numbers."""
+    """Refit the model without an effect; `measure` states the reason in numbers."""
     found, problem = whole.found, whole.found.problem
 
     def refit(fit: Fit) -> Fit:

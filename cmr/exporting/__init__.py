@@ -1,1 +1,1 @@
-"""A calibrated robot in other simulators and robot descriptions: what `cmr-export` writes, and what it carries."""
+"""Export of a calibrated robot to other simulators and robot descriptions, and what each of them carries."""

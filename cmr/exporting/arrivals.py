@@ -1,4 +1,4 @@
-"""Commands as they take effect: a step in which one comes is split there, as calibration and diagnosis split it."""
+"""Apply commands when they arrive: a step is split at an arrival, as calibration and diagnosis split it."""
 
 from itertools import pairwise
 from math import inf
@@ -17,7 +17,9 @@ from cmr.recordings.signal import Floats
 
 
 class Spans(NamedTuple):
-    """Duties of both sides and how long each lasts [s], (n,), and how many have ended when each command's time has."""
+    """Duties of both sides, how long each lasts [s], (n,), and how many spans have ended at the end of each command's
+    time.
+    """
 
     left: Floats
     right: Floats
@@ -26,7 +28,7 @@ class Spans(NamedTuple):
 
 
 class Packet(NamedTuple):
-    """A command on its way: duties, and when it arrives [s]."""
+    """A command in transit: its duties and its time of arrival [s]."""
 
     left: float
     right: float
@@ -34,9 +36,9 @@ class Packet(NamedTuple):
 
 
 def in_force(parameters: RobotParameters, left: Floats, right: Floats, dt: Floats, seed: int) -> Spans:
-    """Return the duties by which a robot at rest drives that is sent `left` and `right` for `dt` [s] each, (n,).
+    """Return the duties applied to a robot, initially at rest, that is sent `left` and `right` for `dt` [s] each, (n,).
 
-    A span that is longer than a step of the model counts as several commands, each of which may be late, or lost.
+    A span longer than a step of the model counts as several commands, each of which may be late or lost.
     """
     effects = tuple(effect.name for effect in late(effects_on(parameters.values)))
     parts = np.ceil(dt / LONGEST_STEP).astype(np.int64)
@@ -59,10 +61,11 @@ def in_force(parameters: RobotParameters, left: Floats, right: Floats, dt: Float
 
 
 def _within(packets: list[Packet], time: float, dt: float) -> list[tuple[float, float, float]]:
-    """Return the spans of a step from `time` on: duties, and how long. Packets that are superseded are removed."""
+    """Return the spans of a step that begins at `time`: duties and durations. Removes superseded packets."""
     places = np.array([_place(one.arrival - time, dt) for one in packets])
     begins = np.array([0.0, *np.unique(places[(places > 0.0) & (places < 1.0)])])
-    newest = np.array([np.flatnonzero(places <= begin)[-1] for begin in begins])  # older ones that come change nothing
+    # Older ones that arrive later change nothing.
+    newest = np.array([np.flatnonzero(places <= begin)[-1] for begin in begins])
     changes = np.diff(newest, prepend=-1) != 0
     spans = [
         (packets[number].left, packets[number].right, (end - begin) * dt)
@@ -73,12 +76,14 @@ def _within(packets: list[Packet], time: float, dt: float) -> list[tuple[float, 
 
 
 def _place(later: float, dt: float) -> float:
-    """Return after how many steps of `dt` [s] a command takes effect; one that comes near a border comes with it."""
+    """Return after how many steps of `dt` [s] a command takes effect; an arrival near a step boundary counts as on
+    it.
+    """
     place = max(later / dt, -1.0)
     return float(round(place)) if abs(place - round(place)) < SHORTEST else place
 
 
 def prompt(parameters: RobotParameters) -> RobotParameters:
-    """Return a robot whose commands are neither late nor lost."""
+    """Return the robot without delay or loss of commands."""
     own = {one.name for effect in late(effects_on(parameters.values)) for one in effect.all_parameters}
     return RobotParameters.of({name: value for name, value in parameters.values.items() if name not in own})

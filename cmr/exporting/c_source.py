@@ -1,4 +1,6 @@
-"""The robot in C99, from the same statements as the Python file: a header for any robot, and one robot's source."""
+"""The robot in C99, from the same statements as the Python file: a header common to all robots, and one robot's
+source.
+"""
 
 from importlib.resources import files
 

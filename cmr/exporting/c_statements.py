@@ -1,4 +1,4 @@
-"""Statements of the model as C99, from Python's syntax tree. All variables are doubles, also truth values."""
+"""Statements of the model as C99, from Python's syntax tree. All variables are doubles, including truth values."""
 
 import ast
 import math
@@ -11,11 +11,11 @@ OPERATORS: dict[type, str] = {
     **{ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.BitAnd: "&&", ast.BitOr: "||"},
     **{ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="},
 }
-# Python's names of functions, and C's. `floor`, `exp`, `expm1`, `sin`, `cos` and `sqrt` are the same.
+# Function names in Python and in C. `floor`, `exp`, `expm1`, `sin`, `cos` and `sqrt` are the same.
 NAMES = {"abs": "fabs", "min": "smaller", "max": "larger", "sincos": "sine_and_cosine"}
 MATHEMATICS = {"exp", "expm1", "cos", "sin", "sqrt", "floor"}
-SEVERAL = {"sincos": 2, "coefficients": 3}  # how many numbers functions return, of those that return more than one
-# min and max as Python has them: of two numbers that do not compare, the first.
+SEVERAL = {"sincos": 2, "coefficients": 3}  # number of results of functions that return more than one
+# min and max with Python's semantics: of two numbers that do not compare, the first.
 OWN = """\
 static double smaller(double one, double other) { return other < one ? other : one; }
 
@@ -40,13 +40,13 @@ static double random_number(uint64_t seed, uint64_t number, uint64_t robot, uint
 
 
 class NoCounterpartError(ValueError):
-    """A statement has no counterpart in C."""
+    """A statement has no equivalent in C."""
 
 
 def c_lines(lines: Iterable[str]) -> list[str]:
-    """Return assignments of Python as statements of C.
+    """Return assignments in Python as statements in C.
 
-    Raises NoCounterpartError for what is no assignment, or computes by other means than the statements of effects.
+    Raises NoCounterpartError for anything but assignments, and for operations that effects do not use.
     """
     return [line for node in ast.parse("\n".join(lines)).body for line in _statement(node)]
 
@@ -64,7 +64,7 @@ def declared(names: Iterable[str]) -> list[str]:
 
 
 def c_functions(names: Collection[str]) -> str:
-    """Return the functions that statements call and that are not C's own, those with these names among them."""
+    """Return the definitions of those called functions that C does not have, including those named."""
     chosen = [_function(function) for name, function in helpers().items() if name in names and name != "random_number"]
     return "\n".join([OWN, *chosen, *([RANDOM_NUMBER] if "random_number" in names else [])])
 
@@ -90,7 +90,7 @@ def _statement(node: ast.stmt) -> list[str]:
         return [f"{NAMES.get(value.func.id, value.func.id)}({', '.join(arguments)});"]
     if not isinstance(value, ast.Tuple) or len(value.elts) != len(names):
         raise NoCounterpartError(f"no counterpart in C: {ast.unparse(node)}")
-    # All values are known before the first is assigned.
+    # All values are evaluated before the first assignment.
     kept = [f"double to_{name} = {_expression(one)};" for name, one in zip(names, value.elts, strict=True)]
     return ["{", *("    " + line for line in kept), *(f"    {name} = to_{name};" for name in names), "}"]
 
@@ -125,7 +125,7 @@ def _is_known(name: str) -> bool:
 
 
 def _function(function: ast.FunctionDef) -> str:
-    """Return one of the helpers in C; where it returns several numbers, to where its last arguments point."""
+    """Return one of the helpers in C; several results are written through its last arguments, which are pointers."""
     documentation, *body = function.body
     arguments = [f"double {argument.arg}" for argument in function.args.args]
     before, result = body[:-1], body[-1]

@@ -1,7 +1,7 @@
-"""What each target carries of a robot's effects, and why not the rest: for its user, and for the documentation.
+"""Which of a robot's effects each target carries, and why not the others: for the user, and for the documentation.
 
 The Python file and the FMU step the model itself. The other targets have their own physics or none: the table says how
-they carry each effect that they carry; what it does not name they do not carry.
+they carry an effect; effects not in the table are not carried.
 """
 
 from collections.abc import Iterable
@@ -31,7 +31,7 @@ class Carry(Enum):
 
 @dataclass(frozen=True)
 class Carried:
-    """How well a target carries an effect, and how, or why not."""
+    """How well a target carries an effect, and by what means, or why not."""
 
     how: Carry
     why: str
@@ -46,7 +46,7 @@ def _approximately(why: str) -> Carried:
 
 
 STEPS_THE_MODEL = _exactly("it steps the equations of the model")
-BY_WEIGHT = ("longitudinal_slip", "lateral_skid")  # what Gazebo carries of a robot whose mass is known
+BY_WEIGHT = ("longitudinal_slip", "lateral_skid")  # carried by Gazebo if the robot's mass is known
 NO_MASS = Carried(Carry.NOT, "that takes the load on the wheels: give cmr-export the robot's mass")
 YOUNGER = Carried(Carry.NOT, "its readings would show what has not happened yet; they show the present instead")
 NOT_IN = {  # why an effect on the motion is not carried
@@ -107,7 +107,7 @@ BY_TARGET: dict[str, dict[str, Carried]] = {
 
 
 def carried(target: str, effect: Effect, is_younger: bool = False) -> Carried:
-    """Return how well a target carries an effect; `is_younger` where it makes readings younger than their stamps."""
+    """Return how well a target carries an effect; `is_younger`: the effect makes readings younger than their stamps."""
     if effect.group == LAWS and effect.is_sensor:
         return Carried(Carry.NOT, "a law of a sensor, which only CMR's own simulation has")
     if target in WHOLE_MODEL:
@@ -131,7 +131,7 @@ def of_robot(target: str, robot: "ExportedRobot") -> dict[str, Carried]:
 
 
 def _is_younger(effect: Effect, robot: "ExportedRobot") -> bool:
-    """Tell whether an effect lets a sensor show a moment after its stamp, at the beginning or after a while."""
+    """Return whether an effect makes a sensor report a time later than its stamp, at the beginning or eventually."""
     for stage in effect.equations:
         if "moment" not in STAGES[stage].changes or effect.group == LAWS:
             continue
@@ -145,7 +145,7 @@ def _is_younger(effect: Effect, robot: "ExportedRobot") -> bool:
 
 
 def what_is_carried(target: str, robot: "ExportedRobot") -> list[str]:
-    """Return lines that say which effects of a robot a target carries, how, and which it does not."""
+    """Return lines that list which effects of a robot a target carries, how, and which it does not carry."""
     found = of_robot(target, robot)
     if not found:
         return ["The robot has no effects: it moves by the model of the paper, four parameters."]
@@ -166,7 +166,7 @@ def _entry(sentence: str, why: str) -> Iterable[str]:
 
 
 def table(target: str) -> str:
-    """Return a Markdown table of what a target carries, for each effect that it carries."""
+    """Return a Markdown table of the effects that a target carries."""
     rows = [(name, carried(target, effect)) for name, effect in CATALOGUE.items()]
     rows = [(name, one) for name, one in rows if one.how is not Carry.NOT]
     lines = [f"| `{name}` | {one.how.value} | {one.why} |" for name, one in rows]

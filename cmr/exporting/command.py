@@ -17,11 +17,11 @@ from cmr.parameters.file import load
 def main(arguments: list[str]) -> int:
     """Run cmr-export.
 
-    Raises CommandError where the robot cannot be exported, ParameterFileError where its file cannot be used.
+    Raises CommandError if the robot cannot be exported, ParameterFileError if its file cannot be used.
     """
     options = command_parser().parse_args(arguments)
     if options.prove:
-        from cmr.exporting.proof import check_provable  # imports what only proofs need
+        from cmr.exporting.proof import check_provable  # imports that only proofs need
 
         check_provable(options.to)
     robot = exported(load(options.parameters), options.mass)
@@ -49,7 +49,7 @@ def _code(proof: dict[str, object] | None) -> int:
 
 
 def _proven(robot: ExportedRobot, target: str, path: Path, parameters: Path) -> dict[str, object]:
-    """Run the file that was written beside CMR's own model, diagnose what it did, and write a page about it."""
+    """Run the written file and CMR's own model on the same drive, diagnose it, and write a page about it."""
     from cmr.exporting.departures import departures
     from cmr.exporting.proof import prove
     from cmr.exporting.proof_page import proof_page, verdict
@@ -58,7 +58,7 @@ def _proven(robot: ExportedRobot, target: str, path: Path, parameters: Path) -> 
     try:
         diagnosis = departures(proof, robot, load(parameters), parameters)
     except EstimationError as error:
-        raise CommandError(f"What the exported robot drove cannot be diagnosed: {error}") from error
+        raise CommandError(f"The drive of the exported robot cannot be diagnosed: {error}") from error
     page = path.with_name(f"{path.name}.html")
     write_atomically(proof_page(robot, proof, diagnosis), page)
     sizes = {"largest_distance": proof.off, "lost": proof.lost, "path_length": proof.length}
@@ -97,7 +97,7 @@ def command_parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--prove",
         action="store_true",
-        help="run the file (python, fmu, mjcf), compare it with CMR's own model, and write FILE.html about it",
+        help="run the file (python, fmu, mjcf), compare it with CMR's own model, and write FILE.html with the results",
     )
     add_json(result)
     return result

@@ -19,12 +19,12 @@ from cmr.recordings.signal import Signal
 
 TICKS = 480.0  # per turn of a wheel
 POSE_EVERY = 4  # steps: a tracker of 25 Hz
-BEGIN = 1_800_000_000_000_000  # us; when a recording begins
+BEGIN = 1_800_000_000_000_000  # us; the start of a recording
 SEED = 1
 
 
 def departures(proof: Proof, robot: ExportedRobot, file: ParameterFile, source: Path) -> Diagnosis:
-    """Return what the drive of a proof shows to depart from the parameter `file`, which is in `source`.
+    """Diagnose the drive of a proof against the parameter `file`, which is in `source`; return the result.
 
     Raises EstimationError where nothing can be fitted to the drive.
     """
@@ -34,10 +34,11 @@ def departures(proof: Proof, robot: ExportedRobot, file: ParameterFile, source: 
 
 
 def recording_of(readings: Floats, robot: ExportedRobot, left: Floats, right: Floats, seed: int = SEED) -> Recording:
-    """Return the recording of a drive with the duties `left` and `right` (n,), one for each step, of a robot at rest.
+    """Return the recording of a drive with the duties `left` and `right` (n,), one for each step, of a robot initially
+    at rest.
 
-    `readings` (n, 6) are those of `Driven`. The sensors are as fine and as noisy as those of a usual robot
-    (cmr.plant.sensors): encoders have TICKS, gyro and tracker noise.
+    `readings` (n, 6) are those of `Driven`. Resolution and noise of the sensors are those of a usual robot
+    (cmr.plant.sensors): encoders have TICKS; gyro and tracker are noisy.
     """
     random = np.random.default_rng(seed)
     neutral = plant_parameters({name: robot.value(name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")})
@@ -48,8 +49,8 @@ def recording_of(readings: Floats, robot: ExportedRobot, left: Floats, right: Fl
         for angle, phase in zip(readings[:, :2].T, random.random(2), strict=True)
     ]
     psi = [sensors.wheel_speed(count, time, TICKS) for count in ticks]
-    unknown = np.full(len(time), math.nan)  # the controller does not say what it drives
-    # These sensors do not feel how fast the robot moves.
+    unknown = np.full(len(time), math.nan)  # the controller does not report what it applies
+    # These sensors do not depend on the robot's speed.
     motion = readings[:, 2], readings[:, 5], np.zeros(len(time))
     rate = sensors.gyro(neutral, time, motion, REALISTIC, random)
     seen, (x, y, theta) = time[::POSE_EVERY], readings[::POSE_EVERY, 3:].T
@@ -70,6 +71,6 @@ def recording_of(readings: Floats, robot: ExportedRobot, left: Floats, right: Fl
 
 
 def _signal(time: Floats, names: Sequence[str], columns: Sequence[Floats]) -> Signal:
-    """Return a signal with these columns (n,) at times [s], the first n of them."""
+    """Return a signal with the first n of these columns at times [s] (n,)."""
     utime = BEGIN + np.rint(time[: len(columns[0])] * 1e6).astype(np.int64)
     return Signal(utime, dict(zip(names, columns, strict=True)))

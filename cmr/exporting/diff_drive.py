@@ -1,11 +1,11 @@
-"""Differential-drive controllers of others: ROS 2's diff_drive_controller, and what Gazebo's DiffDrive counts with.
+"""Differential-drive controllers of other software: ROS 2's diff_drive_controller, and Gazebo's DiffDrive.
 
-Such a controller turns (v, omega) into wheel speeds, and wheel angles into odometry, by the wheel separation S and the
+Such a controller converts (v, omega) to wheel speeds, and wheel angles to odometry, by the wheel separation S and the
 wheel radius R of a robot description. The calibrated robot of base width b and radii r_left, r_right turns by
 
     omega (S / R) (r / b)
 
-when omega is commanded: multipliers b / S and r / R make that omega.
+when omega is commanded: multipliers b / S and r / R correct that to omega.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from cmr.exporting.carried import ROS2_CONTROL, what_is_carried
 from cmr.exporting.robot import ExportedRobot
 
-LEAST_SHARE = 1e-3  # by which wheels may miss a commanded speed unsaid
+LEAST_SHARE = 1e-3  # largest share by which wheels miss a commanded speed without a remark
 
 
 @dataclass(frozen=True)
 class Described:
-    """What a robot description says: wheel separation and wheel radius [m]."""
+    """Data of a robot description: wheel separation and wheel radius [m]."""
 
     separation: float
     radius: float
@@ -26,7 +26,7 @@ class Described:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What the calibrated robot is: base width, radii [m], and the most it does, in m/s, rad/s and their rates."""
+    """Data of the calibrated robot: base width, radii [m], and its largest speed, turn rate and their derivatives."""
 
     separation: float
     radius_left: float
@@ -43,12 +43,12 @@ class Calibrated:
 
 
 def calibrated(robot: ExportedRobot) -> Calibrated:
-    """Return what a differential-drive controller has to know of the robot."""
+    """Return the parameters of the robot that a differential-drive controller needs."""
     value = robot.value
     radius = value("wheel_radius") * (1.0 + value("wheel_radius_scale"))
     apart = value("wheel_radius_asymmetry")
     width, fastest = value("base_width"), min(1.0, value("saturation")) / value("k1")
-    # From rest at full duty; the duty itself may rise slowly.
+    # From rest at full duty; the duty itself may be ramped.
     quickest = min(
         value("k2_over_k3") * min(1.0, value("saturation"), value("current_limit")), value("slew_limit") / value("k1")
     )
@@ -64,9 +64,9 @@ def calibrated(robot: ExportedRobot) -> Calibrated:
 
 
 def described(robot: ExportedRobot, separation: float | None, radius: float | None) -> Described:
-    """Return what the robot description says; what is not given is what the robot's own controller counts with.
+    """Return the robot description's data; by default those that the robot's own controller uses.
 
-    Robots without a controller have no such numbers: then they are those of the calibration.
+    Without a controller, they are those of the calibration.
     """
     if robot.controller is None:
         known = calibrated(robot)
@@ -78,7 +78,7 @@ def described(robot: ExportedRobot, separation: float | None, radius: float | No
 
 
 def turned_before(robot: ExportedRobot, said: Described) -> float:
-    """Return by how many degrees the robot turns where the description alone would have it turn by 360."""
+    """Return the angle [degrees] by which the robot turns when commanded 360 degrees with the description's data."""
     known = calibrated(robot)
     return 360.0 * (said.separation / said.radius) * (known.radius / known.separation)
 
@@ -119,7 +119,7 @@ diff_drive_controller:
 
 
 def _reached(robot: ExportedRobot) -> str:
-    """Return what has to be known where wheels do not reach the speed that is commanded; empty where they do."""
+    """Return a comment for robots whose wheels do not reach the commanded speed; empty for others."""
     if robot.controller is None:
         return ""
     share = 1.0 / (robot.value("k1") * robot.controller.top_wheel_speed)

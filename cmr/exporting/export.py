@@ -1,4 +1,4 @@
-"""Export a robot to a target: its files, and what has to be said about them."""
+"""Export a robot to a target: write its files, and return remarks about them."""
 
 import subprocess
 from pathlib import Path
@@ -29,14 +29,14 @@ NOTHING_KNOWN = Description()
 
 
 def name_of_file(robot: ExportedRobot, target: str) -> str:
-    """Return how the file of a target is called where nobody says otherwise."""
+    """Return the default file name for a target."""
     return f"robot_{robot.robot_id}{ENDINGS[target]}"
 
 
 def export(robot: ExportedRobot, target: str, path: Path, description: Description = NOTHING_KNOWN) -> list[str]:
-    """Write a robot for a target; return what has to be said beside that.
+    """Write a robot for a target; return remarks for the user.
 
-    Raises CommandError where the robot cannot be exported there, and OSError where the file cannot be written.
+    Raises CommandError if the robot cannot be exported there, and OSError if the file cannot be written.
     """
     remarks: list[str] = []
     try:

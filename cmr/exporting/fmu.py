@@ -24,7 +24,7 @@ SOURCES = (TEMPLATE, WRAPPER)
 OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
 PLATFORMS = {("Linux", "x86_64"): "x86_64-linux", ("Linux", "aarch64"): "aarch64-linux"}
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of all entries: the same robot gives the same file
-STEP_SIZE = 0.01  # s, where the importer has no wish
+STEP_SIZE = 0.01  # s, unless the importer chooses
 NO_COMPILER = (
     "There is no C compiler (cc) here, so the FMU has sources and no binary. Install one and export again "
     "(Debian, Ubuntu: apt install gcc), or add the binary on a computer that has a compiler, CMake and FMPy: "
@@ -61,12 +61,12 @@ OUTPUTS = (
     Variable("wheel_speed_right", "rad/s", "speed of the right wheels"),
     Variable("wheel_angle_left", "rad", "how far the left wheels have turned"),
     Variable("wheel_angle_right", "rad", "how far the right wheels have turned"),
-    Variable("encoder_left", "rad", "wheel angle as the encoder says"),
-    Variable("encoder_right", "rad", "wheel angle as the encoder says"),
-    Variable("gyro_yaw_rate", "rad/s", "yaw rate as the gyro says"),
-    Variable("tracked_x", "m", "pose as the tracker says"),
-    Variable("tracked_y", "m", "pose as the tracker says"),
-    Variable("tracked_theta", "rad", "heading as the tracker says"),
+    Variable("encoder_left", "rad", "wheel angle by the encoder"),
+    Variable("encoder_right", "rad", "wheel angle by the encoder"),
+    Variable("gyro_yaw_rate", "rad/s", "yaw rate by the gyro"),
+    Variable("tracked_x", "m", "pose by the tracker"),
+    Variable("tracked_y", "m", "pose by the tracker"),
+    Variable("tracked_theta", "rad", "heading by the tracker"),
 )
 
 
@@ -80,7 +80,7 @@ class Unit(NamedTuple):
 def fmu(robot: ExportedRobot, compiler: str | None = None) -> Unit:
     """Return the FMU of a robot; `compiler` is the C compiler, by default the `cc` that is found.
 
-    Raises subprocess.CalledProcessError where the compiler fails, with what it says.
+    Raises subprocess.CalledProcessError with the output of the compiler, if it fails.
     """
     name = f"robot_{robot.robot_id}"
     files = {HEADER: c_header(robot), TEMPLATE: c_source(robot), WRAPPER: shipped(WRAPPER)}
@@ -101,7 +101,7 @@ def fmu(robot: ExportedRobot, compiler: str | None = None) -> Unit:
 
 
 def inputs_of(robot: ExportedRobot) -> tuple[Variable, ...]:
-    """Return what the unit is commanded."""
+    """Return the inputs of the unit."""
     return DUTIES if robot.controller is None else VELOCITIES
 
 
@@ -170,7 +170,7 @@ def _description(robot: ExportedRobot, name: str, token: str) -> str:
 
 
 def _variables(robot: ExportedRobot) -> list[str]:
-    """Return the elements of all variables, the outputs last; the value reference of each is its place."""
+    """Return the elements of all variables, the outputs last; the value reference of each is its index."""
     seed = Variable("seed", "", "fixes the random numbers of late and lost commands")
     rows = [("Float64", Variable("time", "s", "time"), 'causality="independent" variability="continuous"')]
     rows += [("Float64", one, 'causality="input" variability="continuous" start="0.0"') for one in inputs_of(robot)]

@@ -1,4 +1,4 @@
-"""`cmr-export --to sdf|urdf`: the systems of Gazebo that drive a robot as calibrated: DiffDrive, and WheelSlip."""
+"""`cmr-export --to sdf|urdf`: Gazebo's systems with the calibrated parameters: DiffDrive and WheelSlip."""
 
 from math import inf
 
@@ -26,7 +26,7 @@ def sdf(robot: ExportedRobot, said: Described) -> str:
 
 
 def urdf(robot: ExportedRobot, said: Described) -> str:
-    """Return what a URDF needs, to be pasted into its <robot>: xacro properties, and the systems of Gazebo."""
+    """Return the snippet to paste into a URDF's <robot>: xacro properties, and Gazebo's systems."""
     known, slip = calibrated(robot), _slip(robot)
     plugins = "\n".join("  " + line for line in [*_diff_drive(robot, said).splitlines(), *slip.splitlines()])
     return f"""\

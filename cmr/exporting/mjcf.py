@@ -1,12 +1,12 @@
-"""`cmr-export --to mjcf`: a MuJoCo robot whose wheels and body move as the calibrated ones.
+"""`cmr-export --to mjcf`: a MuJoCo robot with the calibrated wheels, motors and body.
 
-A body on two wheels, free in x, y and heading, and held upright. What the model says of each side, domega =
-(K2/K3) (duty - K1 psi), is MuJoCo's `dcmotor`: stall torque (K2/K3) I and no-load speed 1/K1, where I is what one side
-accelerates: the wheel of radius r_i, and its part of a body of mass m and yaw inertia J,
+A body on two wheels, free in x, y and heading, and held upright. The model of each side, domega = (K2/K3) (duty - K1
+psi), is MuJoCo's `dcmotor`: stall torque (K2/K3) I and no-load speed 1/K1, where I is the inertia of one side: the
+wheel of radius r_i, and its part of a body of mass m and yaw inertia J,
 
     I = I_wheel,i + r_i^2 (m / 4 + J / b^2),
 
-the same on both sides: I_wheel,i makes up for wheels of different size. J is chosen so that one side pushes back the
+the same on both sides: I_wheel,i compensates for wheels of different size. J is chosen so that one side pushes back the
 other by `motor_coupling` c, or not at all:
 
     r_left r_right (m / 4 - J / b^2) = c I.
@@ -22,9 +22,9 @@ from cmr.exporting.robot import ExportedRobot
 from cmr.model.extended.statements import SIDES
 
 MASS = 2.0  # kg
-WHEEL_INERTIA = 0.02  # of m r^2, that of the larger wheel: small, so that any coupling has a body
+WHEEL_INERTIA = 0.02  # of m r^2, for the larger wheel: small, so that a body exists for any coupling
 WHEEL_MASS = 1e-3  # kg; its inertia is that of the joint's armature
-LEAST_INERTIA = 1e-8  # kg m^2, as MuJoCo refuses none
+LEAST_INERTIA = 1e-8  # kg m^2, since MuJoCo refuses 0
 FOURTH_ORDER = "RK4"
 TIME_STEP = 0.001  # s
 STIFFNESS = 0.002  # s, time constant of contacts and of joint friction: as stiff as this time step allows
@@ -34,7 +34,7 @@ GRAVITY = 9.81  # m/s^2
 
 @dataclass(frozen=True)
 class Side:
-    """A wheel and its motor: radius [m], what it accelerates, and of that the wheel alone [kg m^2].
+    """A wheel and its motor: radius [m], inertia of the side, and of the wheel alone [kg m^2].
 
     The motor has a stall torque [N m] and a no-load speed [rad/s].
     """
@@ -51,7 +51,7 @@ class Side:
 def mjcf(robot: ExportedRobot) -> str:
     """Return the MuJoCo model of a robot.
 
-    Raises ValueError where no body has the robot's coupling of both sides.
+    Raises ValueError if no body has the robot's coupling of both sides.
     """
     radius = _radius(robot)
     body, accelerated = _inertias(robot)
@@ -110,19 +110,20 @@ def _body(robot: ExportedRobot, sides: list[Side], radius: float, yaw_inertia: f
 
 
 def _integrator(robot: ExportedRobot) -> str:
-    """Return the integrator: of fourth order, but where commands are delayed, which it would read within its steps.
+    """Return the integrator: fourth order, except where commands are delayed, since it would read them within its
+    steps.
 
-    MuJoCo's others take the speed at a step's end for the whole of it: wheels are half a step ahead of their speeds,
-    and slip as much.
+    MuJoCo's others use the speed at a step's end for the whole step: wheels are half a step ahead of their speeds, and
+    slip accordingly.
     """
     return "implicitfast" if robot.value("command_delay") > 0.0 else FOURTH_ORDER
 
 
 def _filter(robot: ExportedRobot) -> str:
-    """Return the filter that a voltage which lags passes.
+    """Return the filter for the lag of the voltage.
 
-    The exact one shortens what the slope at a step's beginning promises. Of fourth order, the slope is the step's mean
-    already: shortened again, the filter would be half a step slower.
+    The exact filter shortens the slope taken at a step's beginning. With fourth order, the slope is already the step's
+    mean: shortened again, the filter would be half a step too slow.
     """
     return "filter" if _integrator(robot) == FOURTH_ORDER else "filterexact"
 
@@ -132,7 +133,7 @@ def _what_ctrl_is(robot: ExportedRobot) -> str:
 
 
 def _inertias(robot: ExportedRobot) -> tuple[float, float]:
-    """Return the yaw inertia of the body that couples both sides as the robot's are, and what a side accelerates.
+    """Return the yaw inertia of the body that gives the robot's coupling, and the inertia of a side.
 
     Both are in kg m^2. In units of m b^2 and of m r^2, r being the mean radius and r (1 -+ a) those of the wheels, the
     equations of this module are j (p + c) = p / 4 - c (w + 1 / 4) and i = w + 1 / 4 + j, with p = 1 - a^2. The larger
@@ -181,7 +182,7 @@ def _wheel(robot: ExportedRobot, side: Side, mean_radius: float) -> str:
 
 
 def _motor(robot: ExportedRobot, side: Side) -> str:
-    """Return the motor of a side: MuJoCo's own; one whose voltage lags is put together of a filter and a torque."""
+    """Return the motor of a side: MuJoCo's own; with a voltage lag, a filter and a torque instead."""
     value, full = robot.value, _full(robot)
     highest = full * (1.0 if _back_emf_of_joint(robot, side) else min(1.0, value("saturation")))
     largest = _largest_torque(robot, side)
@@ -202,34 +203,34 @@ def _motor(robot: ExportedRobot, side: Side) -> str:
             attributes.append(f'saturation="{largest!r} 0 0"')
     if value("command_delay") > 0.0:
         steps = round(value("command_delay") / TIME_STEP)
-        # A command comes with the first step after its delay.
+        # A command takes effect at the first step after its delay.
         attributes.append(f'delay="{max(steps - 0.5, 0.0) * TIME_STEP!r}" nsample="{steps + 1}"')
     return "\n        ".join([f"    <{kind}", *attributes]) + "/>"
 
 
 def _full(robot: ExportedRobot) -> float:
-    """Return the command that stands for full drive."""
+    """Return the command for full drive."""
     return 1.0 if robot.controller is None else robot.controller.top_wheel_speed
 
 
 def _back_emf_of_joint(robot: ExportedRobot, side: Side) -> float:
     """Return the back-EMF as damping of the wheel's joint [N m s], 0.0 where it belongs to the motor.
 
-    A voltage that lags is cut off after the lag: so is the motor's torque, if its back-EMF is not part of it.
+    A lagging voltage is saturated after the lag: so is the motor's torque, if its back-EMF is not part of it.
     """
     is_cut = robot.value("saturation") < 1.0 and robot.value("current_limit") == inf
     return side.stall_torque / side.no_load_speed if robot.value("electrical_lag") > 0.0 and is_cut else 0.0
 
 
 def _largest_torque(robot: ExportedRobot, side: Side) -> float:
-    """Return what a motor's torque is cut off at [N m]."""
+    """Return the torque limit of a motor [N m]."""
     if _back_emf_of_joint(robot, side):
         return side.stall_torque * robot.value("saturation")
     return robot.value("current_limit") * robot.value("k2_over_k3") * side.inertia
 
 
 def _tilted(robot: ExportedRobot, sides: list[Side], slope: str) -> float:
-    """Return the gravity [m/s^2] along the floor that slows wheels as the slope does."""
+    """Return the gravity [m/s^2] along the floor that has the effect of the slope on the wheels."""
     inertia = sum(side.inertia for side in sides) / 2.0
     radius = sum(side.radius for side in sides) / 2.0
     return -2.0 * inertia * robot.value(slope) / (MASS * radius) + 0.0

@@ -1,6 +1,6 @@
-"""`cmr-export --prove`: run the exported robot where it can be run, beside CMR's own model, on one and the same drive.
+"""`cmr-export --prove`: run the exported robot, if that is possible here, and CMR's own model on the same drive.
 
-The drive is no recording, so nothing was fitted to it: curves of both directions, reversals, and rests.
+The drive is synthetic, so nothing was fitted to it: curves in both directions, reversals, and rests.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,18 +22,18 @@ Floats = NDArray[np.float64]
 STEP, SECONDS = 0.01, 60.0  # s
 ROUND, REST = 9.0, 1.0  # s; each round begins with a rest
 SEED = 1
-FAR = 0.01  # share of a path's length by which a target with physics of its own may be off
-SAME = 1e-6  # m, by which one that steps the model may be
+FAR = 0.01  # share of a path's length by which a target with its own physics may deviate
+SAME = 1e-6  # m, by which a target that steps the model may deviate
 POSE = ("x", "y", "theta")
 READINGS = ("encoder_left", "encoder_right", "gyro_yaw_rate", "tracked_x", "tracked_y", "tracked_theta")  # of the FMU
 NEEDED = {FMU: "fmpy", MJCF: "mujoco"}
 
 
 class Driven(NamedTuple):
-    """What an exported robot did and what its sensors said after each step.
+    """Motion of an exported robot, and its sensor readings after each step.
 
-    `poses` are x, y [m] and the heading [rad], (n, 3); `readings` what both encoders [rad], the gyro [rad/s] and a
-    tracker (x, y [m], heading [rad]) say, (n, 6).
+    `poses` are x, y [m] and the heading [rad], (n, 3); `readings` are those of both encoders [rad], the gyro [rad/s]
+    and a tracker (x, y [m], heading [rad]), (n, 6).
     """
 
     poses: Floats
@@ -41,7 +41,7 @@ class Driven(NamedTuple):
 
 
 class Proof(NamedTuple):
-    """The same drive by CMR and by the exported robot, whose sensors said the `readings` (n, 6) of `Driven`.
+    """The same drive by CMR and by the exported robot, with the `readings` (n, 6) of `Driven`.
 
     Each path is x, y [m] and the heading [rad] after each step, (n, 3): of CMR's robot, of the exported one, and of
     CMR's robot without the effects that the target does not carry.
@@ -55,7 +55,7 @@ class Proof(NamedTuple):
 
     @property
     def length(self) -> float:
-        """How long the path is [m]."""
+        """Length of the path [m]."""
         return float(np.hypot(*np.diff(self.expected[:, :2], axis=0).T).sum())
 
     @property
@@ -65,17 +65,17 @@ class Proof(NamedTuple):
 
     @property
     def lost(self) -> float:
-        """How far the robot would be off without the effects that are not carried [m]."""
+        """Largest deviation that the effects which are not carried would cause [m]."""
         return farthest(self.expected, self.carried)
 
     @property
     def off_of_carried(self) -> float:
-        """The largest distance to the path of a robot that has only the effects that are carried [m]."""
+        """Largest distance to the path of a robot that has only the carried effects [m]."""
         return farthest(self.carried, self.found)
 
     @property
     def holds(self) -> bool:
-        """Whether the exported robot moves as the effects that it carries say."""
+        """Whether the exported robot moves as its carried effects predict."""
         return self.off_of_carried <= (FAR * self.length if self.target == MJCF else SAME)
 
 
@@ -85,7 +85,7 @@ def farthest(one: Floats, other: Floats) -> float:
 
 
 def check_provable(target: str) -> None:
-    """Refuse a target that cannot be run here, before anything takes long. Raises CommandError."""
+    """Refuse a target that cannot be run here, before anything slow. Raises CommandError."""
     if target not in RUN:
         raise CommandError(f"{target} cannot be run here, so nothing can be proven; {', '.join(RUN)} can.")
     library = NEEDED.get(target)
@@ -94,9 +94,9 @@ def check_provable(target: str) -> None:
 
 
 def prove(robot: ExportedRobot, target: str, path: Path) -> Proof:
-    """Return what CMR's robot and the exported one in `path` do on the same drive.
+    """Run CMR's robot and the exported one in `path` on the same drive; return both.
 
-    Raises CommandError where the target cannot be run.
+    Raises CommandError if the target cannot be run.
     """
     check_provable(target)
     left, right = duties()
@@ -121,7 +121,7 @@ def duties() -> tuple[Floats, Floats]:
 
 
 def _with_only(robot: ExportedRobot, names: set[str]) -> RobotParameters:
-    """Return a robot's parameters without those of effects that are not among these names."""
+    """Return a robot's parameters with only the effects that have these names."""
     off = {
         parameter.name for effect in robot.effects if effect.name not in names for parameter in effect.all_parameters
     }
@@ -179,7 +179,7 @@ def _in_mujoco(robot: ExportedRobot, path: Path, left: Floats, right: Floats) ->
         data.ctrl[:] = command
         for _ in range(round(STEP / model.opt.timestep)):
             mujoco.mj_step(model, data)
-        mujoco.mj_forward(model, data)  # a step leaves what sensors said where it began
+        mujoco.mj_forward(model, data)  # a step leaves the sensors' values of its beginning
         poses[number] = [data.joint(name).qpos[0] for name in POSE]
         encoders = [data.sensor(name).data[0] for name in ("encoder_left", "encoder_right")]
         readings[number] = [*encoders, data.sensor("gyro").data[2], *poses[number]]

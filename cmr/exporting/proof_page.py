@@ -1,4 +1,4 @@
-"""The page of a proof: path beside path, and what the export lost."""
+"""The page of a proof: both paths, and what the export lost."""
 
 from collections.abc import Mapping
 
@@ -25,10 +25,12 @@ def verdict(proof: Proof) -> str:
     """Return in a sentence whether the exported robot moves as the calibrated one."""
     share = f"{100.0 * proof.off / proof.length:.2f} % of the path's {proof.length:.1f} m"
     if not proof.holds:
-        return f"The exported robot is up to {proof.off:.3g} m off ({share}), more than the effects that it lacks make."
+        return (
+            f"The exported robot is up to {proof.off:.3g} m off ({share}), more than the effects that it lacks explain."
+        )
     if proof.off <= SAME:
         return f"The exported robot drives the same path: within {proof.off:.1g} m over {SECONDS:.0f} s."
-    lost = f", of which {proof.lost:.3g} m are effects that it does not carry" if proof.lost > SAME else ""
+    lost = f", of which {proof.lost:.3g} m are due to effects that it does not carry" if proof.lost > SAME else ""
     return f"The exported robot is up to {proof.off:.3g} m off within {SECONDS:.0f} s, {share}{lost}."
 
 
@@ -39,8 +41,8 @@ def proof_page(robot: ExportedRobot, proof: Proof, diagnosis: Diagnosis) -> str:
     title = f"Robot {robot.robot_id} in {program}"
     header = tag("header", tag("h1", title), paragraph(verdict(proof)))
     sections = [
-        section("Path beside path", _paths(proof), keys(real_key("CMR"), simulated_key(program))),
-        section("How far off", _numbers(proof)),
+        section("Both paths", _paths(proof), keys(real_key("CMR"), simulated_key(program))),
+        section("Deviation", _numbers(proof)),
         section("Diagnosed as if it were a real robot", *_departures(proof, diagnosis, found)),
         section("What the export carries", _effects(robot, proof)),
     ]
@@ -74,7 +76,7 @@ def _numbers(proof: Proof) -> Html:
     heading = float(np.max(np.abs(proof.found[:, 2] - proof.expected[:, 2])))
     rows = [
         ["largest distance between the paths", number(proof.off), "m"],
-        ["the same at the end", number(float(np.hypot(*(proof.found[-1, :2] - proof.expected[-1, :2])))), "m"],
+        ["distance at the end", number(float(np.hypot(*(proof.found[-1, :2] - proof.expected[-1, :2])))), "m"],
         ["largest difference of headings", number(heading), "rad"],
         ["the largest that effects which are not carried make", number(proof.lost), "m"],
         ["largest distance to a robot with the carried effects alone", number(proof.off_of_carried), "m"],
@@ -84,7 +86,9 @@ def _numbers(proof: Proof) -> Html:
 
 
 def _departures(proof: Proof, diagnosis: Diagnosis, carried: Mapping[str, Carried]) -> list[Html]:
-    """Return what a diagnosis names that departs from the parameter file, beside what the target does not carry."""
+    """Return the departures from the parameter file that a diagnosis names, and the effects that the target does not
+    carry.
+    """
     drive = quiet(
         f"The same drive of {SECONDS:.0f} s as encoders, a gyro and a tracker with the usual noise say it, diagnosed "
         "against the parameter file that was exported, as ",

@@ -205,7 +205,7 @@ def _packet(program: Program, never_zero: list[str]) -> list[str]:
 
 
 def moments(program: Program) -> list[str]:
-    """Return the statements that find which moments readings show: those of wheels, gyro and pose."""
+    """Return the statements that compute the times that readings show: those of wheels, gyro and pose."""
     sensors = program.sensors
     return [
         *("moment = time", *sensors["encoder_time"], "encoder_moment = moment"),
@@ -215,7 +215,7 @@ def moments(program: Program) -> list[str]:
 
 
 def filter_of(program: Program) -> list[tuple[float, float]]:
-    """Return how old the poses are that stand for a filtered one, in time constants, and what they weigh."""
+    """Return the ages of the poses that approximate a filtered one, in time constants, and their weights."""
     if not any(line.startswith("filtered") for line in program.sensors["pose_time"]):
         return [(0.0, 1.0)]
     return [(float(age), float(weight)) for age, weight in zip(FILTER_AGES, FILTER_WEIGHTS, strict=True)]
@@ -261,6 +261,6 @@ def _documentation(robot: ExportedRobot) -> str:
         "",
         *what_is_carried("python", robot),
     ]
-    # Descriptions of laws are anybody's words, which must not end the docstring.
+    # Descriptions of laws are free text, which must not end the docstring.
     text = "\n".join(lines).replace("\\", "\\\\").replace('"""', "'''")
     return f'"""{text}\n"""\n'

@@ -1,4 +1,4 @@
-"""Statements of the model as Python that runs without NumPy: what divides by zero gives what floating point gives."""
+"""Statements of the model as Python that runs without NumPy; division by zero gives infinity or NaN, as in NumPy."""
 
 import ast
 from collections.abc import Collection, Iterable, Mapping
@@ -33,13 +33,13 @@ OWN = {"random_number": RANDOM_NUMBER, "sincos": SINCOS, "divided": DIVIDED}
 
 
 def safe(lines: Iterable[str], never_zero: Collection[str]) -> list[str]:
-    """Return statements that do not raise where a divisor is zero; the names `never_zero` divide as they are."""
+    """Return statements that do not raise on division by zero; divisions by the names `never_zero` are not changed."""
     divide = _Divide(never_zero)
     return [ast.unparse(ast.fix_missing_locations(divide.visit(node))) for node in ast.parse("\n".join(lines)).body]
 
 
 def called(lines: Iterable[str]) -> set[str]:
-    """Return the names that statements read, functions among them."""
+    """Return the names that statements read, including functions."""
     return {
         node.id
         for node in ast.walk(ast.parse("\n".join(lines)))
@@ -61,7 +61,7 @@ def functions(names: Collection[str]) -> list[str]:
 
 
 def _plain(function: ast.FunctionDef) -> str:
-    """Return a function without annotations that raises nothing where a divisor is zero."""
+    """Return a function without annotations that does not raise on division by zero."""
     bare = ast.parse(ast.unparse(function)).body[0]
     assert isinstance(bare, ast.FunctionDef), "it was one"
     bare.returns = None
@@ -77,7 +77,7 @@ class _Divide(ast.NodeTransformer):
         self._never_zero = {*never_zero, "dt"}
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        """Look at one operation, inner ones first."""
+        """Replace a division, after those inside it."""
         self.generic_visit(node)
         if not isinstance(node.op, ast.Div) or self._is_safe(node.right):
             return node
@@ -92,10 +92,10 @@ class _Divide(ast.NodeTransformer):
 
 
 def indented(lines: Iterable[str], by: int = 8) -> str:
-    """Return lines with spaces before each."""
+    """Return lines with an indentation."""
     return "".join(" " * by + line + "\n" for text in lines for line in text.splitlines())
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Return a template with each line that is a part's name in capitals replaced by the part."""
+    """Return a template in which each line that is a part's name in capitals is replaced by the part."""
     return "".join(parts.get(line.strip(), line) for line in template.splitlines(keepends=True))

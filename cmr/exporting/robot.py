@@ -1,4 +1,4 @@
-"""The robot that is exported: what its parameter file says, as every target needs it."""
+"""The robot to export, from its parameter file, in the form that targets need."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,9 +13,9 @@ from cmr.parameters.file import ParameterFile
 
 @dataclass(frozen=True)
 class ExportedRobot:
-    """One robot with its parameters; `controller` is None where it takes duties.
+    """One robot with its parameters; `controller` is None if it takes duties.
 
-    `mass` [kg] does not follow from its motion: None if it is not known.
+    `mass` [kg] cannot be estimated from motion: None if it is not known.
     """
 
     robot_id: int
@@ -25,7 +25,7 @@ class ExportedRobot:
 
     @property
     def takes(self) -> str:
-        """What the robot is commanded: DUTY or VELOCITY."""
+        """The commands that the robot takes: DUTY or VELOCITY."""
         return DUTY if self.controller is None else VELOCITY
 
     @cached_property
@@ -40,7 +40,9 @@ class ExportedRobot:
 
     @property
     def constants(self) -> dict[str, Constant]:
-        """The numbers that statements read, by name: not those of laws of sensors, which have no statements."""
+        """The constants that statements read, by name; laws of sensors have no statements, so theirs are not
+        included.
+        """
         left_out = [effect for effect in self.effects if effect.group == LAWS and effect.is_sensor]
         names = {parameter.name for effect in left_out for parameter in effect.all_parameters}
         return {name: one for name, one in self.program.constants.items() if name not in names}
@@ -54,7 +56,7 @@ class ExportedRobot:
 
     @property
     def sentences(self) -> list[str]:
-        """What each effect that is on does, in a sentence with its size."""
+        """A sentence for each effect that is on, with its size."""
         values = {name: constant.value for name, constant in self.program.constants.items()}
         if self.controller is None:
             return [effect.sentence(values) for effect in self.effects]
@@ -63,8 +65,8 @@ class ExportedRobot:
 
 
 def exported(file: ParameterFile, mass: float | None = None) -> ExportedRobot:
-    """Return the robot of a parameter file, and what it weighs [kg] where that is known.
+    """Return the robot of a parameter file, with its mass [kg] if that is known.
 
-    Raises ParameterFileError naming the first of the parameters that is missing for a simulation.
+    Raises ParameterFileError naming the first parameter that a simulation needs and that is missing.
     """
     return ExportedRobot(file.robot_id, file.robot_parameters, file.velocity_controller, mass)

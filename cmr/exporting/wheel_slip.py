@@ -1,4 +1,4 @@
-"""Gazebo's WheelSlip system: the slip of a robot's wheels that it can stand for.
+"""Gazebo's WheelSlip system, as far as it can represent the slip of a robot's wheels.
 
 By its documentation, a wheel of radius r that spins at w under the load N slips by C |r w| F / N where a force F pushes
 it along the ground. C is a compliance, one across and one along the wheel.
@@ -14,8 +14,8 @@ is |v| / V of what it is here. V is half the top speed: a robot that speeds up f
 same way, longitudinal_slip v, in both. (As a side accelerates alone in CMR's model, the body has the yaw inertia
 m b^2 / 4; another one slips more or less where it begins to turn.)
 
-`turn_slip`, a base width that grows with the turn rate, is not among it: nothing resists a steady turn there, wheels
-push nothing, and do not slip.
+`turn_slip`, a base width that grows with the turn rate, is not represented: in Gazebo nothing resists a steady turn, so
+wheels exert no force and do not slip.
 """
 
 from cmr.exporting.robot import ExportedRobot
@@ -33,7 +33,7 @@ def compliances(robot: ExportedRobot, top_speed: float) -> tuple[float, float]:
 def wheel_slip(robot: ExportedRobot, top_speed: float, radii: tuple[float, float]) -> str:
     """Return the system for the wheels of a robot with a top speed [m/s] and these radii [m], left and right.
 
-    It is empty where they do not slip, and where the robot's mass is not known: how it moves does not tell the load.
+    Empty if they do not slip, or if the robot's mass is not known: motion alone does not give the load.
     """
     lateral, longitudinal = compliances(robot, top_speed)
     if robot.mass is None or not (lateral or longitudinal):

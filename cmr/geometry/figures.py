@@ -7,7 +7,7 @@ import numpy as np
 from cmr.geometry.places import Pose
 
 POINTS = 200  # of one figure-eight
-LENGTH = 6.097  # of Gerono's lemniscate, over the distance from its crossing to a tip
+LENGTH = 6.097  # of Gerono's lemniscate, relative to the distance from its crossing to a tip
 
 
 def figure_eight(x: float, y: float, theta: float, size: float, laps: int = 1) -> tuple[list[float], list[float]]:
@@ -32,9 +32,9 @@ def line(count: int, spacing: float, first: Pose) -> list[Pose]:
 
 
 def grid(count: int, spacing: float, centre: Pose) -> list[Pose]:
-    """Return poses in rows and columns `spacing` [m] apart about a centre, which stays free.
+    """Return poses in rows and columns `spacing` [m] apart around a centre, which stays free.
 
-    Their number is even, so that the nearest stand 0.7 spacings from the centre. All have its heading.
+    Their number per side is even, so the nearest stand 0.7 spacings from the centre. All have its heading.
     """
     columns = math.ceil(math.sqrt(count))
     columns += columns % 2

@@ -1,4 +1,4 @@
-"""What stands in the way, and where robots may be: discs, walls, and the polygon of a geofence."""
+"""Obstacles and geofences: discs, walls, and polygons."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
-FURTHEST = 1e6  # m; what lies further from the origin is a mistake
+FURTHEST = 1e6  # m; larger coordinates are mistakes
 
 
 class ObstacleError(ValueError):
-    """An obstacle or geofence cannot be; the text says which, and why."""
+    """An obstacle or geofence is invalid; the text says which, and why."""
 
 
 class Obstacles:
-    """Things that nobody can push, in the world frame.
+    """Immovable objects, in the world frame.
 
-    `discs` (3, n): x, y, radius [m]. `walls` (4, n): x1, y1, x2, y2 [m] of straight walls without thickness.
-    Raises ObstacleError for a radius that is not above 0, a wall without length, and what is no number.
+    `discs` (3, n): x, y, radius [m]. `walls` (4, n): x1, y1, x2, y2 [m] of straight walls without thickness. Raises
+    ObstacleError for a radius that is not above 0, a wall without length, and NaN.
     """
 
     def __init__(self, discs: Iterable[Sequence[float]] = (), walls: Iterable[Sequence[float]] = ()) -> None:
@@ -42,8 +42,8 @@ class Obstacles:
 class Geofence:
     """A polygon [m; world frame] that robots stay inside of; its corners in order, without repeating the first.
 
-    `outline` (2, n): x, y [m] of the corners.
-    Raises ObstacleError for fewer than three corners, sides that cross or touch, and what is no number.
+    `outline` (2, n): x, y [m] of the corners. Raises ObstacleError for fewer than three corners, sides that cross or
+    touch, and NaN.
     """
 
     def __init__(self, corners: Iterable[Sequence[float]]) -> None:
@@ -56,7 +56,7 @@ class Geofence:
         self._refuse_crossings()
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> np.bool_ | NDArray[np.bool_]:
-        """Return whether points [m] lie inside; False for what is no number. Shapes as x and y broadcast."""
+        """Return whether points [m] lie inside; False for NaN. Shapes as x and y broadcast."""
         at_x, at_y = (np.asarray(values, dtype=float)[..., np.newaxis] for values in (x, y))
         # A ray from the point along +x crosses an odd number of sides exactly if the point is inside.
         spans = (self._y > at_y) != (self._next_y > at_y)
@@ -66,7 +66,7 @@ class Geofence:
         return inside
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> np.float64 | NDArray[np.float64]:
-        """Return how far [m] points are from the border, whichever side they are on; NaN for what is no number."""
+        """Return how far [m] points are from the border, whichever side they are on; NaN for NaN."""
         at_x, at_y = (np.asarray(values, dtype=float)[..., np.newaxis] for values in (x, y))
         along = ((at_x - self._x) * self._dx + (at_y - self._y) * self._dy) / (self._dx**2 + self._dy**2)
         share = np.clip(along, 0.0, 1.0)
@@ -75,7 +75,7 @@ class Geofence:
         return nearest
 
     def _refuse_crossings(self) -> None:
-        """Raise ObstacleError where a side has no length, or meets one that is not its neighbour."""
+        """Raise ObstacleError for a side of length 0, or one that meets a side other than its neighbours."""
         n = len(self._x)
         for i in range(n):
             if self._dx[i] == 0.0 and self._dy[i] == 0.0:

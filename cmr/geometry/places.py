@@ -1,4 +1,4 @@
-"""Where something is on the floor, and how large: plain numbers in m and rad, in the world frame."""
+"""Poses, points, discs and walls as plain numbers in m and rad, in the world frame."""
 
 import math
 from typing import NamedTuple, TypeAlias

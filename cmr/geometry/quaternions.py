@@ -1,10 +1,10 @@
-"""Turns about the vertical as quaternions, which is how ROS writes headings."""
+"""Rotations about the vertical as quaternions, as ROS represents headings."""
 
 import math
 
 
 def heading(x: float, y: float, z: float, w: float) -> float:
-    """Return the turn about the vertical [rad] that a quaternion means, of any length; NaN where it means none."""
+    """Return the rotation about the vertical [rad] of a quaternion of any length; NaN if it has none."""
     squares = x * x + y * y + z * z + w * w
     if not 0.0 < squares < math.inf:
         return math.nan

@@ -1,4 +1,4 @@
-"""Where compiled code is kept for later processes. Imports no Numba, which takes half a second."""
+"""The cache folder for compiled code. Does not import Numba, which takes half a second."""
 
 import atexit
 import os
@@ -12,7 +12,7 @@ from cmr.litter import temporary_beside
 
 @cache
 def lasting_folder() -> Path | None:
-    """Return the user's cache folder; None where it cannot be written."""
+    """Return the user's cache folder; None if it is not writable."""
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cmr"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -23,12 +23,12 @@ def lasting_folder() -> Path | None:
 
 @cache
 def cache_folder() -> Path:
-    """Return the user's cache folder for compiled code, or a temporary one where that cannot be written."""
+    """Return the user's cache folder for compiled code, or a temporary one if that is not writable."""
     return lasting_folder() or _temporary_folder()
 
 
 def _temporary_folder() -> Path:
-    """Make a folder that goes with this process; one of a process that was killed goes with the next."""
+    """Make a folder that is removed with this process; one of a killed process is removed by the next."""
     folder = temporary_beside(Path(tempfile.gettempdir()) / "cmr-cache")
     folder.mkdir(mode=0o700)
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

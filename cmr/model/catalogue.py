@@ -1,9 +1,9 @@
-"""All effects by name, and all parameters: those of CMR, those that installed packages add, and laws.
+"""All effects and parameters by name: those of CMR, of installed packages, and laws.
 
-The catalogue holds what has a cause that can be named. The model also knows generic terms, which have none.
+The catalogue contains effects with a nameable cause. The model also has generic terms, which have none.
 
-A package adds effects by an entry point of the group `cmr.effects`, each pointing at one `Effect`. A law, which came
-with the parameters of a robot or from a file, is added by `learn` while a process runs, and is an entry from then on.
+A package adds effects by an entry point of the group `cmr.effects`, each pointing at one `Effect`. A law, from a
+robot's parameters or a file, is added by `learn` at run time, and is then an entry as well.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -30,7 +30,7 @@ OWN = (*electronics.EFFECTS, *motors.EFFECTS, *ground.EFFECTS, *sensors.EFFECTS)
 def catalogue_of(effects: tuple[Effect, ...]) -> dict[str, Effect]:
     """Return the effects by name.
 
-    Raises ValueError where two effects or parameters have the same name.
+    Raises ValueError for duplicate names of effects or parameters.
     """
     names = [effect.name for effect in effects]
     numbers = [parameter.name for parameter in chain(paper.PARAMETER_DEFINITIONS, *(e.all_parameters for e in effects))]
@@ -53,24 +53,24 @@ CATALOGUE = catalogue_of((*OWN, *(point.load() for point in entry_points(group=E
 GENERIC_TERMS = catalogue_of(generic.EFFECTS)
 MODELLED = catalogue_of((*CATALOGUE.values(), *GENERIC_TERMS.values()))
 DEFINITIONS = definitions_of(MODELLED)
-MOST_LAWS = 100  # that a process learns: they come with parameters from the bus, too
-LAWS: dict[str, Law] = {}  # those that this process knows; their effects are in CATALOGUE, too
+MOST_LAWS = 100  # learned by one process: they also come with parameters from the bus
+LAWS: dict[str, Law] = {}  # known to this process; their effects are also in CATALOGUE
 _LEARNING = Lock()
 _FORGETTING: list[Callable[[], None]] = []
 
 
 def remembered(function: Callable[P, R]) -> Callable[P, R]:
-    """Compute what depends on the catalogue once, and again when the catalogue has changed."""
+    """Cache a function of the catalogue, and recompute it when the catalogue has changed."""
     kept = cache(function)
     _FORGETTING.append(kept.cache_clear)
-    return kept  # type: ignore[return-value]  # a cache wants arguments that have a hash
+    return kept  # type: ignore[return-value] # a cache needs hashable arguments
 
 
 def learn(law: Law, estimates: Mapping[str, float] | None = None) -> Effect:
     """Add a law to the catalogue of this process and return its effect; `estimates` as in `law_effect`.
 
-    Whoever knows the law already gets the effect that is there. Raises LawError, a ValueError, where the name is taken
-    by another law, or by an effect or parameter, and for one law more than MOST_LAWS.
+    A known law returns its existing effect. Raises LawError, a ValueError, if the name belongs to another law, an
+    effect or a parameter, and beyond MOST_LAWS.
     """
     with _LEARNING:
         known = LAWS.get(law.name)
@@ -85,7 +85,7 @@ def learn(law: Law, estimates: Mapping[str, float] | None = None) -> Effect:
             catalogue_of((*MODELLED.values(), effect))
         except ValueError as error:
             raise LawError(str(error), "name") from None
-        # New names come before what makes others look for them.
+        # Register new names before anything makes others look them up.
         DEFINITIONS.update({parameter.name: parameter for parameter in effect.all_parameters})
         MODELLED[law.name] = CATALOGUE[law.name] = effect
         LAWS[law.name] = law
@@ -94,9 +94,9 @@ def learn(law: Law, estimates: Mapping[str, float] | None = None) -> Effect:
 
 
 def unlearn(name: str) -> None:
-    """Take a law out of the catalogue of this process, such as one that was only tried.
+    """Remove a law from the catalogue of this process, for example one that was only tested.
 
-    Raises KeyError for a name that is no law's.
+    Raises KeyError for an unknown law.
     """
     with _LEARNING:
         del LAWS[name]
@@ -112,9 +112,9 @@ def _forget_what_depended_on_it() -> None:
 
 
 def needed(effects: Mapping[str, Effect], names: Collection[str]) -> list[Effect]:
-    """Return those of some effects that a model with parameters of these `names` has: of laws only those that are used.
+    """Return the effects needed by a model with parameters of these `names`: laws only if they are used.
 
-    All others are compiled in from the beginning; each set of laws takes seconds to compile.
+    All others are always compiled in; each set of laws takes seconds to compile.
     """
     return [
         effect
@@ -124,9 +124,9 @@ def needed(effects: Mapping[str, Effect], names: Collection[str]) -> list[Effect
 
 
 def definition(name: str) -> ParameterDefinition:
-    """Return what a parameter is.
+    """Return the definition of a parameter.
 
-    Raises KeyError, which lists the known ones, for a name that is no parameter.
+    Raises KeyError, listing the known ones, for an unknown name.
     """
     for known in (DEFINITIONS, CONTROLLER_DEFINITIONS):
         if name in known:
@@ -135,9 +135,9 @@ def definition(name: str) -> ParameterDefinition:
 
 
 def effects_on(values: Mapping[str, object]) -> list[Effect]:
-    """Return the effects that these parameter values, by name, switch on; generic terms come last.
+    """Return the effects switched on by these parameter values, by name; generic terms come last.
 
-    Raises KeyError for a name that is no parameter.
+    Raises KeyError for an unknown parameter.
     """
     for name in values:
         definition(name)
@@ -150,12 +150,12 @@ def typical(effect: Effect) -> dict[str, float]:
 
 
 def with_effects(parameters: RobotParameters, values: Mapping[str, object]) -> RobotParameters:
-    """Return the parameters with these values, by name, in place of their own."""
+    """Return the parameters with these values, by name, replacing their own."""
     return RobotParameters.of({**parameters.values, **values})
 
 
 def together(robots: Sequence[RobotParameters]) -> RobotParameters:
-    """Return the parameters of many robots as one: arrays of shape (n,); what one lacks is neutral."""
+    """Return the parameters of many robots as one: arrays of shape (n,); missing ones are neutral."""
     import numpy as np  # a driver reads parameters, and has no arrays
 
     names = dict.fromkeys(name for robot in robots for name in robot.values)

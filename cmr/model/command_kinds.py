@@ -1,6 +1,6 @@
-"""What a robot may be commanded: each takes one kind."""
+"""Kinds of commands: each robot takes one."""
 
-DUTY = "duty"  # how hard each side's motor drives
-WHEEL_SPEED = "wheel_speed"  # how fast each side's wheels turn, which a controller in the robot sees to
-VELOCITY = "velocity"  # how fast the body moves and turns: (v, omega); likewise
+DUTY = "duty"  # drive of each side's motor
+WHEEL_SPEED = "wheel_speed"  # speed of each side's wheels, held by a controller in the robot
+VELOCITY = "velocity"  # speed and yaw rate of the body, (v, omega); likewise
 KINDS = (DUTY, WHEEL_SPEED, VELOCITY)

@@ -1,7 +1,7 @@
-"""Commands as they take effect: each holds until the next.
+"""Commands in effect: each holds until the next.
 
-A step of the model takes constant duties. A step in which a command comes is split there, so that it need not come on a
-border: real processes send theirs at any time, and each robot has a delay of its own.
+A step of the model has constant duties. If a command arrives within a step, the step is split there: real processes
+send at any time, and each robot has its own delay.
 """
 
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ from cmr.model.extended.compose import late
 from cmr.model.extended.evaluating import evaluated
 
 Floats = NDArray[np.float64]
-# Of a step: the share of it after which a command comes, 0 where none does; duties before that, and behind.
+# Of a step: the share after which a command arrives, 0 without one; duties before and after.
 PROFILE = ("split", "first_left", "first_right", "left", "right")
-SHORTEST = 1e-3  # of a step; a command that comes nearer to a border comes with it
+SHORTEST = 1e-3  # of a step; a command closer to a border is moved to it
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Commands:
         """Return the duties in each of `steps` of `dt` [s] from time 0 on, shape (steps, 5), columns PROFILE.
 
         Each command takes effect `delay` [s] after its time; before the first, duties are not known: NaN. Without any
-        commands they are 0. Of several in one step, the one that changes the duties most splits it, and means count
-        before and behind.
+        commands they are 0. With several in one step, the one with the largest change splits it, and means are used
+        before and after.
         """
         result = np.zeros((steps, len(PROFILE)))
         if len(self.time):
@@ -46,7 +46,7 @@ class Commands:
 
 @inlined
 def _place(time, delay, dt):  # type: ignore[no-untyped-def]
-    """Return after how many steps a command takes effect; one that comes near a border comes with it."""
+    """Return the number of steps until a command takes effect; one near a border is moved to it."""
     place = (time + delay) / dt
     whole = np.rint(place)
     return whole if abs(place - whole) < SHORTEST else place
@@ -64,7 +64,7 @@ def fill_profile(time, duty, dt, delay, profile):  # type: ignore[no-untyped-def
         row[1], row[2], largest, first = left, right, 0.0, number
         while number < count and _place(time[number], delay, dt) < step + 1:
             change = max(abs(duty[number, 0] - left), abs(duty[number, 1] - right))
-            if not change <= largest:  # or not known before
+            if not change <= largest:  # or unknown before
                 row[0], largest = _place(time[number], delay, dt) - step, change if change == change else np.inf
             left, right = duty[number, 0], duty[number, 1]
             number += 1
@@ -88,7 +88,7 @@ def fill_profiles(time, duty, ends, dt, delay, steps, profile):  # type: ignore[
 
 @inlined
 def _average(row, time, duty, dt, delay, step, first, last):  # type: ignore[no-untyped-def]
-    """Write means of the duties before and behind the split of a step in which several commands come."""
+    """Write means of the duties before and after the split of a step in which several commands come."""
     split, since, left, right = row[0], 0.0, row[1], row[2]
     row[1], row[2], row[3], row[4] = 0.0, 0.0, 0.0, 0.0
     for number in range(first, last + 1):
@@ -104,7 +104,7 @@ def _average(row, time, duty, dt, delay, step, first, last):  # type: ignore[no-
 
 
 def fixed_delays(values: Mapping[str, Floats]) -> Floats | None:
-    """Return by how long [s] commands are late for each candidate, (C,); None where chance acts on any of them.
+    """Return the delay [s] of commands for each candidate, (C,); None if any of them has random delays.
 
     `values` of parameters, by name, are arrays (C,).
     """
@@ -118,7 +118,7 @@ def fixed_delays(values: Mapping[str, Floats]) -> Floats | None:
 
 
 def _packet(given: Mapping[str, Floats], random: float) -> dict[str, Floats]:
-    """Return what becomes of a command whose random numbers are all the same; arrays (C,) by name."""
+    """Apply the packet stage with equal random numbers; arrays (C,) by name."""
     neutral = {name: DEFINITIONS[name].neutral for name in _late_parameters()}
     zero = np.zeros(len(next(iter(given.values()))))
     drawn: dict[str, Any] = {"random_number": lambda *_stream: random, "seed": 0, "count": 0, "robot": 0}

@@ -1,7 +1,7 @@
-"""Compile a function with Numba: the one place that knows its options, and what is done beyond Numba's Python.
+"""Compile functions with Numba: the only module with its options, and with extensions beyond Numba's Python.
 
-`contract` lets a product and a sum become one instruction; anything looser keeps the loops from being vectorised.
-Nothing that is compiled is imported until it is needed, because Numba itself takes half a second to import.
+`contract` allows fused multiply-add; anything more permissive prevents vectorisation. Nothing is imported for
+compilation until needed, because importing Numba takes half a second.
 """
 
 import fcntl
@@ -24,7 +24,7 @@ from cmr.model.remembered_types import remembered
 
 P = ParamSpec("P")
 R = TypeVar("R")
-# Numba has annotations from some version on; this way they make no difference.
+# Newer versions of Numba have annotations; this makes the type checks independent of the version.
 Numba: TypeAlias = Any
 jit: Numba = numba.njit
 signatures: Numba = sigutils
@@ -33,21 +33,21 @@ typing: Numba = templates
 typed: Numba = type_callable
 lowered: Numba = lower_builtin
 config: Numba = numba.config
-# Nobody passes our functions to C: without what that takes, each is compiled a little sooner.
+# Our functions are not called from C: without that support they compile slightly faster.
 OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 LINEAR_ALGEBRA = "scipy.linalg.cython_blas"
 _ONE_AT_A_TIME = threading.Lock()
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a small function that compiled functions call; it takes the types of its first use."""
+    """Compile a small function for inlining into compiled functions; it takes the types of its first use."""
     return cast("Callable[P, R]", jit(inline="always", **OPTIONS)(function))
 
 
 def structure(kind: type[tuple[Numba, ...]], *fields: Numba) -> Numba:
-    """Return Numba's type of a named tuple whose fields have these types: text, or other structures.
+    """Return Numba's type of a named tuple with fields of these types: text, or other structures.
 
-    To call a function with one from Python takes some microseconds more; it is for those that work longer.
+    Calling a function with one from Python takes some extra microseconds, so it is for longer computations.
     """
     return kinds.BaseTuple.from_types([_typed(field) for field in fields], kind)
 
@@ -55,11 +55,11 @@ def structure(kind: type[tuple[Numba, ...]], *fields: Numba) -> Numba:
 def compiled(*signature: Numba) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile a function for one signature when it is first called; later processes find it in Numba's cache.
 
-    The signature is one text, or the types of the arguments one by one, each a text or a `structure`.
+    The signature is a text, or one argument type each, as text or `structure`.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        if config.DISABLE_JIT:  # by the environment's NUMBA_DISABLE_JIT, to step through the code
+        if config.DISABLE_JIT:  # environment variable NUMBA_DISABLE_JIT, for debugging
             return function
         return cast("Callable[P, R]", _Compiled(_argument_types(signature), function))
 
@@ -67,9 +67,10 @@ def compiled(*signature: Numba) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def address(function: Callable[P, None]) -> Callable[P, None]:
-    """Return what stands for a compiled function where `call` calls it: in truth a number.
+    """Return the address of a compiled function, for `call`.
 
-    It is loaded or compiled now, and must be kept as long as it is called. What is not compiled stands for itself.
+    The function is loaded or compiled now, and must be kept alive while in use. Without compilation, the function
+    itself is returned.
     """
     dispatcher: Numba = function.loaded() if isinstance(function, _Compiled) else function
     if not hasattr(dispatcher, "overloads"):
@@ -85,14 +86,14 @@ def _argument_types(signature: tuple[Numba, ...]) -> tuple[Numba, ...]:
 
 
 def _typed(written: Numba) -> Numba:
-    """Return Numba's type of this name; a type stands for itself."""
+    """Return Numba's type of this name; types are returned unchanged."""
     return signatures.normalize_signature(f"({written},)")[0][0] if isinstance(written, str) else written
 
 
 class _Compiled:
-    """A function that is compiled, or loaded, at its first call; other compiled functions may call it too.
+    """A function that is compiled or loaded at its first call, also from other compiled functions.
 
-    From then on its name in its module stands for what Numba made of it: a step saves a detour for each call.
+    Afterwards its name in its module refers to Numba's function, which saves an indirection per call.
     """
 
     def __init__(self, arguments: tuple[Numba, ...], function: Callable[..., Numba]) -> None:
@@ -103,7 +104,8 @@ class _Compiled:
         folder = cache_folder() / _sources(Path(function.__code__.co_filename).parent)
         self._lock = folder / f"{self._module}.{self._name}.lock"
         with suppress(RuntimeError), _caching_in(folder):
-            self._dispatcher.enable_caching()  # an error if nowhere can be written: each process compiles for itself
+            # Raises an error if no folder is writable: each process then compiles for itself.
+            self._dispatcher.enable_caching()
         self._call = self._first_call
 
     def __call__(self, *arguments: Numba) -> Numba:
@@ -111,11 +113,11 @@ class _Compiled:
 
     @property
     def _numba_type_(self) -> Numba:
-        """What Numba takes this for where compiled code calls it."""
+        """The type used by Numba where compiled code calls it."""
         return self._dispatcher._numba_type_
 
     def loaded(self) -> Numba:
-        """Return what Numba makes of it."""
+        """Return Numba's function."""
         if self.unloaded:
             self._load()
         return self._dispatcher
@@ -125,9 +127,9 @@ class _Compiled:
         return self._call(*arguments)
 
     def _load(self) -> None:
-        # Processes that are begun together would all compile the same: others wait, and load what the first compiled.
+        # Processes started together would all compile the same: others wait, and load the result of the first.
         with _without_linear_algebra(), _alone(self._lock), remembered():
-            # By types alone, as compiled callers ask for it: so both find the same in the cache.
+            # With types, as compiled callers request it, so both use the same cache entry.
             self._dispatcher.compile(self._arguments)
         self._dispatcher.disable_compile()
         self._call, self.unloaded = self._dispatcher, False
@@ -140,8 +142,8 @@ class _Compiled:
 def _sources(folder: Path) -> str:
     """Return a name for the state of the model's source files, and of those in a folder of this package.
 
-    Numba compiles a function again when its own file changes; what is inlined into it comes from other files.
-    Those of effects do not count: their equations are composed into files of their own.
+    Numba compiles a function again when its own file changes; inlined functions come from other files. Files of effects
+    do not count: their equations are composed into separate files.
     """
     here = Path(__file__).parent
     folders = [here, here / "extended"]
@@ -153,8 +155,8 @@ def _sources(folder: Path) -> str:
 
 @contextmanager
 def _caching_in(folder: Path) -> Iterator[None]:
-    """Let Numba choose this folder for what it caches, unless the user has chosen one (NUMBA_CACHE_DIR)."""
-    with _ONE_AT_A_TIME:  # the option is everybody's, and modules are imported by several threads
+    """Make Numba use this cache folder, unless the user has chosen one (NUMBA_CACHE_DIR)."""
+    with _ONE_AT_A_TIME:  # the option is global, and modules may be imported by several threads
         before = config.CACHE_DIR
         config.CACHE_DIR = before or str(folder)
         try:
@@ -165,7 +167,7 @@ def _caching_in(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _alone(lock: Path) -> Iterator[None]:
-    """Keep other processes out of what this file stands for; where it cannot be written they are not."""
+    """Hold an exclusive lock on a file; without a writable file there is no lock."""
     with ExitStack() as held:
         with suppress(OSError):
             lock.parent.mkdir(parents=True, exist_ok=True)
@@ -175,7 +177,7 @@ def _alone(lock: Path) -> Iterator[None]:
 
 @contextmanager
 def _without_linear_algebra() -> Iterator[None]:
-    """Keep Numba from importing SciPy, which takes longer than all the rest, to see whether it has linear algebra."""
+    """Keep Numba from importing SciPy, which is slow, only to check for linear algebra."""
     if LINEAR_ALGEBRA in sys.modules:
         yield
         return
@@ -187,15 +189,15 @@ def _without_linear_algebra() -> Iterator[None]:
 
 
 def select(condition: bool, one: float, other: float) -> float:
-    """Return one number where the condition holds, the other where it does not; both are computed before."""
+    """Return one number if the condition holds, otherwise the other; both are always computed."""
     return one if condition else other
 
 
 def call(function: Callable[P, None], *arguments: P.args, **named: P.kwargs) -> None:
     """Call a function; in compiled code `function` is its `address`.
 
-    So the loops around the equations of effects are compiled once, whatever effects there are. Its arguments must have
-    just the types of its signature, which nobody checks, and none may be named.
+    The loops around the equations of effects are thus compiled once, whatever effects there are. Argument types must
+    match the signature exactly, which is not checked, and keyword arguments are not allowed.
     """
     function(*arguments, **named)
 
@@ -216,7 +218,7 @@ lowered(select, types.Any, types.Any, types.Any)(_lower)
 
 @typing.infer_global(call)
 class _Call(typing.AbstractTemplate):  # type: ignore[misc]
-    """Numba's question for what a call returns: nothing."""
+    """Numba's typing template of a call that returns nothing."""
 
     def generic(self, arguments: Numba, _named: Numba) -> Numba:
         """Return the signature of a call with arguments of these types."""
@@ -224,7 +226,7 @@ class _Call(typing.AbstractTemplate):  # type: ignore[misc]
 
 
 def _lower_call(context: Numba, builder: Numba, signature: Numba, values: Numba) -> Numba:
-    """Write the call as Numba writes those of functions that it knows by name."""
+    """Generate the call, as Numba does for functions it knows by name."""
     convention, expected = context.call_conv, signature.args[1:]
     kind = convention.get_function_type(types.none, expected)
     function = builder.inttoptr(values[0], kind.as_pointer())

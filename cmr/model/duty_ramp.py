@@ -1,4 +1,4 @@
-"""How fast the duty of a motor may change: a command is a wish, a heavy robot follows it by a ramp."""
+"""Rate limits on motor duties: the duty follows commands by a ramp, for heavy robots."""
 
 import math
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ LONGEST_PAUSE = 0.4  # s; after a longer one the device's own watchdog may have 
 
 @dataclass(frozen=True)
 class Limits:
-    """How fast the size of a duty may grow and shrink (duty per second).
+    """Limits on the growth and decrease of a duty's magnitude (duty per second).
 
-    Raises ValueError when one is not greater than 0, or when slowing down would take longer than speeding up.
+    Raises ValueError if one is not greater than 0, or if slowing down would be slower than speeding up.
     """
 
     speeding_up: float = 10.0
@@ -41,10 +41,10 @@ def approach(duty: float, wanted: float, seconds: float, limits: Limits) -> floa
 
 
 class Ramp:
-    """The duties of both sides on their way to what is commanded; begins at zero.
+    """The duties of both sides on their way to the command; starts at zero.
 
-    Only duties that the device has acknowledged count as reached: those that were lost on the line are not built upon.
-    Where it may have acknowledged others, a duty that grew does not count: two steps might be taken in one.
+    Only duties acknowledged by the device count as reached; lost ones are not built upon. If it may have acknowledged
+    others, growth does not count: two steps might be taken at once.
     """
 
     def __init__(self, limits: Limits, longest_step: float) -> None:
@@ -53,23 +53,23 @@ class Ramp:
         self.reset()
 
     def reset(self) -> None:
-        """Be at zero now; the next command is approached from there."""
+        """Reset to zero; the next command is approached from there."""
         self._reached = self._next = STANDSTILL, STANDSTILL
 
     def towards(self, left: float, right: float, now: float) -> tuple[float, float]:
         """Return the duties (left, right) for the moment `now` (s) on the way to those commanded.
 
-        After a pause they go on as if it had lasted `longest_step` (s), after more than LONGEST_PAUSE from zero.
+        After a pause they continue as if it had lasted `longest_step` (s), after more than LONGEST_PAUSE from zero.
         """
         self._next = self._step(self._reached[0], left, now), self._step(self._reached[1], right, now)
         return self._next[0].duty, self._next[1].duty
 
     def acknowledge(self) -> None:
-        """Go on from the last duties as far as they did not grow: the device has acknowledged them, or others."""
+        """Continue from the last duties without their growth: the device has acknowledged them, or others."""
         self._reached = _surely(self._reached[0], self._next[0]), _surely(self._reached[1], self._next[1])
 
     def confirm(self) -> None:
-        """Go on from the last duties: it is sure by now that they are those which the device has acknowledged."""
+        """Continue from the last duties: it is now certain that the device has acknowledged these."""
         self._reached = self._next
 
     def _step(self, reached: "_Reached", wanted: float, now: float) -> "_Reached":
@@ -79,7 +79,7 @@ class Ramp:
 
 
 class _Reached(NamedTuple):
-    """A duty of one side, and when it was to be that (s)."""
+    """A duty of one side, and when it was sent (s)."""
 
     duty: float
     time: float
@@ -89,7 +89,7 @@ STANDSTILL = _Reached(0.0, math.inf)
 
 
 def _surely(before: _Reached, after: _Reached) -> _Reached:
-    """Return what may be built upon when it is not known which of the two is in force: the smaller."""
+    """Return a safe duty when it is unknown which of the two is in force: the smaller."""
     if before.duty * after.duty < 0.0:
         return _Reached(0.0, after.time)
     return after if abs(after.duty) <= abs(before.duty) else before

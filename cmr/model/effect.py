@@ -1,4 +1,4 @@
-"""What an effect is: one entry that simulation, calibration, diagnosis, report and documentation all read.
+"""An effect: one entry used by simulation, calibration, diagnosis, report and documentation.
 
 The equation in an entry is the code: Python statements for the stages of `cmr.model.stages`. The model's step is
 composed of the statements of all entries, and the documentation prints them.
@@ -12,15 +12,15 @@ from cmr.model.parameters import ParameterDefinition
 from cmr.model.stages import STAGES
 
 GROUPS = ("battery and electronics", "motors and gearing", "wheels and ground", "sensors")
-GENERIC = "generic terms"  # the group of what has no cause
-LAWS = "laws"  # the group of what was found as a formula, on robots of which the catalogue does not say enough
+GENERIC = "generic terms"  # group of terms without a cause
+LAWS = "laws"  # group of formulas found on robots that the catalogue does not fully describe
 
 
 @dataclass(frozen=True)
 class Memory:
-    """A value that the robot keeps from one step to the next; 0.0 at the start unless stage `start` says otherwise.
+    """A value that the robot keeps between steps; 0.0 at the start unless stage `start` sets it.
 
-    What is `lasting` outlives a gap in a recording: a battery is as empty after it as before.
+    A `lasting` value survives a gap in a recording: a battery is as empty after it as before.
     """
 
     name: str
@@ -35,18 +35,17 @@ class Effect:
     """A physical effect that the paper's model lacks.
 
     `cause` is a sentence with `{parameter}` fields: `{gyro_bias:.3f}` prints the size, `{gyro_bias:high/low}` the word
-    for its sign. `equations` maps stages to statements, see above. `needs` says which motion makes the effect show,
-    `shows_in` where, and `confused_with` maps the names of other effects to the manoeuvre that distinguishes them.
-    Parameters that are `given` say under which circumstances the effect acts: they are given, not found, and switch
-    nothing on.
-    An effect that is never alone is looked for `beside` another one: once that was found.
-    The effect may show `with_commands` of these kinds: a velocity controller in the robot makes up for many. Where
-    speeds are commanded it may have another cause, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
-    `{parameter_acceleration}` the acceleration from rest in rad/s^2.
-    One with `lateness_of` a sensor, "poses" or "gyro", has one parameter: how much older [s] readings are.
-    `rarity` is how much more it must lower the sum of squares than another effect to be preferred to it.
-    One `by_chance` shows in the spread of readings, not in their mean. One `of_one_frame` belongs to places or headings
-    of one world frame: it does not show where each piece of a recording has a frame of its own.
+    for its sign. `equations` maps stages to statements, see above. `needs` is the motion that reveals the effect,
+    `shows_in` the signals, and `confused_with` maps the names of other effects to the manoeuvre that distinguishes
+    them. Parameters in `given` are conditions of the effect: they are given, not estimated, and switch nothing on. An
+    effect that never occurs alone is tested only `beside` another one, once that was selected. `with_commands` are the
+    kinds of commands for which it is detectable: a velocity controller in the robot compensates many effects. With
+    commanded speeds it may have another sentence, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
+    `{parameter_acceleration}` the acceleration from rest in rad/s^2. An effect with `lateness_of` a sensor, "poses" or
+    "gyro", has one parameter: the additional age of readings [s]. `rarity` is how much more it must reduce the sum of
+    squares to be preferred to another effect. An effect `by_chance` is visible in the spread of readings, not in their
+    mean. One `of_one_frame` depends on positions or headings in one world frame: it is not detectable if each piece of
+    a recording has its own frame.
     """
 
     name: str
@@ -80,12 +79,12 @@ class Effect:
 
     @property
     def all_parameters(self) -> tuple[ParameterDefinition, ...]:
-        """The parameters that are found, then those that are given."""
+        """The estimated parameters, then the given ones."""
         return (*self.parameters, *self.given)
 
     @property
     def is_sensor(self) -> bool:
-        """Whether the effect changes what sensors say and leaves the motion alone."""
+        """Whether the effect changes sensor readings but not the motion."""
         return all(STAGES[stage].of_sensors for stage in self.equations)
 
     def is_on(self, values: Mapping[str, object]) -> bool:
@@ -101,9 +100,9 @@ class Effect:
         return self.cause.format(**{parameter.name: _Size(values[parameter.name]) for parameter in self.parameters})
 
     def sentence_of_speed(self, values: Mapping[str, float], top_wheel_speed: float, acceleration: float) -> str:
-        """Return the sentence that names the cause where duty 1 stands for a wheel speed [rad/s].
+        """Return the sentence that names the cause for commanded speeds, with the wheel speed of duty 1 [rad/s].
 
-        `acceleration` [rad/s^2] is what it gives a wheel at rest.
+        `acceleration` [rad/s^2] is that of a wheel at rest with duty 1.
         """
         if not self.cause_of_speed:
             return self.sentence(values)
@@ -113,7 +112,9 @@ class Effect:
 
 
 class _Size(float):
-    """A number that prints its size, with a plus in the format also its sign, or one of two words by its sign."""
+    """A number formatted as its magnitude, with a plus in the format also its sign, or as one of two words by its
+    sign.
+    """
 
     def __format__(self, specification: str) -> str:
         positive, slash, negative = specification.partition("/")

@@ -1,4 +1,4 @@
-"""Sine, cosine and exponential as polynomials: loops with them are vectorised, loops with libm's are not.
+"""Vectorisable sine, cosine and exponential as polynomials; calls of libm prevent vectorisation.
 
 Arguments are reduced by a multiple of pi, or of ln 2, held in three parts (Cody and Waite, 1980): products with the
 first two are exact for multiples below 2^23. The polynomials interpolate at Chebyshev points. Errors: sine and cosine
@@ -89,13 +89,13 @@ def sinh_and_cosh_minus_1(x: float) -> tuple[float, float]:
 
 @inlined
 def _power_and_rest(x: float) -> tuple[float, float]:
-    """Return the power of two nearest to e^x, and by what share e^x is more."""
+    """Return the power of two nearest to e^x, and the relative excess of e^x."""
     bounded = min(max(x, LOWEST), HIGHEST)
     shifted = bounded * ONE_OVER_LN2 + ROUND
     doublings = shifted - ROUND
     r = ((bounded - doublings * LN2_1) - doublings * LN2_2) - doublings * LN2_3
     p = expm1_small(r)
-    # `shifted` ends in the number of doublings: moved up to where a float keeps its exponent, it is that power of 2.
+    # The low bits of `shifted` are the exponent: shifted to the exponent field, they are that power of 2.
     exponent = (np.float64(shifted).view(np.int64) + EXPONENT_BIAS) << MANTISSA_BITS
     power = np.int64(exponent).view(np.float64)
     return power, p
@@ -103,7 +103,7 @@ def _power_and_rest(x: float) -> tuple[float, float]:
 
 @inlined
 def expm1(x: float) -> float:
-    """Return e^x - 1, precise near 0 too; x is taken as -708 where it is less and as 709 where it is more."""
+    """Return e^x - 1, precise near 0 too; x is clipped to [-708, 709]."""
     power, p = _power_and_rest(x)
     return power * p + (power - 1.0)
 

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 POSE_AND_SPEED = 5  # x, y, theta, psi_left, psi_right
-ROOM = 16  # robots for which there is room at first; it doubles whenever it is used up
+ROOM = 16  # initial capacity in robots; doubled when full
 
 Index: TypeAlias = int | Sequence[int] | NDArray[np.int64] | slice  # of robots in a fleet
 
 
 class Fleet:
-    """N robots that move in steps of `dt` [s]; each is known by its index, in the order in which it was added.
+    """N robots that move in steps of `dt` [s]; each has an index, in order of addition.
 
-    An `index` below is one number or an array of them; values are then numbers or arrays that broadcast with it.
-    Robots without effects move by the paper's model, the others by the extended one. `seed` fixes what is random.
+    An `index` below is one number or an array of them; values are then numbers or arrays that broadcast with it. Robots
+    without effects move by the paper's model, the others by the extended one. `seed` determines random numbers.
     """
 
     def __init__(self, dt: float, seed: int = 0) -> None:
@@ -48,7 +48,7 @@ class Fleet:
         return self._count
 
     def add(self, state: RobotState, parameters: RobotParameters) -> Indices:
-        """Add one robot for each entry of state and parameters, and return their indices; they begin without duty.
+        """Add one robot per entry of state and parameters, with zero duty; return their indices.
 
         Raises KeyError for an effect's parameter that the catalogue does not have.
         """
@@ -64,14 +64,14 @@ class Fleet:
         return added
 
     def place(self, index: Index, state: RobotState) -> None:
-        """Put robots into another state; what they are commanded stays, and their time begins again."""
+        """Set the state of robots; their commands stay, and their time restarts."""
         for row, values in zip(self._state, state[:POSE_AND_SPEED], strict=True):
             row[index] = values
         self._placed[index] = True
         self._changed = True
 
     def set_parameters(self, index: Index, parameters: RobotParameters) -> None:
-        """Let robots move by other parameters from now on; their states stay.
+        """Change the parameters of robots; their states stay.
 
         Raises KeyError for an effect's parameter that the catalogue does not have.
         """
@@ -85,13 +85,13 @@ class Fleet:
         self._changed = True
 
     def command(self, index: Index, left: ArrayLike, right: ArrayLike) -> None:
-        """Drive robots with these duties, in [-1, 1], from now on."""
+        """Set the duties of robots, in [-1, 1]."""
         self._duty[0, index] = left
         self._duty[1, index] = right
         self._commanded = True
 
     def advance(self, steps: int = 1) -> None:
-        """Let time pass for all robots."""
+        """Simulate all robots."""
         if self._changed:
             self._prepare()
         if self._extended and self._commanded:
@@ -114,8 +114,8 @@ class Fleet:
         return RobotState(*(states if index is None else states[:, index]))
 
     def bodies(self) -> Floats:
-        """Return x, y, theta [unwrapped], psi_left and psi_right of all robots, (5, n); whoever changes them in place
-        says of whom to `take_back`.
+        """Return x, y, theta [unwrapped], psi_left and psi_right of all robots, (5, n); changes in place must be passed
+        to `take_back`.
         """
         if self._changed:
             self._prepare()
@@ -124,12 +124,12 @@ class Fleet:
         return self._state[:, : self._count]
 
     def take_back(self, changed: NDArray[np.bool_]) -> None:
-        """Let robots, as `changed` (n,) says by index, go on as they are in `bodies` now; their memory stays."""
+        """Apply changes to `bodies` of the robots with `changed` (n,) true; their memory stays."""
         if self._extended:
             self._extended.read(self._state, changed)
 
     def parameter(self, name: str) -> Floats:
-        """Return one of the paper's parameters of all robots, (n,); it shows later changes."""
+        """Return one of the paper's parameters of all robots, (n,); a view that shows later changes."""
         return self._parameters[list(DEFINITIONS).index(name), : self._count]
 
     def _make_room(self, count: int) -> None:
@@ -145,7 +145,7 @@ class Fleet:
         self._effects = {name: np.append(v, np.full(more, _neutral(name))) for name, v in self._effects.items()}
 
     def _prepare(self) -> None:
-        """Find out which robots move by which model, and compute what depends on parameters alone."""
+        """Assign robots to models, and precompute what depends only on parameters."""
         n = self._count
         before, self._extended = self._extended, None
         if before:
@@ -153,7 +153,8 @@ class Fleet:
         values = {name: numbers[:n] for name, numbers in self._effects.items()}
         extended = _turning_too_fast(self.dt, self._parameters[:, :n], self._state[3:, :n])
         if values:
-            from cmr.model.extended.model import model_of  # composing it takes time that the paper's model need not
+            # Composing it takes time that the paper's model does not need.
+            from cmr.model.extended.model import model_of
 
             extended |= model_of(values).on(values, (n,))
         robots = np.flatnonzero(extended)
@@ -172,7 +173,7 @@ class Fleet:
 
 
 def _turning_too_fast(dt: float, parameters: Floats, speeds: Floats) -> NDArray[np.bool_]:
-    """Tell which robots turn too far in a step for the short series of the paper's kernel."""
+    """Return which robots turn too far in a step for the short series of the paper's kernel."""
     radius, _, k1, base = parameters
     fastest = np.maximum(np.abs(speeds).max(axis=0), 1.0 / k1)
     return np.asarray(half_turn(dt, radius, base, fastest) > LARGEST_HALF_TURN)

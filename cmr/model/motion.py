@@ -19,7 +19,7 @@ Borders: TypeAlias = NDArray[np.int64]
 Spans: TypeAlias = tuple[Floats, Floats, Floats]  # duties of left and right, and how long they last [s]
 LARGEST_HALF_TURN = 0.3  # rad between the middle of a step and its Gauss points; beyond, steps are split
 LONGEST_PART = 0.025  # s; errors grow with the fourth power
-MOST_PARTS = 1000  # into which a step is split; absurd parameters must not take for ever
+MOST_PARTS = 1000  # parts of a step, at most; absurd parameters must not take for ever
 
 
 class RobotState(NamedTuple):
@@ -41,10 +41,10 @@ class RobotState(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """A simulated drive: each array has the time on its first axis and the candidates on the others.
+    """A simulated drive: arrays with time on the first axis and candidates on the others.
 
-    Pose and wheel speeds are as in RobotState; `angle_left` and `angle_right` [rad] are how far the wheels have
-    turned since the start.
+    Pose and wheel speeds are as in RobotState; `angle_left` and `angle_right` [rad] are the wheel rotations since the
+    start.
     """
 
     x: Floats
@@ -59,10 +59,10 @@ class Trajectory(NamedTuple):
 def step(state: RobotState, left: ArrayLike, right: ArrayLike, parameters: RobotParameters, dt: float) -> RobotState:
     """Return the state after `dt` [s] of constant duties `left` and `right`.
 
-    What effects remember (lags, heat, gaps, delayed commands) begins again at each call: for more than one step of
-    those keep a `cmr.model.fleet.Fleet`.
+    Memory of effects (lags, heat, gaps, delayed commands) is reset at each call: for several steps with such effects
+    use a `cmr.model.fleet.Fleet`.
     """
-    from cmr.model.fleet import Fleet  # imports Numba, which commands that never simulate should not wait for
+    from cmr.model.fleet import Fleet  # imports Numba, which is slow and not needed by commands that do not simulate
 
     values = parameters.values
     everything = np.broadcast_arrays(*state, left, right, *values.values())
@@ -79,8 +79,8 @@ def step(state: RobotState, left: ArrayLike, right: ArrayLike, parameters: Robot
 def wheel_speeds(duty: Floats, dt: Floats, parameters: RobotParameters, psi: ArrayLike) -> Floats:
     """Return the speeds of one side's wheels over a drive that starts at speed `psi`.
 
-    `duty` and `dt` have shape (T,); the result has shape (T + 1, candidates...), candidates as the parameters
-    broadcast.
+    `duty` and `dt` have shape (T,); the result has shape (T + 1, candidates...), with candidates from broadcast
+    parameters.
     """
     from cmr.model import paper
 
@@ -102,13 +102,13 @@ def drive(
     time: float = 0.0,
     seed: int = 0,
 ) -> Trajectory:
-    """Simulate a drive from recorded duties, freely: nothing is corrected on the way.
+    """Simulate a drive from recorded duties, freely, without corrections.
 
     `left`, `right` [duty] and `dt` [s] have shape (T,), one entry per span of constant duty. Parameters, those of
     effects too, and start may be arrays of candidates. The result has shape (T + 1, candidates...); `theta` is not
-    wrapped. `at` chooses among the T + 1 borders, ascending: with fewer of them to write, the drive takes half the
-    time. Effects that happen at a time count from `time` [s] at the first border on; `seed` fixes random ones. Each
-    span counts as one command. Raises KeyError for an effect's parameter that the catalogue does not have.
+    wrapped. `at` selects borders, ascending: with few of them, the drive takes half the time. Time-dependent effects
+    start from `time` [s] at the first border; `seed` determines random numbers. Each span counts as one command. Raises
+    KeyError for an effect's parameter that the catalogue does not have.
     """
     shape = np.broadcast_shapes(*(np.shape(value) for value in (*parameters.values.values(), *start[:5])))
     spans = (_floats(left), _floats(right), _floats(dt))
@@ -123,7 +123,7 @@ def drive(
 
 
 def _drive_paper(spans: Spans, parameters: Floats, start: Floats, at: Borders) -> Floats:
-    """Drive candidates of the paper's model, given as rows; return what is recorded, (7, len(at), candidates)."""
+    """Drive candidates of the paper's model, given as rows; return the recorded states, (7, len(at), candidates)."""
     from cmr.model import paper
 
     recorded = np.empty((paper.RECORDED, len(at), parameters.shape[1]))
@@ -168,10 +168,10 @@ def _columns(rows: Floats, chosen: NDArray[np.bool_]) -> Floats:
 
 
 def parts_of(dt: Floats, wheel_radius: Quantity, base_width: Quantity, fastest: Quantity) -> NDArray[np.int64]:
-    """Return in how many parts spans `dt` [s] are integrated: short ones, in which no robot turns far.
+    """Return the number of integration parts of spans `dt` [s]: short enough that no robot turns far.
 
-    `fastest` [rad/s] bounds the wheel speeds. One part is enough where commands come often; long spans, or wrong
-    parameters, need more.
+    `fastest` [rad/s] bounds the wheel speeds. One part suffices for frequent commands; long spans, or wrong parameters,
+    need more.
     """
     half_turn_in_a_second = np.max(half_turn(1.0, wheel_radius, base_width, fastest), initial=0.0)
     parts: Floats = np.ceil(np.abs(dt) * np.maximum(half_turn_in_a_second / LARGEST_HALF_TURN, 1.0 / LONGEST_PART))
@@ -185,7 +185,7 @@ def half_turn(dt: Quantity, wheel_radius: Quantity, base_width: Quantity, fastes
 
 
 def _lanes(values: Iterable[ArrayLike], shape: tuple[int, ...]) -> Floats:
-    """Return values that broadcast to `shape` as rows of one array, one candidate a column."""
+    """Broadcast values to `shape` and return them as rows of one array, one candidate per column."""
     return np.array([np.broadcast_to(value, shape).ravel() for value in values], dtype=float)
 
 
@@ -198,10 +198,10 @@ def _largest(arrays: Iterable[Floats]) -> float:
 
 
 def roll(angle_left: ArrayLike, angle_right: ArrayLike, parameters: RobotParameters, start: RobotState) -> Trajectory:
-    """Follow the wheels: the path (dead reckoning) of measured wheel angles, without any motor model.
+    """Dead reckoning: the path of measured wheel angles, without a motor model.
 
-    `angle_left`, `angle_right` [rad] are cumulative and have shape (T + 1,); so have the results, with candidates
-    behind. Wheel speeds are not known and come back as NaN.
+    `angle_left`, `angle_right` [rad] are cumulative and have shape (T + 1,), like the results, which have candidates on
+    further axes. Wheel speeds are unknown and returned as NaN.
     """
     angle_left, angle_right = np.asarray(angle_left, float), np.asarray(angle_right, float)
     candidates = max(np.ndim(value) for value in (*parameters, *start))

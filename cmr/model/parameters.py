@@ -1,4 +1,4 @@
-"""The numbers of the robot model: names, units, meaning and the range in which they make sense."""
+"""The parameters of the robot model: names, units, meanings and valid ranges."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -9,17 +9,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Quantity: TypeAlias = "float | NDArray[np.float64]"  # a number, or one for each robot or candidate
-Numeric: TypeAlias = Any  # either of them; a union would have each caller prove which of the two was put in
-Number = TypeVar("Number", float, "NDArray[np.float64]")  # the same where what comes back is of the kind given
+Numeric: TypeAlias = Any  # either of them; a union would need type checks in every caller
+Number = TypeVar("Number", float, "NDArray[np.float64]")  # the same, with the result of the same kind as the argument
 
 
 @dataclass(frozen=True)
 class ParameterDefinition:
-    """One number of the model. `lower` and `upper` bound what any wheeled robot can have.
+    """One parameter of the model. `lower` and `upper` are bounds for any wheeled robot.
 
-    `neutral` is the value that stands for an absent effect (None: the paper's own parameters, which must be given),
-    `typical` the size that an effect has on a robot with a wheel radius of 4 cm. Parameters that do not switch their
-    effect on and off (`switches`), such as a time or a place, mean nothing while the others are neutral.
+    `neutral` is the value without the effect (None: the paper's own parameters, which must be given), `typical` the
+    typical size on a robot with a wheel radius of 4 cm. Parameters that do not switch their effect on and off
+    (`switches`), such as a time or a place, have no meaning while the others are neutral.
     """
 
     name: str
@@ -35,7 +35,7 @@ class ParameterDefinition:
         """Return whether the value, or each of an array of values, is the neutral one."""
         if isinstance(value, (int, float)):
             return value == self.neutral
-        import numpy as np  # half of the time that cmr-driver would take to start, which needs no arrays
+        import numpy as np  # importing it would take half of cmr-driver's start, which needs no arrays
 
         return bool(np.all(np.asarray(value) == self.neutral))
 
@@ -58,7 +58,7 @@ class RobotParameters:
     """Values of the model's parameters. Each is a number, or an array that broadcasts over robots or candidates.
 
     The first four are the paper's. `effects` maps names of further parameters, as the catalogue defines them, to
-    values; one that is absent has its neutral value. Iteration gives the paper's four.
+    values; missing ones are neutral. Iteration yields the paper's four.
     """
 
     wheel_radius: Numeric
@@ -73,7 +73,7 @@ class RobotParameters:
     def of(cls, values: Mapping[str, Numeric]) -> "RobotParameters":
         """Return the parameters from a mapping by name: the paper's, and any of effects.
 
-        Raises KeyError naming the first of the paper's that is missing.
+        Raises KeyError naming the first missing one of the paper's.
         """
         paper = {name: values[name] for name in DEFINITIONS}
         return cls(**paper, effects={name: value for name, value in values.items() if name not in DEFINITIONS})

@@ -1,9 +1,8 @@
-"""What Numba finds out again and again while it compiles, found out once: up to a third of the time it takes.
+"""Cache type inference within Numba while compiling: saves up to a third of the time.
 
-For each sum and product in a function Numba tries a dozen kinds of operands, in several rounds, although the types of
-the operands alone decide. A function that is inlined is analysed and copied at each place. `remembered` keeps those
-answers while something is compiled. What is compiled is the same to the bit; only other versions of Numba, in which
-these functions are called otherwise, compile without it.
+For each sum and product in a function Numba tries a dozen kinds of operands, in several rounds, although the operand
+types alone decide. An inlined function is analysed and copied at each use. `remembered` caches these results during a
+compilation. The compiled code is identical; versions of Numba with other internal signatures compile without the cache.
 """
 
 import threading
@@ -14,7 +13,7 @@ from typing import Any, TypeAlias
 
 from numba.core import inline_closurecall, ir, targetconfig, types
 
-# Numba has annotations from some version on; this way they make no difference.
+# Newer versions of Numba have annotations; this makes the type checks independent of the version.
 Numba: TypeAlias = Any
 kinds: Numba = types
 inlining: Numba = inline_closurecall
@@ -24,7 +23,7 @@ Answers: TypeAlias = dict[tuple[Numba, ...], Numba]
 
 
 class _Memory(threading.local):
-    """What this thread remembers; nothing while it compiles nothing of ours."""
+    """The cache of this thread; empty while it does not compile."""
 
     def __init__(self) -> None:
         self.depth = 0
@@ -37,7 +36,7 @@ _MEMORY = _Memory()
 
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Let Numba remember, in this thread, what it finds out; it forgets all at the end of the outermost one."""
+    """Enable the cache in this thread; it is cleared at the end of the outermost context."""
     _install()
     _MEMORY.depth += 1
     try:
@@ -50,7 +49,7 @@ def remembered() -> Iterator[None]:
 
 @cache
 def _install() -> None:
-    """Put what remembers in the place of Numba's functions, each of which it calls; it does so only once."""
+    """Wrap Numba's functions with caches, once."""
     for owner, name, remembering in (
         (kinds.functions.BaseFunction, "get_call_type", _remember_types),
         (inlining.InlineWorker, "run_untyped_passes", _remember_analysis),
@@ -59,12 +58,12 @@ def _install() -> None:
         if original is not None:
             setattr(owner, name, wraps(original)(remembering(original)))
     if not hasattr(representation.Loc, "__deepcopy__"):
-        # A place in a source file never changes; copies of it are half of what it takes to copy a function.
+        # Source locations are immutable; copying them is half of the cost of copying a function.
         representation.Loc.__deepcopy__ = lambda place, _copied: place
 
 
 def _remember_types(find: Callable[..., Numba]) -> Callable[..., Numba]:
-    """Return a function that finds the type of a call of one of Numba's functions with arguments of these types."""
+    """Return a cached version of the function that types a call of one of Numba's functions."""
 
     def find_once(function: Numba, context: Numba, arguments: tuple[Numba, ...], named: Numba) -> Numba:
         if not _MEMORY.depth or named:
@@ -72,7 +71,7 @@ def _remember_types(find: Callable[..., Numba]) -> Callable[..., Numba]:
         flags = flags_in_force()
         key = (id(function), id(context), id(flags), tuple(arguments))
         if key not in _MEMORY.types:
-            # The objects are kept with the answer: no other ones can have the same numbers meanwhile.
+            # Keep the objects with the answer, so that their ids are not reused meanwhile.
             _MEMORY.types[key] = find(function, context, arguments, named), function, context, flags
         return _MEMORY.types[key][0]
 
@@ -80,7 +79,7 @@ def _remember_types(find: Callable[..., Numba]) -> Callable[..., Numba]:
 
 
 def _remember_analysis(analyse: Callable[..., Numba]) -> Callable[..., Numba]:
-    """Return a function that analyses a function which is to be inlined; whoever inlines it copies the result."""
+    """Return a cached version of the analysis of an inlined function; the caller copies the result."""
 
     def analyse_once(worker: Numba, function: Numba, enable_ssa: bool = False) -> Numba:
         if not _MEMORY.depth:
@@ -88,7 +87,7 @@ def _remember_analysis(analyse: Callable[..., Numba]) -> Callable[..., Numba]:
         key = (function, enable_ssa)
         if key not in _MEMORY.analysed:
             _MEMORY.analysed[key] = analyse(worker, function, enable_ssa)
-        worker.flags.enable_ssa = enable_ssa  # as the analysis leaves it
+        worker.flags.enable_ssa = enable_ssa  # as the analysis sets it
         return _MEMORY.analysed[key]
 
     return analyse_once

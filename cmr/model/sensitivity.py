@@ -1,4 +1,4 @@
-"""How a simulated drive changes with its parameters: one drive with additional lanes, not one drive each."""
+"""Derivatives of a simulated drive by its parameters: one drive with additional lanes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -35,8 +35,8 @@ def sensitivities(
     """Drive once and return the motion with its derivatives by the parameters `names`, the paper's or of effects.
 
     Other arguments as in `drive`. Derivatives are central differences; at a bound, such as an effect that is off and
-    cannot be negative, one-sided ones of second order. Raises KeyError for an unknown name, ValueError where a
-    parameter is infinite, as limits are that do not limit.
+    cannot be negative, one-sided ones of second order. Raises KeyError for an unknown name, ValueError for an infinite
+    parameter, such as an inactive limit.
     """
     values = {**{name: _neutral(name) for name in names}, **parameters.values}
     lanes = {name: np.full(1 + 2 * len(names), value, dtype=float) for name, value in values.items()}
@@ -51,7 +51,7 @@ def sensitivities(
 
 
 def _stencil(name: str, value: float) -> tuple[tuple[float, float], tuple[float, float, float]]:
-    """Return two offsets, and the weights by which the value itself and those there give the derivative."""
+    """Return two offsets, and the weights of the value and of both offsets for the derivative."""
     known = definition(name)
     if not np.isfinite(value):
         raise ValueError(f"{name} is infinite: give it a value to find out what changing it would do")

@@ -1,7 +1,7 @@
-"""What sensors would say of a simulated drive: the stages of the catalogue that belong to sensors.
+"""Simulated sensor readings of a drive: the sensor stages of the catalogue.
 
-The true motion comes as a trajectory; encoders, gyro and an external pose read it at the times on their messages'
-stamps. Noise is not part of the model.
+The true motion is a trajectory; encoders, gyro and an external pose sample it at the stamped times of their messages.
+Noise is not part of the model.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ Times: TypeAlias = NDArray[np.floating]  # s
 
 
 class Readings(NamedTuple):
-    """What the sensors say, each at its own times: wheel angles [rad], yaw rate [rad/s], pose [m, m, rad]."""
+    """Sensor readings, each at its own times: wheel angles [rad], yaw rate [rad/s], pose [m, m, rad]."""
 
     angle_left: Floats
     angle_right: Floats
@@ -39,10 +39,10 @@ def read_sensors(
     gyro_time: Times,
     pose_time: Times,
 ) -> Readings:
-    """Return what the sensors say of one robot's motion.
+    """Simulate the sensor readings of one robot's motion.
 
-    `time` [s], shape (T + 1,), are the times of the trajectory, from the start of the drive on; the others those on
-    the stamps of the readings. Between its times the motion is interpolated, outside it stands still.
+    `time` [s], shape (T + 1,), are the times of the trajectory, from the start of the drive on; the others are the
+    stamps of the readings. The motion is interpolated between its times, and at rest outside.
     """
     values = _values(parameters)
     stamp = np.asarray(encoder_time)
@@ -71,7 +71,7 @@ def read_sensors(
 
 
 def _turned(at: Floats, time: Times, angle: Floats, psi: Floats) -> Floats:
-    """Return the angles [rad] of a wheel at some times [s]: cubic between those at which angle and speed are known."""
+    """Return the angles [rad] of a wheel at some times [s]: cubic interpolation of known angles and speeds."""
     before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
     span, step = time[before + 1] - time[before], angle[before + 1] - angle[before]
     share = np.clip((at - time[before]) / span, 0.0, 1.0)
@@ -80,7 +80,7 @@ def _turned(at: Floats, time: Times, angle: Floats, psi: Floats) -> Floats:
 
 
 def encoder_reading(values: Mapping[str, ArrayLike], side: str, angle: Floats) -> Floats:
-    """Return what the encoder of a side ("left", "right") says at a wheel angle [rad]; parameter `values` by name."""
+    """Return the reading of a side's encoder ("left", "right") at a wheel angle [rad]; parameter `values` by name."""
     return _stage("encoder", side)({**_neutral(), **values, "time": np.zeros(1), "reading": angle})["reading"]
 
 
@@ -93,7 +93,7 @@ def pose_seen(
 ) -> tuple[Floats, Floats, Floats]:
     """Return the external pose x, y, theta at its stamped times; arguments as in `read_sensors`.
 
-    `at` says where on the axis of `time` a moment is, [s] both: drives may be laid end to end there.
+    `at` maps times to the axis of `time`, both [s]: drives may be concatenated there.
     """
     values = {**_values(parameters), "time": np.asarray(pose_time)}
     seen = _stage("pose_time")({**values, "moment": np.asarray(pose_time), "filtered": 0.0})
@@ -111,18 +111,18 @@ def pose_seen(
 
 
 def yaw_rate(time: Times, theta: Floats) -> Floats:
-    """Return the yaw rate [rad/s] at each time, from the headings, which must not be wrapped."""
+    """Return the yaw rate [rad/s] at each time, from unwrapped headings."""
     return np.gradient(theta, time)
 
 
 def _place(motion: Trajectory, time: Times, at: Floats) -> dict[str, ArrayLike]:
-    """Return where the robot was, and how fast it went, at some times [s]."""
+    """Return the pose and velocity of the robot at some times [s]."""
     place = {name: np.interp(at, time, getattr(motion, name)) for name in ("x", "y", "theta")}
     return {**place, **_moving(motion, time, at)}
 
 
 def _moving(motion: Trajectory, time: Times, at: Floats) -> dict[str, ArrayLike]:
-    """Return the forward speed [m/s] and the yaw rate [rad/s] at some times [s], between those of the trajectory."""
+    """Return the forward speed [m/s] and the yaw rate [rad/s] at some times [s], interpolated in the trajectory."""
     step = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
     dt = time[step + 1] - time[step]
     moved_x, moved_y, turned = ((values[step + 1] - values[step]) / dt for values in (motion.x, motion.y, motion.theta))
@@ -132,12 +132,12 @@ def _moving(motion: Trajectory, time: Times, at: Floats) -> dict[str, ArrayLike]
 
 @remembered
 def _asked(stage: str) -> bool:
-    """Return whether any effect of a sensor asks how the robot moved."""
+    """Return whether any sensor effect reads the motion."""
     return any(read_by(effect, stage) & {*OF_MOTION[stage]} for effect in CATALOGUE.values() if effect.is_sensor)
 
 
 def _values(parameters: RobotParameters) -> dict[str, ArrayLike | None]:
-    """Return all parameters by name, neutral ones too."""
+    """Return all parameters by name, including neutral ones."""
     return {**_neutral(), **parameters.values}
 
 

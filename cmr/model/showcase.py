@@ -1,4 +1,4 @@
-"""What each effect does to a figure-eight, large enough to see."""
+"""The effect of each catalogue entry on a figure-eight, enlarged to be visible."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,10 @@ from cmr.model.sensors import Readings, read_sensors
 ROBOT = RobotParameters(wheel_radius=0.04, k2_over_k3=118.0, k1=0.054, base_width=0.161)
 LAP = 20.0  # s
 DT = 0.01  # s
-# A heading that swings by the first zero of the Bessel function J0 closes the path into an eight.
+# A heading amplitude at the first zero of the Bessel function J0 closes the path to an eight.
 SWING = 2.404825557695773  # rad
 FORWARD = 0.42  # duty
-VISIBLE = 0.1  # m, or rad of an angle, by which the effect must move what the picture shows
+VISIBLE = 0.1  # m, or rad of an angle: smallest visible change
 FACTORS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0)
 
 
@@ -34,7 +34,7 @@ class Showcase:
 
 
 def figure_eight() -> tuple[Floats, Floats]:
-    """Return the duties of one lap, one for each step."""
+    """Return the duties of one lap, one per step."""
     time = np.arange(round(LAP / DT)) * DT
     yaw_rate = SWING * 2.0 * np.pi / LAP * np.sin(2.0 * np.pi * time / LAP)
     turning = yaw_rate * ROBOT.base_width * ROBOT.k1 / (2.0 * ROBOT.wheel_radius)
@@ -42,13 +42,13 @@ def figure_eight() -> tuple[Floats, Floats]:
 
 
 def showcase(effect: Effect) -> Showcase:
-    """Return the effect on one lap, at the smallest of the sizes in FACTORS that makes it visible."""
+    """Return the effect on one lap, at the smallest of the sizes in FACTORS at which it is visible."""
     possible = [shown for factor in FACTORS if (shown := _at(effect, factor)) is not None]
     return next((shown for shown in possible if _shift(shown) > VISIBLE), possible[-1])
 
 
 def _at(effect: Effect, factor: float) -> Showcase | None:
-    """Return the effect at a multiple of its typical size; nothing where that is out of bounds."""
+    """Return the effect at a multiple of its typical size; None if that is out of bounds."""
     values = _sizes(effect, factor)
     if not all(parameter.allows(values[parameter.name]) for parameter in effect.parameters):
         return None
@@ -64,7 +64,7 @@ def _at(effect: Effect, factor: float) -> Showcase | None:
 
 
 def _sizes(effect: Effect, factor: float) -> dict[str, float]:
-    """Return the parameters at a multiple of their typical size, limits at a fraction; what has a time is halfway."""
+    """Return the parameters at a multiple of their typical size, limits at a fraction; times are halfway."""
     values = typical(effect)
     for parameter in effect.parameters:
         if parameter.name.endswith("_time"):
@@ -75,7 +75,7 @@ def _sizes(effect: Effect, factor: float) -> dict[str, float]:
 
 
 def _shift(shown: Showcase) -> float:
-    """Return by how much the effect moves the path [m], or poses [m], wheel angles or the integrated gyro [rad]."""
+    """Return the change of the path [m], or of poses, wheel angles or the integrated gyro [m, rad]."""
     if not shown.effect.is_sensor:
         return _distance(shown.motion, shown.without)
     poses = float(np.hypot(shown.seen.x - shown.motion.x, shown.seen.y - shown.motion.y).max())
@@ -85,14 +85,14 @@ def _shift(shown: Showcase) -> float:
 
 
 def heading_error(shown: Showcase) -> float:
-    """Return by how much the effect bends the measured headings [rad] at most; 0 for one of a sensor's clock."""
+    """Return the largest change of the measured headings [rad]; 0 for a clock effect."""
     if "pose" not in shown.effect.equations:
         return 0.0
     return float(np.abs(shown.seen.theta - shown.motion.theta).max())
 
 
 def reckoned(shown: Showcase) -> Trajectory:
-    """Return the path that the encoders report, from the first measured pose on (dead reckoning)."""
+    """Return the dead-reckoned path of the encoders, from the first measured pose on."""
     seen = shown.seen
     start = RobotState.at_rest(seen.x[0], seen.y[0], seen.theta[0])
     return roll(seen.angle_left, seen.angle_right, ROBOT, start)

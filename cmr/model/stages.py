@@ -1,4 +1,4 @@
-"""The stages of the model's step, and the variables that the statements of an effect may use in each.
+"""The stages of the model's step, and the variables available to statements of effects in each.
 
 The equations of effects consist of Python statements for these stages. A stage begins with the paper's value of its
 variables, and statements change them, in the order of the catalogue. A stage for a side is written once and holds for
@@ -34,7 +34,7 @@ FUNCTIONS = {
 
 @dataclass(frozen=True)
 class Stage:
-    """When a stage is computed, the variables that it begins with and changes, and those that it reads."""
+    """When a stage is computed, its variables with initial values, and the variables it reads."""
 
     when: str
     changes: dict[str, str]
@@ -50,7 +50,7 @@ ONCE, ENDS, POINTS, SENSOR = (
     "when a sensor is read",
 )
 LOAD = {"load_share": "current drawn: sum over both sides of max(0, duty (duty - 0.8 K1 psi))"}
-# `other_` is what the wheel on the other side has.
+# `other_` refers to the wheel on the other side.
 OTHER = {"other_psi": "", "other_domega": "", "other_duty": ""}
 BEGUN = {**OTHER, "domega": "wheel acceleration where the step begins [rad/s^2]"}
 WHEELS_OF_BOTH_SIDES = {

@@ -1,4 +1,4 @@
-"""Robots with a velocity controller inside: they are commanded how fast to go, not how hard to drive.
+"""Robots with an internal velocity controller: commands are speeds instead of duties.
 
 Such a robot's wheels follow the commanded speed with a first-order response,
 
@@ -10,8 +10,8 @@ That is the paper's law, domega = (K2/K3) (V - K1 psi), for the duty V = wanted 
 
 so that one step serves both kinds of robot. A second pole of the response is the effect `electrical_lag`, a delay is
 `command_delay`; limits of speed, turn rate and acceleration are `saturation`, `turn_rate_limit`, `slew_limit` (of the
-commanded speed) and `current_limit` (of the wheel's own acceleration). What a controller makes up for, such as a weak
-battery or friction, has no place in the model of these robots: `Effect.with_commands`.
+commanded speed) and `current_limit` (of the wheel's own acceleration). What a controller compensates, such as a weak
+battery or friction, is not modelled for these robots: `Effect.with_commands`.
 """
 
 import math
@@ -47,16 +47,16 @@ CONTROLLER_DEFINITIONS = {
         ),
     )
 }
-NEEDED = ("response_time", "top_wheel_speed")  # without which the robot cannot be simulated
+NEEDED = ("response_time", "top_wheel_speed")  # required for a simulation of the robot
 
 
 @dataclass(frozen=True)
 class VelocityController:
-    """How a robot turns commands into wheel speeds, and these into the duties of the model.
+    """Converts commands into wheel speeds, and these into the duties of the model.
 
-    `wheel_radius` and `base_width` [m] are those that the controller counts with; a base width of 0 is not known, and
-    only wheel speeds can be commanded. `top_wheel_speed` [rad/s] is the largest wheel speed that it takes. Arguments
-    and results are numbers, or arrays of any one shape.
+    `wheel_radius` and `base_width` [m] are those used by the controller; a base width of 0 means unknown, and only
+    wheel speeds can be commanded. `top_wheel_speed` [rad/s] is the largest wheel speed it accepts. Arguments and
+    results are numbers, or arrays of any one shape.
     """
 
     wheel_radius: float
@@ -64,27 +64,27 @@ class VelocityController:
     top_wheel_speed: float
 
     def duties(self, left: Q, right: Q) -> tuple[Q, Q]:
-        """Return the duties, within [-1, 1], that stand for commanded wheel speeds [rad/s]."""
-        import numpy as np  # parameter files, which name these parameters, are read without it
+        """Return the duties, within [-1, 1], equivalent to commanded wheel speeds [rad/s]."""
+        import numpy as np  # parameter files, which name these parameters, are read without NumPy
 
         top = self.top_wheel_speed
         return np.clip(left / top, -1.0, 1.0), np.clip(right / top, -1.0, 1.0)
 
     def duties_of_body(self, v: Q, omega: Q) -> tuple[Q, Q]:
-        """Return the duties, within [-1, 1], that stand for a commanded body speed [m/s] and turn rate [rad/s]."""
+        """Return the duties, within [-1, 1], equivalent to a commanded body speed [m/s] and turn rate [rad/s]."""
         return self.duties(*self.wheels_of_body(v, omega))
 
     def wheels_of_body(self, v: Q, omega: Q) -> tuple[Q, Q]:
-        """Return the wheel speeds [rad/s] that a body speed [m/s] and a turn rate [rad/s] ask for."""
+        """Return the wheel speeds [rad/s] for a body speed [m/s] and a turn rate [rad/s]."""
         difference = 0.5 * self.base_width * omega
         return (v - difference) / self.wheel_radius, (v + difference) / self.wheel_radius
 
     def wheel_speeds(self, left: Q, right: Q) -> tuple[Q, Q]:
-        """Return the wheel speeds [rad/s] that duties stand for."""
+        """Return the wheel speeds [rad/s] equivalent to duties."""
         return left * self.top_wheel_speed, right * self.top_wheel_speed
 
     def body_velocity(self, left: Q, right: Q) -> tuple[Q, Q]:
-        """Return the body speed [m/s] and turn rate [rad/s] that duties stand for."""
+        """Return the body speed [m/s] and turn rate [rad/s] equivalent to duties."""
         rim = self.top_wheel_speed * self.wheel_radius
         return 0.5 * rim * (left + right), rim * (right - left) / self.base_width
 
@@ -92,7 +92,7 @@ class VelocityController:
 def motor_of(values: Mapping[str, float]) -> dict[str, float]:
     """Return k2_over_k3 and k1 of a robot with a controller, from its parameters by name.
 
-    Raises KeyError for one of NEEDED that is missing.
+    Raises KeyError for a missing one of NEEDED.
     """
     fastest = values.get("speed_scale", 1.0) * values["top_wheel_speed"]
     return {"k2_over_k3": fastest / values["response_time"], "k1": 1.0 / fastest}

@@ -1,1 +1,1 @@
-"""The parameter file of a robot: reading, atomic writing, announcing, and following its changes."""
+"""The parameter file of a robot: read, write atomically, announce, and track its changes."""

@@ -1,22 +1,23 @@
-"""Parameters in use where a robot moves by them: a large change waits until it rests, or a person confirms it."""
+"""Safe change of parameters in use: a large change waits until the robot rests, or a person confirms it."""
 
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from cmr.model.parameters import RobotParameters
 
-LARGEST_CHANGE = 0.3  # share by which what is derived from parameters may change while a robot moves
-REST = 500_000  # us for which wheels must stand until a robot rests
+LARGEST_CHANGE = 0.3  # relative change of derived quantities allowed while a robot moves
+REST = 500_000  # us of standing wheels after which a robot counts as resting
 STANDING = 0.2  # rad/s; a slower wheel rests
-SPEED, TURN_RATE = 0.3, 1.0  # m/s and rad/s, for which duties are compared
+SPEED, TURN_RATE = 0.3, 1.0  # m/s and rad/s at which duties are compared
 T = TypeVar("T")
 
 
 class Caution(Generic[T]):
-    """Takes parameters over, of whichever type; `measure` returns what must not change much, None where nothing is.
+    """Applies new parameters, of any type; `measure` returns the quantities that must not change much, None without
+    any.
 
-    `now` is what is in use, `waiting` what waits. A robot rests until it is seen to move. Changes that are small one by
-    one are no small change together: each is compared with what was in use when the robot rested, too.
+    `now` is in use, `waiting` waits. A robot counts as resting until it moves. To catch many small changes, each is
+    also compared with what was in use when the robot last rested.
     """
 
     def __init__(self, measure: Callable[[T], tuple[float, ...] | None]) -> None:
@@ -28,7 +29,7 @@ class Caution(Generic[T]):
         self._stands_since = 0
 
     def offer(self, new: T) -> None:
-        """Take the newest parameters, which may be the same as before."""
+        """Offer the newest parameters, which may be the same as before."""
         if self._moves and any(self._is_large(old, new) for old in (self.now, self._settled) if old is not None):
             self.waiting = new
             return
@@ -37,7 +38,7 @@ class Caution(Generic[T]):
             self._settled = new
 
     def note_motion(self, utime: int, psi_left: float, psi_right: float) -> None:
-        """Note how fast the wheels turn [rad/s] at `utime` [us]; what waits is taken over once they stand."""
+        """Update with wheel speeds [rad/s] at `utime` [us]; waiting parameters are applied once the wheels stand."""
         if max(abs(psi_left), abs(psi_right)) >= STANDING:
             self._moves, self._stands_since = True, utime
         elif abs(utime - self._stands_since) >= REST:
@@ -45,13 +46,13 @@ class Caution(Generic[T]):
             self.confirm()
 
     def confirm(self) -> None:
-        """Take over what waits; further changes are compared with what is in use then."""
+        """Apply waiting parameters; further changes are compared with them."""
         if self.waiting is not None:
             self.now, self.waiting = self.waiting, None
         self._settled = self.now
 
     def values(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return what is measured of the parameters in use and of those that wait; nothing where there are none."""
+        """Return the measured quantities of the parameters in use and of the waiting ones; empty without any."""
         both = (self._measure(one) if one is not None else None for one in (self.now, self.waiting))
         now, waiting = (values or () for values in both)
         return now, waiting
@@ -70,5 +71,5 @@ def duties_for(model: RobotParameters) -> tuple[float, float]:
 
 
 def motion_of(model: RobotParameters) -> tuple[float, float]:
-    """Return how a robot moves when its wheels turn by 1 rad, in m, and when they do so against each other, in rad."""
+    """Return the motion when both wheels turn by 1 rad, in m, and when they turn against each other, in rad."""
     return float(model.wheel_radius), float(2.0 * model.wheel_radius / model.base_width)

@@ -1,4 +1,4 @@
-"""`robot_<id>.yaml`: the parameters of one robot, checked on reading and written so that it is never half there."""
+"""`robot_<id>.yaml`: the parameters of one robot, validated on reading and written atomically."""
 
 import hashlib
 import math
@@ -20,9 +20,9 @@ from cmr.msg import parameters_t
 from cmr.parameters.laws import MOST_LAWS, flow, law_content, law_of, learned
 
 SCHEMA = 1
-MOTOR = ("k2_over_k3", "k1")  # of robots that take duties; those with a velocity controller have others in their place
+MOTOR = ("k2_over_k3", "k1")  # of robots that take duties; those with a velocity controller have others instead
 NO_MAPPING = "it is not a YAML mapping with schema, robot_id and parameters"
-COUNTED_WIDTH = "turn_rate_limit_base_width"  # the base width of commands, to the effect that limits turns
+COUNTED_WIDTH = "turn_rate_limit_base_width"  # base width used for commands, for the effect that limits turns
 KEYS = ("schema", "robot_id", "written", "parameters", "effects", "laws", "provenance")
 Part = TypeVar("Part", dict[str, object], list[str])
 
@@ -33,7 +33,7 @@ class ParameterFileError(DocumentError):
     between = ": "
     not_yaml = "cannot be read"
     empty = NO_MAPPING
-    # It also comes from the bus. An import of a recording in a thousand pieces has 4,000 values.
+    # The file also comes from the bus. An import of a recording in a thousand pieces has 4,000 values.
     bounds = Bounds(size=256_000, values=20_000, is_simple=True)
 
 
@@ -49,12 +49,11 @@ class Value:
 class ParameterFile:
     """The content of a parameter file: the paper's parameters, and those of the effects in use.
 
-    `effects` are the names of the effects in use; each has at least one of its parameters among `values`, and those
-    that it lacks are neutral. A parameter of an effect that is not in use may be there if it is neutral.
-    A robot with a velocity controller has the parameters of `cmr.model.velocity_controller` in place of k2_over_k3 and
-    k1.
-    Raises ParameterFileError on construction for a contradiction between the two, for unknown names, values
-    outside the parameter's range, and standard deviations that are none.
+    `effects` are the names of the effects in use; each has at least one of its parameters in `values`; missing ones are
+    neutral. A parameter of an effect not in use may be present if it is neutral. A robot with a velocity controller has
+    the parameters of `cmr.model.velocity_controller` in place of k2_over_k3 and k1. Raises ParameterFileError on
+    construction for a contradiction between the two, unknown names, values outside a parameter's range, and invalid
+    standard deviations.
     """
 
     robot_id: int
@@ -77,7 +76,7 @@ class ParameterFile:
         return {"fields": dict(self.__dict__), "laws": self.laws}
 
     def __setstate__(self, state: Mapping[str, object]) -> None:
-        """Let the process that receives the parameters, such as a worker, know their laws, too."""
+        """Register laws in the process that receives the parameters, such as a worker."""
         laws = cast("list[Law]", state["laws"])
         if laws:
             from cmr.model.catalogue import learn
@@ -97,23 +96,24 @@ class ParameterFile:
             raise ParameterFileError(f"{name} is missing; the file has {', '.join(self.values) or 'none'}") from None
 
     def has(self, *names: str) -> bool:
-        """Tell whether the file has all of these parameters."""
+        """Return whether the file has all of these parameters."""
         return all(name in self.values for name in names)
 
     @property
     def has_velocity_controller(self) -> bool:
-        """Whether the robot takes speeds, (v, omega) or those of its wheels, and not duties."""
+        """Whether the robot takes speeds, (v, omega) or of its wheels, instead of duties."""
         return any(name in self.values for name in CONTROLLER_DEFINITIONS)
 
     @property
     def counted_width(self) -> float:
-        """The base width [m] by which (v, omega) stands for speeds of wheels; NaN where none is known."""
+        """The base width [m] that converts (v, omega) to wheel speeds; NaN if unknown."""
         known = (self.value(name) for name in ("command_base_width", "base_width") if self.has(name))
         return next(known, math.nan)
 
     @property
     def velocity_controller(self) -> VelocityController | None:
-        """How the robot turns (v, omega) and wheel speeds into duties; None for a robot that takes duties.
+        """The velocity controller, which turns (v, omega) and wheel speeds into duties; None for a robot that takes
+        duties.
 
         Raises ParameterFileError naming the first parameter that is missing for it.
         """
@@ -124,7 +124,7 @@ class ParameterFile:
 
     @property
     def robot_parameters(self) -> RobotParameters:
-        """The model's parameters, those of effects among them.
+        """The model's parameters, including those of effects.
 
         Raises ParameterFileError naming the first of the paper's, or of a velocity controller's, that is missing.
         """
@@ -136,7 +136,7 @@ class ParameterFile:
             values = {name: value for name, value in values.items() if name not in CONTROLLER_DEFINITIONS}
         for name in DEFINITIONS:
             if name not in values:
-                self.value(name)  # which says so
+                self.value(name)  # raises the error
         return RobotParameters.of(values)
 
     def to_yaml(self) -> str:
@@ -158,7 +158,7 @@ class ParameterFile:
 
     @property
     def laws(self) -> list[Law]:
-        """The laws among the effects in use, with the constants that this robot has."""
+        """The laws among the effects in use, with this robot's constants."""
         if not self.effects:
             return []
         from cmr.model.catalogue import LAWS
@@ -175,7 +175,7 @@ class ParameterFile:
         return announcement(self.robot_id, self.to_yaml(), sequence)
 
     def save(self, path: Path) -> None:
-        """Write the file atomically: a reader, or a crash at any moment, finds the old file or the new one.
+        """Write the file atomically: a reader, or a crash at any moment, finds either the old file or the new one.
 
         Raises OSError when the folder cannot be written.
         """
@@ -191,7 +191,7 @@ def parse(text: str, source: str = "parameter file") -> ParameterFile:
 
 
 def _parsed(root: Item) -> ParameterFile:
-    """Return the parameters in a document, checked as plain values, which are looked up in it if one is wrong."""
+    """Parse a document, validated as plain values; errors are then located in the document."""
     content = root.value
     if not isinstance(content, dict):
         raise root.place.error(NO_MAPPING)
@@ -208,7 +208,7 @@ def _parsed(root: Item) -> ParameterFile:
         laws = _parse_laws(content)
         if not laws:
             return _checked(content, {})
-        with learned(laws):  # a file that turns out wrong leaves nothing behind
+        with learned(laws):  # an invalid file leaves no laws behind
             return _checked(content, laws)
     except LawError as error:
         raise ParameterFileError(str(error), "laws", *error.within).placed(root) from None
@@ -217,8 +217,8 @@ def _parsed(root: Item) -> ParameterFile:
 
 
 def _checked(content: Mapping[str, object], laws: Mapping[str, Law]) -> ParameterFile:
-    """Return the parameters in a document's plain values; what `laws` say of their constants holds if nothing else."""
-    robot_id = cast(int, content.get("robot_id"))  # of the right type or not: ParameterFile says so
+    """Validate a document's plain values; constants come from `laws` unless given."""
+    robot_id = cast(int, content.get("robot_id"))  # possibly of the wrong type: ParameterFile reports it
     values = _parse_values(content.get("parameters"))
     effects = tuple(_part(content, "effects", list))
     for law in laws.values():
@@ -268,7 +268,7 @@ def sha256_of(text: str) -> str:
 
 
 def _part(content: Mapping[str, object], key: str, kind: type[Part]) -> Part:
-    """Return a part that may be absent or empty."""
+    """Return a part that may be missing or empty."""
     part = content.get(key) or kind()
     if not isinstance(part, kind):
         raise ParameterFileError(f"must be a {'mapping' if kind is dict else 'list'}, not {quoted(part)}", key)
@@ -303,14 +303,14 @@ def _parse_time(written: object) -> datetime:
 
 
 def _definition(name: str) -> ParameterDefinition:
-    """Return what a parameter's name stands for.
+    """Return the definition of a parameter.
 
     Raises ParameterFileError listing the known names when there is no such parameter.
     """
     for definitions in (DEFINITIONS, CONTROLLER_DEFINITIONS):
         if name in definitions:
             return definitions[name]
-    # Files of the paper's model do without the catalogue: it takes a while to load.
+    # Files of the paper's model do not need the catalogue, which is slow to load.
     from cmr.model import catalogue
 
     try:
@@ -323,7 +323,7 @@ def _definition(name: str) -> ParameterDefinition:
 
 
 def _check_kind(values: Mapping[str, Value]) -> None:
-    """Raise ParameterFileError where a robot is said to take both duties and speeds."""
+    """Raise ParameterFileError if a robot has parameters for both duties and speeds."""
     of_motor, of_controller = ([name for name in names if name in values] for names in (MOTOR, CONTROLLER_DEFINITIONS))
     if of_motor and of_controller:
         raise ParameterFileError(
@@ -334,7 +334,7 @@ def _check_kind(values: Mapping[str, Value]) -> None:
 
 
 def _check_effects(effects: tuple[str, ...], values: Mapping[str, Value]) -> None:
-    """Raise ParameterFileError unless the effects are known and those that the values switch on."""
+    """Raise ParameterFileError unless the effects are known and match those switched on by the values."""
     if not effects and set(values) <= {*DEFINITIONS, *CONTROLLER_DEFINITIONS}:
         return
     from cmr.model.catalogue import MODELLED
@@ -373,7 +373,7 @@ def _check_value(name: str, value: Value) -> None:
 
 
 def _is_number(value: object) -> bool:
-    """Tell whether a value is a number that a float can be; infinity is one."""
+    """Return whether a value is a number that fits in a float; infinity is allowed."""
     if not isinstance(value, (int, float)) or isinstance(value, bool):
         return False
     try:

@@ -1,4 +1,4 @@
-"""Keep a process on the newest parameters of a robot, whoever replaced them: a calibrator, a hand, another host."""
+"""Track the newest parameters of a robot, from whatever source: a calibrator, an editor, another host."""
 
 import time
 from dataclasses import replace
@@ -13,20 +13,20 @@ from cmr.parameters.file import ParameterFile, ParameterFileError, announcement,
 from cmr.parameters.versions import Versions
 from cmr.plain_text import plain
 
-POLL_PERIOD = 0.2  # s; a replaced file is in use within a second, with room to spare
+POLL_PERIOD = 0.2  # s; a replaced file is in use well within a second
 LONGEST_PROBLEM = 200  # characters, each second on the bus
-COSTLY = 0.01  # s; after an announcement that took longer and was refused, or was ...
+COSTLY = 0.01  # s; after a refused announcement that took longer, or was ...
 LONG = 20_000  # ... characters long, ten times a usual one, ...
-REST, LONGEST_REST = 10.0, 1.0  # none is read for so many times as long, and so many seconds at most
+REST, LONGEST_REST = 10.0, 1.0  # none is read for this multiple of that time, and at most this many seconds
 
 
 class ParameterFollower:
     """The parameters of one robot in use by a process.
 
-    They come from the file at `path` (None: none) and from announcements on PARAMETERS_N; the newest wins. Where there
-    is no file yet they are those of `default`, which are announced to nobody: `by_default` tells so.
-    `sequence` is the version in use: the time (us) at which it was written. What cannot be used changes nothing:
-    `message` says why, until the file is repaired or a sound announcement comes.
+    They come from the file at `path` (None: none) and from announcements on PARAMETERS_N; the newest wins. Without a
+    file they are those of `default`, which are not announced; `by_default` is then true. `sequence` is the version in
+    use: the time (us) at which it was written. Invalid parameters change nothing: `message` says why, until the file is
+    repaired or a valid announcement arrives.
     """
 
     def __init__(self, robot_id: int, path: Path | None = None, default: ParameterFile | None = None) -> None:
@@ -36,7 +36,7 @@ class ParameterFollower:
         self.sha256 = ""
         self.sequence = 0
         self._file_problem = ""
-        self._content_problem = ""  # of the file as last read; it may be missing or unreadable by now
+        self._content_problem = ""  # of the file as last read; it may be missing or unreadable now
         self._announcement_problem = ""
         self.by_default = False
         self._versions = Versions()
@@ -53,15 +53,15 @@ class ParameterFollower:
 
     @property
     def message(self) -> str:
-        """What is wrong with the file and with the announcements; empty if nothing is."""
+        """Problems with the file and with announcements; empty if there are none."""
         if self.by_default:
             return self._announcement_problem
         return " ".join(problem for problem in (self._file_problem, self._announcement_problem) if problem)
 
     def poll(self) -> bool:
-        """Look at the file if it is time to; tell whether the parameters in use changed.
+        """Check the file if it is time to; return whether the parameters in use changed.
 
-        Cheap enough for every turn of a loop.
+        Cheap enough to call in every turn of a loop.
         """
         if self.path is None or time.monotonic() < self._poll_due:
             return False
@@ -74,11 +74,11 @@ class ParameterFollower:
                 return False
             text = read_text(self.path, ParameterFileError.bounds.size)
         except (OSError, UnicodeDecodeError) as error:
-            # A file that never was is no fault where the parameters came by announcement, from another host.
+            # A missing file is no fault if the parameters were announced by another host.
             announced = self.parameters is not None and self._seen is None and isinstance(error, FileNotFoundError)
             self._file_problem = "" if announced else self._kept(_why_unread(self.path, error))
             return False
-        # A file found at the start is as old as it says; one replaced later is the newest there is.
+        # A file found at the start has its own age; one replaced later is the newest.
         now = now_utime()
         sequence = now if self._started else min(status.st_mtime_ns // 1000, now)
         self._seen = signature
@@ -87,7 +87,7 @@ class ParameterFollower:
         return changed
 
     def handle(self, _utime: int, channel: str, message: Message) -> bool:
-        """Take an announcement (parameters_t); tell whether the parameters in use changed."""
+        """Handle an announcement (parameters_t); return whether the parameters in use changed."""
         if not isinstance(message, parameters_t) or channel != PARAMETERS.channel(self.robot_id):
             return False
         if time.monotonic() < self._rests_until:
@@ -117,7 +117,7 @@ class ParameterFollower:
         return announcement(self.robot_id, self._text, self.sequence) if self._text else None
 
     def _adopt(self, text: str, sha256: str, sequence: int, source: str) -> tuple[bool, str]:
-        """Use a file's text if it is sound; return whether the parameters changed, and what is wrong with it."""
+        """Use a file's text if it is valid; return whether the parameters changed, and any problem."""
         try:
             parameters = parse(text, source)
             if parameters.robot_id != self.robot_id:

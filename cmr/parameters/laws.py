@@ -1,6 +1,6 @@
-"""Laws in files: a law as part of a parameter file, and the file `law_*.yaml` of one law, to keep and to share.
+"""Laws in files: as part of a parameter file, and as a file `law_*.yaml` of a single law, for sharing.
 
-What they say is data in the grammar of `cmr.model.laws`; all of it is checked before the model learns the law.
+Their content is data in the grammar of `cmr.model.laws`; everything is validated before the model learns the law.
 """
 
 from collections.abc import Iterator, Mapping
@@ -33,7 +33,7 @@ class LawFileError(DocumentError):
 
 @dataclass(frozen=True)
 class Coefficient:
-    """What a coefficient of a law is on a robot, or on a family of robots, where `std` is its spread over them."""
+    """The value of a law's coefficient on a robot, or on a family of robots; `std` is then its spread."""
 
     value: float
     std: float | None = None
@@ -41,7 +41,7 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class LawFile:
-    """A law with the coefficients that it was found with, if any, and the names of the files they come from."""
+    """A law with its fitted coefficients, if any, and the names of the files they come from."""
 
     law: Law
     coefficients: Mapping[str, Coefficient] = field(default_factory=dict)
@@ -71,7 +71,7 @@ def read_law(path: Path) -> LawFile:
 
 
 def parse_law(text: str, source: str = "law") -> LawFile:
-    """Return what the text of such a file says; `source` names it in errors.
+    """Parse the text of such a file; `source` names it in errors.
 
     Raises LawFileError saying what is wrong and where.
     """
@@ -87,13 +87,13 @@ def write_law(path: Path, content: LawFile) -> None:
 
 
 def laws_beside(path: Path) -> list[Path]:
-    """Return the files of laws in a folder, or beside a file, by name."""
+    """Return the law files in a folder, or beside a file, by name."""
     folder = path if path.is_dir() else path.parent
     return sorted(folder.glob(PATTERN))
 
 
 def law_content(law: Law) -> dict[str, object]:
-    """Return what files say of a law below its name."""
+    """Return a law's entry in files, without its name."""
     return {
         "place": law.place,
         **({"side": law.side} if law.side else {}),
@@ -104,7 +104,7 @@ def law_content(law: Law) -> dict[str, object]:
 
 
 def law_of(name: object, content: object) -> Law:
-    """Return the law that a name and plain values say; what is none is a LawError, which knows the keys."""
+    """Return the law with a name and plain values; invalid ones raise a LawError with the keys."""
     if not isinstance(content, dict):
         raise LawError(f"must be a mapping with some of {', '.join(OF_A_LAW)}, not {quoted(content)}")
     unknown = [key for key in content if key not in OF_A_LAW]
@@ -127,11 +127,11 @@ def law_of(name: object, content: object) -> Law:
 
 @contextmanager
 def learned(laws: Mapping[str, Law]) -> Iterator[None]:
-    """Have the model know laws from here on, but for those that were new if what is done with them fails.
+    """Register laws in the model; new ones are removed again if the body of the context fails.
 
     Raises LawError where a name is taken.
     """
-    from cmr.model import catalogue  # it takes a while to load, and most files have no laws
+    from cmr.model import catalogue  # slow to load, and most files have no laws
 
     new = [name for name in laws if name not in catalogue.LAWS]
     try:
@@ -152,7 +152,7 @@ def flow(content: object) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what is in two places twice: a file has no aliases."""
+    """Writes repeated objects twice, without aliases."""
 
     def ignore_aliases(self, _data: object) -> bool:
         return True

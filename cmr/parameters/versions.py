@@ -1,15 +1,15 @@
-"""Which of the announced parameters of a robot are the newest, whatever version they say they are."""
+"""Find the newest announced parameters of a robot, robust to wrong version numbers."""
 
 from cmr.msg import parameters_t
 
-MOST_EARLY = 16  # announcements from the future that are distinguished; their senders' clocks are ahead, or they lie
+MOST_EARLY = 16  # announcements from the future that are distinguished; their senders' clocks are wrong
 
 
 class Versions:
-    """Tells the versions of one robot's announcements apart.
+    """Compares the versions of one robot's announcements.
 
-    A version is the time [us] at which its content was written. One that is still to come counts as written when it was
-    first heard, so that it does not shut out what follows it, be it of the last moment that an int64 holds.
+    A version is the time [us] at which its content was written. A future version counts as written when first received,
+    so that it does not block later ones, even if it is the last int64.
     """
 
     def __init__(self) -> None:
@@ -17,7 +17,7 @@ class Versions:
         self._early: dict[tuple[str, int], int] = {}
 
     def is_outdated(self, message: parameters_t, now: int) -> bool:
-        """Return whether a newer version was asked about before: a sender that names this one has not heard of it."""
+        """Return whether a newer version was received before, which the sender does not know yet."""
         version = self.of(message, now)
         if version < self._newest:
             return True
@@ -25,12 +25,12 @@ class Versions:
         return False
 
     def of(self, message: parameters_t, now: int) -> int:
-        """Return the version of an announcement that was heard at `now` [us]."""
+        """Return the version of an announcement received at `now` [us]."""
         if message.sequence <= now:
             return int(message.sequence)
         said = message.sha256, message.sequence
         first = self._early.pop(said, now)
-        self._early[said] = first  # last in the order: what is repeated is kept
+        self._early[said] = first  # last in the order: repeated ones are kept
         if len(self._early) > MOST_EARLY:
             del self._early[next(iter(self._early))]
         return first

@@ -1,4 +1,4 @@
-"""What runs on a machine for the experiments of another: processes that are requested, supervised and stopped."""
+"""Processes on this machine for experiments led by another: requested, supervised and stopped."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,28 +11,28 @@ from cmr.processes.children import Children
 from cmr.processes.requests import Request, RequestError, is_this_host, read_request
 from cmr.processes.supervisor import State, Supervisor
 
-LAPSE = 5.0  # s without a request, after which the run is over: cmr-run died or is out of reach
+LAPSE = 5.0  # s without a request after which the run is over: cmr-run died or is unreachable
 LONGEST_NAME = 80  # characters of a run and of a process
 MOST_PROCESSES = 200
 
 
 class Agent:
-    """Serves one run at a time, which gets a folder in `base`; knows no bus. Leave it by `stop`.
+    """Serves one run at a time in a folder of its own in `base`; independent of the bus. Call `stop` at the end.
 
-    A process is started again, or not, as cmr-run does it with its own.
+    A process is restarted, or not, by the same rules as in cmr-run.
     """
 
     def __init__(self, base: Path) -> None:
-        self.refused = ""  # the last request that could not be met, and why
+        self.refused = ""  # the last request that failed, and why
         self._base, self._children = base, Children(base)
         self._run = ""
-        self._heard = 0.0  # s, when the run was last asked for
+        self._heard = 0.0  # s, of the last request for the run
         self._files: dict[str, str] = {}
         self._degraded: set[int] = set()
         self._supervisor = self._new_supervisor()
 
     def handle(self, _utime: int, _channel: str, message: Message, now: float) -> None:
-        """Take a process_request_t or a process_status_t; `now` is any steady time [s]."""
+        """Handle a process_request_t or a process_status_t; `now` is any monotonic time [s]."""
         if isinstance(message, process_status_t) and is_this_host(message.host):
             held = message.state == process_status_t.DEGRADED
             if message.pid in (state.pid for state in self.states.values()):
@@ -51,7 +51,7 @@ class Agent:
             return [f"Nothing was heard of {run} for {LAPSE:.0f} s: its processes were stopped."]
         try:
             return self._supervisor.poll(now)
-        except OSError as error:  # a disk that is full, or a process that the system refuses; it is tried again
+        except OSError as error:  # a full disk, or a process that cannot be started; it is tried again
             self._refuse(f"a process of {self._run}", error)
             return []
 
@@ -63,19 +63,19 @@ class Agent:
 
     @property
     def sentence(self) -> str:
-        """What the agent does, for PROCESS_STATUS."""
+        """The agent's state, for PROCESS_STATUS."""
         running = ", ".join(name for name in self.states if self._supervisor.is_running(name))
         serves = f"{self._run}: {running or 'nothing'} runs." if self._run else "Serves no run."
         return f"{serves} Not started: {self.refused}." if self.refused else serves
 
     @property
     def states(self) -> Mapping[str, State]:
-        """How each process that was asked for is doing."""
+        """The state of each requested process."""
         return self._supervisor.states
 
     @property
     def down(self) -> list[str]:
-        """The processes that ended before their time and do not run."""
+        """The processes that ended early and are not running."""
         return self._supervisor.down()
 
     def _refuse(self, what: str, error: Exception) -> None:
@@ -100,7 +100,7 @@ class Agent:
             self._supervisor.states[name] = State(request.job)
 
     def _write(self, request: Request) -> None:
-        """Write files that have not come before as they are; a process may have changed one meanwhile."""
+        """Write files that are new; a process may have changed existing ones."""
         request.folder.mkdir(parents=True, exist_ok=True)
         for name, text in request.files.items():
             if self._files.get(name) != text:

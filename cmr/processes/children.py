@@ -1,4 +1,4 @@
-"""Start other processes and see to it that every one of them ends, whatever happens."""
+"""Start other processes and make sure that every one of them ends, whatever happens."""
 
 import ctypes
 import os
@@ -10,14 +10,14 @@ from pathlib import Path
 from types import TracebackType
 
 PATIENCE = 3.0  # s for a process to end after SIGTERM; ours take less than 1 s
-LAST_BYTES = 1 << 14  # in which the last line of what a process says is looked for
+LAST_BYTES = 1 << 14  # in which the last line of a process's output is searched
 PR_SET_PDEATHSIG = 1  # Linux, prctl(2): the signal a process gets when its parent dies
 
 
 class Children:
-    """Processes of ours; a context manager that stops them in reverse order of their start.
+    """Child processes; a context manager that stops them in reverse order of their start.
 
-    Each writes what it says to `<folder>/<name>.txt`.
+    Each writes its output to `<folder>/<name>.txt`.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -35,9 +35,9 @@ class Children:
             self.stop(name)
 
     def start(self, name: str, command: list[str]) -> int:
-        """Start a process in a session of its own, so that Ctrl-C reaches only its parent, who stops it in order.
+        """Start a process in a session of its own, so that Ctrl-C reaches only its parent, which stops it in order.
 
-        What one that is started again says is added to what it said before. Returns the process id.
+        The output of a restarted process is appended. Returns the process id.
         """
         with self._file(name).open("ab" if name in self._started else "wb") as said:
             self._started.add(name)
@@ -52,7 +52,7 @@ class Children:
         return self._running[name].pid
 
     def stop(self, *names: str) -> dict[str, int]:
-        """End processes at the same time: SIGTERM, and SIGKILL for those that do not listen; return exit codes."""
+        """End processes at the same time: SIGTERM, then SIGKILL for those that do not react; return exit codes."""
         processes = {name: process for name in names if (process := self._running.pop(name, None)) is not None}
         for process in processes.values():
             if process.poll() is None:
@@ -87,11 +87,11 @@ class Children:
         return ""
 
     def said(self, name: str) -> str:
-        """Return what a process has written so far."""
+        """Return the output of a process so far."""
         return self._file(name).read_text(errors="replace")
 
     def last_words(self, name: str) -> str:
-        """Return the last line that a process has written; empty if there is none."""
+        """Return the last line of a process's output; empty without output."""
         if name not in self._started:
             return ""
         with self._file(name).open("rb") as stream:
@@ -109,7 +109,7 @@ def our_command(name: str) -> str:
 
 
 def _die_with_parent() -> None:
-    """Have the kernel end this process when its parent is killed; elsewhere than on Linux, do without."""
+    """Ask the kernel to end this process when its parent is killed; only possible on Linux."""
     try:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     except (OSError, AttributeError):

@@ -1,13 +1,13 @@
-"""A process of an experiment: what it is for, its command, where it runs, and in which order such processes start."""
+"""A process of an experiment: its role, command, host, and starting order."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-# What a process is for.
+# The role of a process.
 RECORDER, EMULATOR, DRIVER, SIM = "recorder", "emulator", "driver", "sim"
 CALIBRATOR, DIAGNOSER, PILOT = "calibrator", "diagnoser", "pilot"
 START_ORDER = (RECORDER, EMULATOR, DRIVER, SIM, CALIBRATOR, DIAGNOSER, PILOT)
-# Those that command motors first, those that hold them next, and the recorder at last.
+# Stopping order: those that command motors, those that hold them, and the recorder last.
 STOP_ORDER = (PILOT, CALIBRATOR, DIAGNOSER, SIM, DRIVER, EMULATOR, RECORDER)
 
 CANNOT_WRITE = 74  # exit code of a recorder that cannot write any more; EX_IOERR of sysexits.h
@@ -15,9 +15,9 @@ CANNOT_WRITE = 74  # exit code of a recorder that cannot write any more; EX_IOER
 
 @dataclass(frozen=True)
 class Job:
-    """One process: its name, what it is for, its command, and the robot that it belongs to, if to one.
+    """One process: its name, role and command, and the robot it belongs to, if any.
 
-    It is started when there is a file `after`. `host` is the machine on which it runs; None: this one.
+    It is started once the file `after` exists. `host` is its machine; None: this one.
     """
 
     name: str
@@ -26,4 +26,4 @@ class Job:
     robot_id: int | None = None
     after: Path | None = None
     host: str | None = None
-    once: bool = False  # never started again: it would begin its drive again, from wherever the robot is
+    once: bool = False  # never restarted: it would repeat its drive from wherever the robot is

@@ -1,4 +1,4 @@
-"""Processes that are wanted on other machines: what cmr-run asks of the agents there, and how an agent reads it."""
+"""Requests for processes on other machines: how cmr-run makes them, and how an agent reads them."""
 
 import json
 import re
@@ -16,16 +16,16 @@ from cmr.processes.job import RECORDER, SIM, START_ORDER, Job
 
 AGENT = "cmr-agent"  # on PROCESS_STATUS
 RUN_FOLDER = "{run}"
-RECORDER_PROGRAM = "cmr-run-recorder"  # which is no command by itself
+RECORDER_PROGRAM = "cmr-run-recorder"  # not a command of its own
 PROGRAMS = ("cmr-driver", "cmr-pilot", "cmr-emulate", "cmr-sim", "cmr-calibrate", "cmr-diagnose", RECORDER_PROGRAM)
 RECORDER_MODULE = "cmr.experiments.live.recorder"
 RECORDER_HERE = [sys.executable, "-m", RECORDER_MODULE]
 RUN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,79}")
-PROCESS_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9 ._-]{0,79}")  # a file is called by it
+PROCESS_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9 ._-]{0,79}")  # also the name of a file
 FILE_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,80}\.yaml")
 MOST_ARGUMENTS, MOST_FILES = 100, 500
-LONGEST_ARGUMENT = 4_000  # characters; a path is no longer, ...
-LONGEST_FILE_NAME = 255  # bytes; ... and no part of one is longer than this
+LONGEST_ARGUMENT = 4_000  # characters; longer than any path, ...
+LONGEST_FILE_NAME = 255  # bytes; ... the limit of one part of a path
 LONGEST_NAME = 80  # characters
 LARGEST = 300_000  # bytes of a request's files; larger ones are copied by hand
 
@@ -36,9 +36,9 @@ class RequestError(ValueError):
 
 @dataclass(frozen=True)
 class Request:
-    """A process that is wanted, as a job of this machine, and the texts of the files that it reads, by name.
+    """A requested process, as a job of this machine, and the texts of its files, by name.
 
-    Those are in `folder`, as everything of the run is.
+    The files are in `folder`, like everything of the run.
     """
 
     run: str
@@ -49,7 +49,7 @@ class Request:
 
 
 def is_there(program: str) -> bool:
-    """Return whether one of PROGRAMS is installed on this computer; on a robot's own, few are."""
+    """Return whether one of PROGRAMS is installed on this computer; a robot's own has only a few."""
     if program != RECORDER_PROGRAM:
         return Path(our_command(program)).exists()
     try:
@@ -59,7 +59,7 @@ def is_there(program: str) -> bool:
 
 
 def is_this_host(name: str) -> bool:
-    """Return whether a scenario's name of a host is that of this machine."""
+    """Return whether a scenario's host name is that of this machine."""
     return short_name(name) == short_name(socket.gethostname())
 
 
@@ -69,7 +69,7 @@ def short_name(host: str) -> str:
 
 
 def requests_of(jobs: Iterable[Job], folder: Path, utime: int, wanted: bool) -> Iterator[process_request_t]:
-    """Yield what asks the agents of other machines for these processes of the run in `folder`."""
+    """Yield requests to agents on other machines for these processes of the run in `folder`."""
     for job in jobs:
         program = RECORDER_PROGRAM if job.role == RECORDER else Path(job.command[0]).name
         arguments = job.command[3:] if job.role == RECORDER else job.command[1:]
@@ -89,9 +89,9 @@ def requests_of(jobs: Iterable[Job], folder: Path, utime: int, wanted: bool) -> 
 
 
 def read_request(message: process_request_t, base: Path) -> Request:
-    """Return what is asked for, by a run that gets a folder in `base`.
+    """Parse a request, by a run that gets a folder in `base`.
 
-    Raises RequestError where it is not what cmr-run asks for.
+    Raises RequestError if it is invalid.
     """
     if not RUN_NAME.fullmatch(message.run):
         raise RequestError("its run has no name that a folder can have")
@@ -140,12 +140,12 @@ def _texts(value: object) -> list[str]:
 
 
 def _is_argument(text: str) -> bool:
-    """Return whether a system can hand a text to a process."""
+    """Return whether a text can be a command-line argument."""
     return len(text) <= LONGEST_ARGUMENT and "\0" not in text and _is_encodable(text)
 
 
 def _is_encodable(text: str) -> bool:
-    """Return whether a text can be written; JSON may name halves of letters."""
+    """Return whether a text can be encoded; JSON may contain lone surrogates."""
     try:
         return bool(text.encode()) or not text
     except UnicodeEncodeError:
@@ -153,18 +153,18 @@ def _is_encodable(text: str) -> bool:
 
 
 def _elsewhere(argument: str, folder: Path) -> str:
-    """Return an argument, with what stands for the folder of the run where it names something in it."""
+    """Return an argument with a placeholder for the run's folder if it refers to it."""
     path = Path(argument)
     return f"{RUN_FOLDER}/{path.relative_to(folder)}" if path.is_relative_to(folder) else argument
 
 
 def _name_of(folder: Path) -> str:
-    """Return the name of a run in a folder, as other machines can name one."""
+    """Return the name of a run's folder in a form valid on other machines."""
     return re.sub("[^A-Za-z0-9_-]", "_", folder.resolve().name)[:LONGEST_NAME] or "run"
 
 
 def _files(job: Job, folder: Path) -> dict[str, str]:
-    """Return the files that a process reads: those of its command; of cmr-sim, whose scenario names more, all."""
+    """Return the files that a process reads: those in its command; all for cmr-sim, whose scenario refers to more."""
     named = {path for argument in job.command if (path := Path(argument)).parent == folder and path.suffix == ".yaml"}
     paths = folder.glob("*.yaml") if job.role == SIM else named
     texts = {path.name: path.read_text("utf-8") for path in sorted(paths) if path.is_file()}

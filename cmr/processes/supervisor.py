@@ -1,4 +1,4 @@
-"""Start the processes of a run, start again what dies where that is safe, and stop all in order."""
+"""Start the processes of a run, restart what dies if that is safe, and stop all in order."""
 
 import signal
 from collections.abc import Callable, Iterable
@@ -7,25 +7,25 @@ from dataclasses import dataclass, field
 from cmr.processes.children import Children
 from cmr.processes.job import CANNOT_WRITE, DRIVER, PILOT, RECORDER, STOP_ORDER, Job
 
-FIRST_DELAY = 0.5  # s until a process that died is started again; doubled each time
+FIRST_DELAY = 0.5  # s until a process that died is restarted; doubled each time
 LONGEST_DELAY = 30.0  # s
-PROVEN = 30.0  # s after which a process counts as healthy, and the next delay is the first again
-MOST_ENDS = 50  # that are kept of a process that ends again and again
+PROVEN = 30.0  # s after which a process counts as healthy, and the delay is reset
+MOST_ENDS = 50  # ends kept for a process that dies repeatedly
 WRONG_USAGE = 2
 ASKED_TO_END = frozenset({130, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP})
 
 
 @dataclass
 class State:
-    """How a process is doing; times are those of the clock that the supervisor is given."""
+    """The state of a process; times are those of the supervisor's clock."""
 
     job: Job
-    due: float | None = 0.0  # when it is to be started; None: not (again)
+    due: float | None = 0.0  # time of the next start; None: not (again)
     started: float = 0.0
     delay: float = FIRST_DELAY
     starts: int = 0
     pid: int = 0  # of the process as it was last started
-    ends: list[str] = field(default_factory=list)  # how it ended, each of the last times
+    ends: list[str] = field(default_factory=list)  # how it ended, the last times
 
     @property
     def restarts(self) -> int:
@@ -36,9 +36,9 @@ class State:
 class Supervisor:
     """Keeps the processes of a run alive.
 
-    `held(pid)` returns whether a driver or a pilot was holding its robot for a reason when it was last heard; one that
-    ends then is not started again, nor is one that somebody ended. A process whose `may_start(job)` is false waits.
-    `prepare(job)` is called before each start.
+    `held(pid)` returns whether a driver or pilot last reported holding its robot for a reason; if it ends then it is
+    not restarted, nor is a process that somebody ended. A process waits while `may_start(job)` is false. `prepare(job)`
+    is called before each start.
     """
 
     def __init__(
@@ -61,7 +61,9 @@ class Supervisor:
         return sum(state.restarts for state in self.states.values())
 
     def poll(self, now: float) -> list[str]:
-        """Start what is due, and note what ended; return sentences about the latter. `now` is any steady time [s]."""
+        """Start what is due, and detect ended processes; return sentences about these. `now` is any monotonic time
+        [s].
+        """
         sentences = [self._note_end(name, code, now) for name, code in self._children.ended().items()]
         for state in self.states.values():
             if state.due is not None and now >= state.due and self._can_start(state.job):
@@ -72,7 +74,7 @@ class Supervisor:
         return sentences
 
     def stop(self) -> None:
-        """Stop everything: those that command motors first, those that hold them next, the recorder at last."""
+        """Stop everything in order: those that command motors, those that hold them, the recorder last."""
         for role in STOP_ORDER:
             names = [name for name, state in self.states.items() if state.job.role == role]
             for name, code in self._children.stop(*names).items():
@@ -85,22 +87,22 @@ class Supervisor:
         return self._children.is_running(name)
 
     def is_done(self, name: str) -> bool:
-        """Return whether a process came to its end as it should."""
+        """Return whether a process ended normally."""
         ends = self.states[name].ends
         return not self.is_running(name) and bool(ends) and ends[-1] == _how(0)
 
     def down(self) -> list[str]:
-        """Return the processes that ended before their time and do not run."""
+        """Return the processes that ended early and are not running."""
         started = (name for name, state in self.states.items() if state.starts)
         return [name for name in started if not self.is_running(name) and not self.is_done(name)]
 
     def given_up(self) -> list[str]:
-        """Return those of them that are not started again."""
+        """Return those of them that are not restarted."""
         return [name for name in self.down() if self.states[name].due is None]
 
     @property
     def is_unrecorded(self) -> bool:
-        """Whether a recorder could not write any more."""
+        """Whether a recorder failed to write."""
         recorders = (state for state in self.states.values() if state.job.role == RECORDER)
         return any(_how(CANNOT_WRITE) in state.ends[-1:] for state in recorders)
 
@@ -127,7 +129,7 @@ class Supervisor:
         return f"{end} Started again in {delay:g} s."
 
     def _why_not_again(self, state: State, code: int) -> str:
-        """Return the sentence that says why a process is not started again; empty where it is."""
+        """Return a sentence on why a process is not restarted; empty if it is."""
         if code == 0:
             return "It is done."
         if code == WRONG_USAGE:

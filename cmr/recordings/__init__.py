@@ -1,4 +1,4 @@
-"""What was recorded of a robot, as arrays: from an event log, or gathered live from the bus."""
+"""Recordings of a robot as arrays: from an event log, or collected live from the bus."""
 
 from cmr.recordings.batch import read_robots
 from cmr.recordings.recording import Recorder, Recording, RecordingError, read_messages

@@ -1,6 +1,6 @@
-"""What came from one robot, message by message in the order of arrival, as arrays.
+"""Messages of one robot as arrays, in the order of arrival.
 
-The one place that says which messages become samples of a recording: live messages and those of a log pass here.
+The single definition of which messages become samples of a recording, for live messages and logs.
 """
 
 from array import array
@@ -29,7 +29,7 @@ from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.recordings.signal import Floats, Mask, Signal, Times, no_times
 
 Command: TypeAlias = motor_command_t | wheel_speed_command_t | velocity_command_t
-NOT_FINITE = "not a finite number"  # why a message is no sample
+NOT_FINITE = "not a finite number"  # why a message is not a sample
 # The stream of each kind of command.
 COMMANDS_OF: dict[str, Stream[Command]] = {
     DUTY: MOTOR_COMMAND,
@@ -43,8 +43,8 @@ LAST_NUMBER = 2**63 - 1  # later than any message
 class Kept:
     """What a recording keeps of one stream.
 
-    `fields` of the message after utime. A message is left out in which one of `finite` is not a finite number, or
-    the field `flag` is 0. `measured` marks streams that only a real robot has.
+    `fields` of the message after utime. A message is skipped if one of `finite` is not finite, or the field `flag` is
+    0. `measured` marks streams that only a real robot has.
     """
 
     stream: Stream[Message]
@@ -55,7 +55,7 @@ class Kept:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The fields to gather: those that are kept and the flag."""
+        """The columns to collect: the kept fields and the flag."""
         return self.fields if self.flag is None else (*self.fields, self.flag)
 
 
@@ -94,15 +94,15 @@ KEPT: Mapping[str, Kept] = {
 }
 
 
-COMMAND_SIGNALS = ("commands", "wheel_speed_commands", "velocity_commands")  # what robots are commanded by
+COMMAND_SIGNALS = ("commands", "wheel_speed_commands", "velocity_commands")  # kinds of commands to robots
 
 
 @dataclass(frozen=True)
 class Arrivals:
     """All messages of one stream in the order of arrival.
 
-    `utime` [us], `number` (increasing; the place among all messages of the log or the drive) and the `columns`, in
-    the units of the message type, are of shape (n,).
+    `utime` [us], `number` (increasing; the index among all messages of the log or drive) and the `columns`, in the
+    units of the message type, are of shape (n,).
     """
 
     utime: Times
@@ -111,7 +111,7 @@ class Arrivals:
 
     @classmethod
     def none(cls, kept: Kept) -> "Arrivals":
-        """Return the arrivals of a stream of which nothing came."""
+        """Return empty arrivals."""
         return cls(no_times(), no_times(), {name: np.empty(0) for name in kept.columns})
 
     def where(self, keep: Mask) -> "Arrivals":
@@ -122,7 +122,7 @@ class Arrivals:
         return Arrivals(self.utime[keep], self.number[keep], columns)
 
     def finite(self, kept: Kept) -> Mask:
-        """Tell which messages hold finite numbers where they must, shape (n,)."""
+        """Return which messages have finite numbers in all required fields, shape (n,)."""
         finite = np.ones(len(self.utime), np.bool_)
         for name in kept.finite:
             finite &= np.isfinite(self.columns[name])
@@ -134,7 +134,7 @@ class Arrivals:
         return self.where(usable if kept.flag is None else usable & (self.columns[kept.flag] != 0.0))
 
     def signal(self, kept: Kept) -> Signal:
-        """Return the samples; sorted by time, the first of repeated times kept."""
+        """Return the samples, sorted by time; of repeated times the first is kept."""
         finite = int(np.count_nonzero(self.finite(kept)))
         usable = self.usable(kept)
         left_out = {NOT_FINITE: len(self.utime) - finite, "marked as not valid": finite - len(usable.utime)}
@@ -150,8 +150,8 @@ class Arrivals:
 class Announcements:
     """The parameter files announced of a robot.
 
-    `taken` holds, with the number of the message that brought it, each that was newer than all before; broken ones
-    are passed over. `utime` [us] and `number` are those of every announcement.
+    `taken` holds, with the number of the message that brought it, each file newer than all before; broken ones are
+    ignored. `utime` [us] and `number` are those of every announcement.
     """
 
     def __init__(self) -> None:
@@ -161,7 +161,7 @@ class Announcements:
         self._newest = -1
 
     def take(self, number: int, channel: str, message: parameters_t) -> None:
-        """Take one announcement, a parameters_t."""
+        """Process one announcement, a parameters_t."""
         self.utime.append(message.utime)
         self.number.append(number)
         version = self._versions.of(message, message.utime if 0 <= message.utime < LATEST_UTIME else 0)
@@ -175,17 +175,17 @@ class Announcements:
         self._newest = version
 
     def newest(self, number: int) -> ParameterFile | None:
-        """Return the newest parameter file that had come by the message of this number, None without one."""
+        """Return the newest parameter file received up to this message number, None without one."""
         return next((parameters for at, parameters in reversed(self.taken) if at <= number), None)
 
 
 @dataclass(frozen=True)
 class RobotMessages:
-    """All that came from one robot, in the order of arrival.
+    """All messages of one robot, in the order of arrival.
 
     `arrivals` holds those of the signals in `KEPT`, by the same names. `rejected` counts by (channel, reason) the
-    messages that could not be decoded, `damaged_bytes` what is no intact event in the log. Messages after number
-    `last` are not there.
+    messages that could not be decoded, `damaged_bytes` the size of damaged parts of the log. Messages after number
+    `last` are not included.
     """
 
     robot_id: int
@@ -197,7 +197,7 @@ class RobotMessages:
 
     @property
     def measured(self) -> int:
-        """How many messages there are that only a real robot has: feedback of its motors, or its pose."""
+        """The number of messages that only a real robot sends: motor feedback or poses."""
         return sum(
             int(np.count_nonzero(self.arrivals[name].finite(kept))) for name, kept in KEPT.items() if kept.measured
         )
@@ -208,7 +208,7 @@ class RobotMessages:
         return self.announcements.newest(self.last)
 
     def latest_utime(self) -> tuple[Times, Times]:
-        """Return the number of each message, increasing, and the latest utime [us] seen by then, shape (n,)."""
+        """Return the number of each message, increasing, and the latest utime [us] up to it, shape (n,)."""
         announced = np.array(self.announcements.number, np.int64), np.array(self.announcements.utime, np.int64)
         streams = [(stream.number, stream.utime) for stream in self.arrivals.values()]
         number, utime = (np.concatenate(column) for column in zip(announced, *streams, strict=True))
@@ -217,6 +217,6 @@ class RobotMessages:
         return number[order], np.maximum.accumulate(utime[order])
 
     def until(self, number: int) -> "RobotMessages":
-        """Return what had come when the message of this number had come."""
+        """Return the messages up to this message number."""
         arrivals = {name: stream.where(stream.number <= number) for name, stream in self.arrivals.items()}
         return replace(self, arrivals=arrivals, last=min(number, self.last))

@@ -1,4 +1,4 @@
-"""Read an event log into arrays: the messages of a channel are decoded all at once."""
+"""Read an event log into arrays: all messages of a channel are decoded at once."""
 
 from array import array
 from collections import defaultdict
@@ -17,7 +17,7 @@ from cmr.recordings.events import EventReader
 
 
 class SignalGatherer:
-    """Gathers the messages of a channel that becomes a signal; decodes them in the end."""
+    """Collects the messages of a channel that becomes a signal, and decodes them at the end."""
 
     def __init__(self, channel: str, kept: Kept, robot_id: int, rejected: Rejections) -> None:
         self._channel, self._kept, self._robot_id = channel, kept, robot_id
@@ -28,7 +28,7 @@ class SignalGatherer:
         self._data = bytearray()
 
     def take(self, number: int, data: bytes) -> None:
-        """Take one encoded message; as in the generated decoder, bytes beyond the type's are of no account."""
+        """Add one encoded message; as in the generated decoder, extra bytes are ignored."""
         size, data = self._layout.itemsize, as_of_today(data)
         if not data.startswith(self._fingerprint):
             self._rejected.note(self._channel, "foreign")
@@ -39,7 +39,7 @@ class SignalGatherer:
             self._data += data if len(data) == size else data[:size]
 
     def arrivals(self) -> Arrivals:
-        """Decode what was gathered, and let go of the bytes."""
+        """Decode the collected messages, and free their bytes."""
         messages = np.frombuffer(self._data, self._layout)
         own = messages["robot_id"] == self._robot_id
         if not own.all():
@@ -72,7 +72,7 @@ class AnnouncementGatherer:
 
 
 class LogGatherer:
-    """Gathers what a log holds, event by event; `rejected` counts by (channel, reason) what was not taken."""
+    """Collects the contents of a log, event by event; `rejected` counts rejected messages by (channel, reason)."""
 
     def __init__(self) -> None:
         self.rejected = Rejections()
@@ -81,14 +81,14 @@ class LogGatherer:
         self._announced: dict[int, AnnouncementGatherer] = {}
 
     def take(self, number: int, channel: str, data: bytes) -> None:
-        """Take one event; the number counts them."""
+        """Add one event; `number` counts them."""
         taker = self._takers.get(channel)
         if taker is None:
             taker = self._takers[channel] = self._taker(channel)
         taker(number, data)
 
     def robots(self, damaged_bytes: int) -> dict[int, RobotMessages]:
-        """Decode what was gathered, by robot id."""
+        """Decode the collected messages, by robot id."""
         robots = {}
         for robot_id in sorted(self._signals.keys() | self._announced.keys()):
             signals, announced = self._signals[robot_id], self._announced.get(robot_id)
@@ -102,7 +102,7 @@ class LogGatherer:
         return robots
 
     def _taker(self, channel: str) -> Callable[[int, bytes], None]:
-        """Return what takes the messages of a channel."""
+        """Return the handler for messages of a channel."""
         if channel in SELF_TESTS:
             return lambda _number, _data: None
         stream, robot_id = identify(channel) or (None, None)
@@ -113,18 +113,17 @@ class LogGatherer:
             return announced.take
         name = next((name for name, kept in KEPT.items() if kept.stream is stream), None)
         if robot_id is None or name is None:
-            return lambda _number, _data: None  # a recording keeps nothing of this stream
+            return lambda _number, _data: None  # a recording does not keep this stream
         signal = self._signals[robot_id][name] = SignalGatherer(channel, KEPT[name], robot_id, self.rejected)
         return signal.take
 
 
 def read_robots(path: Path | str) -> dict[int, RobotMessages]:
-    """Read from an event log what came from each robot, by robot id.
+    """Read the messages of each robot from an event log, by robot id.
 
-    A truncated or damaged log yields its intact events. `rejected` of the robots counts, by the words of
-    cmr.bus.messages.REASONS, what could not be decoded on the channels that a recording is made of, and messages on
-    channels that are none of CMR's; what processes send to test the bus is passed over. Raises OSError when the file
-    cannot be opened.
+    A truncated or damaged log yields its intact events. `rejected` of the robots counts, by cmr.bus.messages.REASONS,
+    undecodable messages on the channels of a recording, and messages on unknown channels; bus tests are ignored. Raises
+    OSError when the file cannot be opened.
     """
     gatherer = LogGatherer()
     log = EventReader(path)

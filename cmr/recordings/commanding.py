@@ -1,6 +1,6 @@
-"""Messages by which robots are commanded, of whichever kind, and the duties that they stand for.
+"""Command messages of all kinds, and the equivalent duties.
 
-What commanded speeds stand for says the robot's own velocity controller.
+The conversion of commanded speeds depends on the robot's own velocity controller.
 """
 
 from cmr.bus.messages import make
@@ -22,9 +22,9 @@ def asked_by(command: Command) -> tuple[float, float]:
 
 
 def duties_of(command: Command, controller: VelocityController | None) -> tuple[float, float] | None:
-    """Return the duties (left, right) that a command stands for.
+    """Return the duties (left, right) equivalent to a command.
 
-    None where speeds are commanded and no controller is known that would turn them into anything.
+    None if speeds are commanded and no controller is known for the conversion.
     """
     if isinstance(command, motor_command_t):
         return command.left, command.right
@@ -36,14 +36,14 @@ def duties_of(command: Command, controller: VelocityController | None) -> tuple[
 
 
 def asks_to_move(command: Command) -> bool:
-    """Tell whether a command is another than to stand."""
+    """Return whether a command is other than to stand."""
     return any(asked_by(command))
 
 
 def command_of(
     kind: str, utime: int, robot_id: int, duties: tuple[float, float], controller: VelocityController | None
 ) -> Command:
-    """Return the message of a kind that stands for these duties; zero is zero whoever takes it.
+    """Return the message of a kind that is equivalent to these duties; zero is zero for every kind.
 
     Speeds other than zero need the robot's velocity controller.
     """

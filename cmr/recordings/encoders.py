@@ -1,18 +1,18 @@
-"""How precisely encoder readings give wheel angles."""
+"""The precision of wheel angles from encoder readings."""
 
 import numpy as np
 
 from cmr.recordings.signal import Floats, Mask
 
-FEW_COUNTS, SETTLING = 4.0, 3  # counts; a smaller step may be any
-ROUNDING = 1.0  # counts by which a step may be off that both its ends were rounded
-NO_STEP = 1e-9  # rad; what angles differ by from rounding alone
+FEW_COUNTS, SETTLING = 4.0, 3  # counts; smaller steps may have any size
+ROUNDING = 1.0  # counts of rounding error in a step, from both ends
+NO_STEP = 1e-9  # rad; differences of angles due to rounding alone
 
 
 def tick_of(angles: Floats, counts: Floats) -> float:
-    """Return what an encoder's count goes up by at once, in radians; where it was not recorded, the smallest step.
+    """Return the angle of one encoder step [rad]; without counts, the smallest step.
 
-    `angles` [rad] and `counts` [ticks], shape (n,), are its readings. 0 where it never moves on.
+    `angles` [rad] and `counts` [ticks], shape (n,), are its readings. 0 if it never moves.
     """
     turned, counted = np.diff(angles), np.diff(counts)
     moved = moved_on(turned) & (counted != 0.0) & np.isfinite(counted)
@@ -23,9 +23,9 @@ def tick_of(angles: Floats, counts: Floats) -> float:
 
 
 def _at_once(counted: Floats) -> float:
-    """Return how many counts an encoder goes on at once, where it has gone on by `counted` (n,) between readings.
+    """Return the counts per encoder step, from its count differences `counted` (n,) between readings.
 
-    It need not be a whole number: a coarse disc whose angle is reported in finer counts goes on by 34 and 35 in turn.
+    It need not be an integer: a coarse disc reported in finer counts advances by 34 and 35 alternately.
     """
     whole = float(np.gcd.reduce(counted.astype(np.int64)))
     least = float(counted.min())
@@ -40,19 +40,19 @@ def _at_once(counted: Floats) -> float:
 
 
 def moved_on(steps: Floats) -> Mask:
-    """Tell at which readings an encoder has moved on since the one before, by their `steps` [rad]."""
+    """Return at which readings an encoder has advanced, by its `steps` [rad]."""
     return np.abs(steps) > NO_STEP
 
 
 def within_tick(steps: Floats, tick: float) -> tuple[Floats, Floats]:
-    """Return how far beyond each reading its wheel stood [rad], and how wide the span is that it may stand in [rad].
+    """Return the offset [rad] of the wheel from each reading, and the width [rad] of its possible range.
 
-    `steps` [rad], shape (n,), say how far each reading is from the one before, 0 for the first; `tick` [rad] is the
-    size of a tick, which begins at the angle that is read.
+    `steps` [rad], shape (n,), are the differences from the previous reading, 0 for the first; `tick` [rad] is the size
+    of a tick, which begins at the angle that is read.
 
-    An encoder that has moved on has passed an edge of the tick since the reading before: a slow wheel has just come
-    over the lower edge, or backwards over the upper one; one that passes many edges from reading to reading is, on
-    average, in the middle. One that says again what it said may be anywhere in the tick.
+    An encoder that has advanced has passed a tick edge since the previous reading: a slow wheel has just crossed the
+    lower edge, or backwards the upper one; one that passes many edges per reading is on average in the middle. With a
+    repeated reading the wheel may be anywhere in the tick.
     """
     moved, index = moved_on(steps), np.arange(len(steps))
     before = np.maximum.accumulate(np.where(moved, index, 0))

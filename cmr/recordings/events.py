@@ -1,6 +1,6 @@
-"""Read the events of an LCM event log one after another, in little memory; damage costs only what is damaged.
+"""Read the events of an LCM event log sequentially, with little memory; only damaged events are lost.
 
-LCM's own reader gives up the event before every damage and, where a length is damaged, all that this length spans.
+LCM's own reader drops the event before every damage and, after a damaged length, everything within that length.
 """
 
 import os
@@ -14,16 +14,16 @@ from cmr.bus.rejections import Rejections
 from cmr.bus.streams import SELF_TESTS
 from cmr.files import open_regular
 
-SYNC = b"\xed\xa1\xda\x01"  # every event begins with it
+SYNC = b"\xed\xa1\xda\x01"  # start of every event
 HEADER = struct.Struct(">4sqqII")  # sync word, event number, time stamp, lengths of channel name and of data
 LONGEST_CHANNEL = 999  # bytes, as in LCM's reader
-LARGEST_DATA = 1 << 26  # bytes; a length beyond that is a damaged one
+LARGEST_DATA = 1 << 26  # bytes; a larger length is damaged
 CHUNK = 1 << 20  # bytes of a log in memory at a time
-MOST_CHANNELS_KEPT = 10_000  # names that are not decoded again
+MOST_CHANNELS_KEPT = 10_000  # names whose decoding is cached
 
 
 class Event(NamedTuple):
-    """One event of a log: its number there, when it was logged [us since the Unix epoch], channel, encoded message."""
+    """One event of a log: its number, logging time [us since the Unix epoch], channel, and encoded message."""
 
     number: int
     utime: int
@@ -32,13 +32,13 @@ class Event(NamedTuple):
 
 
 def event_bytes(event: Event) -> bytes:
-    """Return an event as it lies in a log."""
+    """Return an event as stored in a log."""
     name = event.channel.encode()
     return HEADER.pack(SYNC, event.number, event.utime, len(name), len(event.data)) + name + event.data
 
 
 class _Frame(NamedTuple):
-    """What an event's header says, and where in the file [bytes] the event begins, its data begin, and it ends."""
+    """The contents of an event's header, and where in the file [bytes] the event, its data, and its end are."""
 
     start: int
     number: int
@@ -51,11 +51,11 @@ class _Frame(NamedTuple):
 class EventReader:
     """The intact events of the log at `path`, in the order in which they were logged.
 
-    An event is intact if it is complete and followed by another or the end of the file; before damage, if no such
-    event begins within it and the damage does not seem to. What the file has grown by since it was opened is not read.
+    An event is intact if it is complete and followed by another or the end of the file; before damage, if neither such
+    an event nor the damage seems to begin within it. Data added after opening are not read.
 
-    `position` tells how much of the file's `size` the latest iteration has passed [bytes]; `damaged_bytes` how much of
-    that is no intact event, in `damaged_places` different places. Raises OSError when the file cannot be opened.
+    `position` is how much of the file's `size` the latest iteration has read [bytes]; `damaged_bytes` how much of that
+    is damaged, in `damaged_places` different places. Raises OSError when the file cannot be opened.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -77,7 +77,7 @@ class EventReader:
         return self.read()
 
     def read(self, begin: int = 0) -> Iterator[Event]:
-        """Yield the intact events that begin at this place in the file [bytes] or later."""
+        """Yield the intact events from this place in the file [bytes] on."""
         self._begin(begin)
         with self.path.open("rb", buffering=0) as stream:
             file = stream.fileno()
@@ -90,7 +90,7 @@ class EventReader:
                         yield event
 
     def _events_of_chunk(self, chunk: bytes) -> Iterator[Event]:
-        """Yield the events at the beginning of a chunk, as long as each is followed by another."""
+        """Yield the events at the beginning of a chunk, as long as each is followed by another one."""
         channels, unpack, header_bytes = self._channels, HEADER.unpack_from, HEADER.size
         start, base, last = 0, self.position, len(chunk) - HEADER.size
         while start <= last:
@@ -109,7 +109,7 @@ class EventReader:
             start = end
 
     def _channel(self, name: bytes) -> str | None:
-        """Return the channel of this name, None if it is no name."""
+        """Return the channel of this name, None for an invalid name."""
         if len(self._channels) >= MOST_CHANNELS_KEPT:
             self._channels.clear()
         try:
@@ -120,7 +120,7 @@ class EventReader:
         return self._channels.setdefault(name, channel if is_name else None)
 
     def _next_event(self, file: int) -> Event | None:
-        """Return the next event, None if only damage was passed."""
+        """Return the next event, None if only damage was skipped."""
         sure = self._sure(file)
         limit = self.size if sure is None else sure.start
         frame = next(self._frames(file, self.position, limit), sure)
@@ -135,7 +135,7 @@ class EventReader:
         return Event(frame.number, frame.utime, frame.channel, data)
 
     def _sure(self, file: int) -> _Frame | None:
-        """Return the first event from here on that another one or the end of the file follows."""
+        """Return the next event from here on that is followed by another one or the end of the file."""
         if self._sure_is_known and (self._next_sure is None or self._next_sure.start >= self.position):
             return self._next_sure
         frames = self._frames(file, self.position, self.size)
@@ -144,7 +144,7 @@ class EventReader:
         return self._next_sure
 
     def _frames(self, file: int, first: int, limit: int) -> Iterator[_Frame]:
-        """Yield what looks like an event that begins at `first` or later and ends at `limit` or before."""
+        """Yield possible events that begin at `first` or later and end at `limit` or before."""
         while first < limit:
             chunk = os.pread(file, min(CHUNK, limit - first), first)
             found = chunk.find(SYNC)
@@ -158,7 +158,7 @@ class EventReader:
             first += len(chunk) - len(SYNC) + 1  # a sync word may lie on the border of two chunks
 
     def _frame(self, file: int, start: int) -> _Frame | None:
-        """Return what the header at `start` says, None if no header can say so."""
+        """Return the header at `start`, None if it is not a valid header."""
         head = os.pread(file, HEADER.size + LONGEST_CHANNEL, start)
         if len(head) < HEADER.size:
             return None
@@ -171,17 +171,19 @@ class EventReader:
         return None if channel is None else _Frame(start, number, utime, channel, data, end)
 
     def _is_followed(self, file: int, end: int) -> bool:
-        """Tell whether at `end` another event begins, or the file ends, be it within a sync word."""
+        """Return whether at `end` another event begins, or the file ends, possibly within a sync word."""
         rest = os.pread(file, min(len(SYNC), self.size - end), end)
         return SYNC.startswith(rest)
 
     def _may_be_overwritten(self, file: int, frame: _Frame, data: bytes, sure: _Frame | None) -> bool:
-        """Tell whether the damage behind an event may begin within it: zeros there and here, and events are missing."""
-        is_complete = sure is not None and sure.number == frame.number + 1  # something was only put in between
+        """Return whether the damage after an event may begin within it: zeros there and here, and events are
+        missing.
+        """
+        is_complete = sure is not None and sure.number == frame.number + 1  # something was only inserted
         return not is_complete and data.endswith(b"\0") and os.pread(file, 1, frame.end) == b"\0"
 
     def _note_damage(self, end: int) -> None:
-        """Pass over the damage from here to `end`."""
+        """Skip the damage from here to `end`."""
         if end > self.position:
             self.damaged_places += self.position != self._damaged_until
             self.damaged_bytes += end - self.position
@@ -191,8 +193,8 @@ class EventReader:
 class LogReader:
     """The messages of an event log at `path`, in the order in which they were logged.
 
-    `rejected` counts by (channel, reason) what was not taken while iterating; what processes send to test the bus is
-    passed over. A truncated log yields its intact events. Raises OSError when the file cannot be opened.
+    `rejected` counts rejected messages by (channel, reason) while iterating; bus tests are ignored. A truncated log
+    yields its intact events. Raises OSError when the file cannot be opened.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,8 +1,8 @@
-"""Tell by how much one sensor's time stamps lag another's, from how the robot speeds up and turns.
+"""Estimate the lag between two sensors' time stamps, from the robot's acceleration and turning.
 
-Two sensors that saw the same motion give the same rates of driving and of turning, up to unknown factors and
-offsets. Both are averaged over the same short span, correlated over all lags within reach, and the best lag is refined
-by least squares, so that it is found to a fraction of a sample.
+Two sensors that measured the same motion give the same rates of driving and turning, up to unknown factors and offsets.
+Both are averaged over the same short span and correlated over all lags within reach; the best lag is refined by least
+squares to a fraction of a sample.
 """
 
 import math
@@ -31,28 +31,28 @@ from cmr.recordings.signal import Floats, Mask
 from cmr.recordings.travel import Travel, travel_of
 
 ITERATIONS = 3  # of the refinement: it converges quadratically from a step's width
-LARGEST_STD = 0.05  # s; a lag that is known less well is called unknown
-SMALLEST_STD = 1e-6  # s; time stamps are no finer
-# Of a clock that was set wrong, the lag is looked for within so many seconds, or this share of a piece. It must explain
-# this share of the squares of one rate, as motions that are one do, and twice as much as a lag that is usual.
+LARGEST_STD = 0.05  # s; a less certain lag counts as unknown
+SMALLEST_STD = 1e-6  # s; resolution of time stamps
+# A clock that was never set: its lag is searched within so many seconds, or this share of a piece. It must explain this
+# share of the squares of one rate, and have this many times the log-likelihood of the best usual lag.
 FAR, FAR_SHARE = 60.0, 0.5
 FAR_ALIKE, FAR_EVIDENCE = 0.9, 2.0
-LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must explain more than no connection at all
-RIVAL = 0.4  # s; a lag further away than this from the best must be worse
+LEAST_EVIDENCE = 12.0  # log-likelihood by which the best lag must be better than no correlation
+RIVAL = 0.4  # s; a lag further from the best than this must be worse
 LEAST_LEAD = 4.0  # log-likelihood by which it must be worse
-OUTLYING = 4.0  # standard deviations; larger differences of two rates are left out
+OUTLYING = 4.0  # standard deviations; larger differences of the rates are excluded
 SMALLEST_LAG = 0.03  # s; clocks that differ by less count as equal
-HALF_PERIOD = 0.5  # of the time between samples: a stamp may be that of its beginning, middle or end
-SMALLEST_LEAD = 0.015  # s; filters of odometry take 0.02 to 0.1
+HALF_PERIOD = 0.5  # of the sampling interval: a stamp may be at its beginning, middle or end
+SMALLEST_LEAD = 0.015  # s; filters of odometry have lags of 0.02 to 0.1
 SURE = 5.0  # standard deviations by which clocks must differ
-# s by which a robot may follow its commands with all clocks right: a motor, and a controller that holds its speed.
+# s of lag behind commands with correct clocks: a motor, and a velocity controller.
 SLOWEST_MOTOR, SLOWEST_CONTROLLER = 0.5, 2.0
 MOTOR_RESPONSE = 0.15  # s by which wheels may follow a command sooner or later than on average, at least
 
 
 @dataclass(frozen=True)
 class Lag:
-    """By how much `sensor` is stamped later than `reference`; `seconds` and `std` [s] are NaN where unknown."""
+    """The lag of `sensor`'s stamps behind `reference`'s; `seconds` and `std` [s] are NaN if unknown."""
 
     sensor: str
     reference: str
@@ -62,30 +62,30 @@ class Lag:
 
     @classmethod
     def unknown(cls, sensor: str, reference: str, why: str) -> "Lag":
-        """Return the lag of which the recording does not tell."""
+        """Return an unknown lag, with the reason."""
         return cls(sensor, reference, np.nan, np.nan, why)
 
     @property
     def known(self) -> bool:
-        """Whether the recording tells it."""
+        """Whether the lag is known."""
         return not self.why_unknown
 
 
 def slowest_response(recording: Recording) -> float:
-    """Return by how much [s] the robot may follow its commands at most, with all clocks right."""
+    """Return the largest lag [s] of the robot behind its commands with correct clocks."""
     return SLOWEST_MOTOR if recording.command_kind == DUTY else SLOWEST_CONTROLLER
 
 
 def response_to_commands(lag: float) -> float:
-    """Return by how much [s] sooner or later than on average, after `lag`, a robot may follow a command."""
+    """Return how much [s] sooner or later than on average, after `lag`, a robot may follow a command."""
     return max(MOTOR_RESPONSE, lag)
 
 
 def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
-    """Tell whether a lag surely means that the two clocks differ.
+    """Return whether a lag proves that the two clocks differ.
 
-    `rates` [Hz] tell how often each signal came: a stamp may be off by half an interval, because it is not known which
-    moment of the interval it stands for. A robot may follow its commands within `slowest` [s].
+    `rates` [Hz] are those of the signals: a stamp may be off by half an interval, because it is unknown which time
+    within the interval it refers to. A robot may follow its commands within `slowest` [s].
     """
     if not lag.known:
         return False
@@ -95,19 +95,20 @@ def clocks_differ(lag: Lag, rates: Mapping[str, float], slowest: float) -> bool:
 
 
 def is_ahead(lag: Lag, rates: Mapping[str, float]) -> bool:
-    """Tell whether a sensor is surely ahead of its reference, which therefore reports late: no sensor sees the future.
+    """Return whether a sensor is certainly ahead of its reference, which is then late, since no sensor measures the
+    future.
 
-    Only its own stamp may stand for the beginning of an interval. `rates` [Hz] are those of `clocks_differ`. Half an
-    interval of slow wheels does not count, because it does not matter why they report late.
+    Only its own stamp may refer to the beginning of an interval. `rates` [Hz] are as in `clocks_differ`. Half an
+    interval of slow wheels does not count, because the cause of their latency does not matter.
     """
     least = HALF_PERIOD / rates[lag.sensor] + math.hypot(SMALLEST_LEAD, SURE * lag.std) if lag.known else math.inf
     return -lag.seconds > least
 
 
 def lags_of(recording: Recording) -> list[Lag]:
-    """Return by how much poses lag the wheels, the gyro the wheels, and the wheels the commands (motor included).
+    """Return the lags of poses behind wheels, gyro behind wheels, and wheels behind commands (motor included).
 
-    Without wheels, poses and gyro are compared with the commands. Pairs of which one was not recorded are left out.
+    Without wheels, poses and gyro are compared with the commands. Pairs with a missing signal are omitted.
     """
     reference = "wheels" if len(recording.wheels) > 1 else "commands"
     pairs = [("poses", reference), ("gyro", reference), ("wheels", "commands")]
@@ -164,11 +165,11 @@ class _Compared:
             return Lag.unknown(sensor, reference, "their speeds do not change alike")
         if far.any() and evidence[far].max() > self.most - LEAST_LEAD:
             return Lag.unknown(sensor, reference, "several lags fit alike")
-        # Where driving hardly changes, or turning, its rates are not alike: what they are refined to is chance.
+        # If driving or turning hardly changes, its rates are not correlated, and a refinement would be random.
         alike = [pair for pair, own in zip(rates.pairs, self._of_pairs[:, best], strict=True) if own >= LEAST_EVIDENCE]
         first = (best - rates.shifts) * STEP
         refined = [_refined(a, b, rates.piece, first, rates.span) for a, b in alike]
-        # Lags beyond RIVAL explain less: a refinement that ends there ran away.
+        # Lags beyond RIVAL explain less: a refinement that ends there has diverged.
         near = [(lag, std) for lag, std in refined if abs(lag - first) <= RIVAL]
         found = [(lag, max(std, SMALLEST_STD)) for lag, std in near if std < LARGEST_STD]
         if not found:
@@ -178,11 +179,10 @@ class _Compared:
 
 
 def _evidence(late: Rates, early: Rates, rates: CommonRates) -> tuple[Floats, Floats]:
-    """Return the log-likelihood of each lag of -shifts to shifts steps over no connection, and which share it explains.
+    """Return the log-likelihood of each lag over no correlation, and which share of the squares it explains.
 
-    Both are of shape (2 shifts + 1,).
-
-    What tells a lag are changes within a piece. All lags are given as much to tell as the one that leaves the least.
+    Both have shape (2 shifts + 1,), for lags from -shifts to shifts steps.
+    A lag is determined by changes within a piece. All lags are compared on as much data as the one with the least.
     """
     both = late.covered & early.covered
     late, early = late.changes(rates.piece, both), early.changes(rates.piece, both)
@@ -193,10 +193,10 @@ def _evidence(late: Rates, early: Rates, rates: CommonRates) -> tuple[Floats, Fl
 
 
 def _refined(late: Rates, early: Rates, piece: NDArray[np.int64], lag: float, span: float) -> tuple[float, float]:
-    """Return lag and standard deviation [s], refined together with factor and offset of the rates.
+    """Return lag and standard deviation [s], refined jointly with factor and offset of the rates.
 
-    Each piece has an offset of its own. The slope of one sensor's rates is the instrument for the other's: the slopes
-    of coarse encoders are mostly noise, and by least squares on them no lag would be seen.
+    Each piece has its own offset. The slope of one sensor's rates is the instrument for the other's: slopes of coarse
+    encoders are mostly noise, so least squares on them would not find the lag.
     """
     place = np.arange(len(piece), dtype=np.float64)
     slope, slope_late = np.gradient(early.values, STEP), np.gradient(late.values, STEP)
@@ -204,7 +204,7 @@ def _refined(late: Rates, early: Rates, piece: NDArray[np.int64], lag: float, sp
     for _ in range(ITERATIONS):
         at = place - lag / STEP
         inside = sloped_late & _held(sloped, at)
-        if np.count_nonzero(inside) < 0.5 * np.count_nonzero(sloped_late):  # it runs away, or is no number
+        if np.count_nonzero(inside) < 0.5 * np.count_nonzero(sloped_late):  # it diverges, or is NaN
             return lag, np.inf
         rates, slopes = (np.interp(at, place, values) for values in (early.values, slope))
         rates, slopes, own_slopes, wanted = (
@@ -224,13 +224,13 @@ def _refined(late: Rates, early: Rates, piece: NDArray[np.int64], lag: float, sp
 
 
 def _sloped(covered: Mask) -> Mask:
-    """Tell where a rate and those before and after it are known, so that its slope is."""
+    """Return where a rate and its neighbours are known, so that its slope is."""
     around = np.pad(covered, 1)
     return np.asarray(covered & around[2:] & around[:-2])
 
 
 def _held(covered: Mask, at: Floats) -> Mask:
-    """Tell which places, shape (n,), lie between two at which something is known."""
+    """Return which indices, shape (n,), lie between two where something is known."""
     below = np.floor(at).astype(np.int64) if np.isfinite(at).all() else np.full(len(at), -1)
     inside = (below >= 0) & (below + 1 < len(covered))
     below = np.clip(below, 0, len(covered) - 2)
@@ -249,7 +249,7 @@ def _solver(instruments: Floats, design: Floats) -> Floats:
 def _deviation(influence: Floats, piece: NDArray[np.int64], reach: int) -> float:
     """Return the standard deviation of a sum of correlated terms, shape (n,).
 
-    Neighbours up to `reach` count, ever less (Newey-West); and what is wrong in a piece, as slip may be, is wrong in
+    Neighbours up to `reach` count with decreasing weight (Newey-West); errors of a piece, such as slip, are common to
     all of it.
     """
     total = float(influence @ influence)

@@ -1,12 +1,12 @@
-"""How late commands take effect, and which never do: measured from the commands and the duties that a driver applied.
+"""Measure the delay of commands and their loss, from the commands and the duties that a driver applied.
 
-Between the decision and the motors lie the bus and the driver's loop, which takes the newest command at each of its
-turns. What it applied tells which command was in force: the newest that asks for just that. While the driver's ramp
-keeps the duty away from all commands, it tells nothing, but for the moment at which the duty begins to move.
+Between decision and motors are the bus and the driver's loop, which takes the newest command at each turn. The applied
+duty shows which command was in force: the newest one with this duty. While the driver's ramp keeps the duty away from
+all commands, only the time at which the duty begins to change is informative.
 
-A command that is overtaken by a newer one before the driver's next turn is not lost, nor is one that was held up with
-others, nor one that was refused or stopped. One is lost if the driver had a turn at which it should have been there,
-applied an older one all the same, and went on to a newer one that came in time.
+A command that is overtaken by a newer one before the driver's next turn is not lost, nor is one that was delayed with
+others, or refused, or stopped. It is lost if the driver had a turn at which it should have been available, but applied
+an older one, and continued with a newer one that was in time.
 """
 
 from dataclasses import dataclass
@@ -18,31 +18,32 @@ from cmr.msg import motor_feedback_t
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
-FINEST, COARSEST = 1e-5, 1.0 / 127.0  # duty; controllers tell no less, and no more, apart
-ROUNDING = 0.6  # of the resolution by which what is applied may differ from what is commanded
+FINEST, COARSEST = 1e-5, 1.0 / 127.0  # duty; range of the resolution of controllers
+ROUNDING = 0.6  # of the resolution; tolerance between applied and commanded duties
 AHEAD = 1e-3  # s by which a duty may be stamped before its command
 REACH = 1.0  # s after its stamp within which a command takes effect or never does
-IN_TIME = 0.99  # of the commands that take effect are there when they are in time
+IN_TIME = 0.99  # quantile of the delays of effective commands that counts as in time
 MARGIN = 2e-3  # s
-GAP = 1.7  # times the usual interval of duties: a longer one hides what was applied meanwhile
-BLOCK = 5.0  # s; lateness may wander with the beat of two clocks: blocks of this length tell how sure its mean is
-FEWEST = 20  # changes of the duty from which lateness is reported
+GAP = 1.7  # times the usual interval of duties: a longer one hides what was applied
+# s; lateness may vary with the beat of two clocks: the variation between blocks of this length gives the uncertainty of
+# its mean
+BLOCK = 5.0
+FEWEST = 20  # changes of the duty needed to report lateness
 HELD = (
     motor_feedback_t.STATUS_ESTOP
     | motor_feedback_t.STATUS_COMMAND_STALE
     | motor_feedback_t.STATUS_NOT_ARMED
     | motor_feedback_t.STATUS_BATTERY
 )
-NONE = -1  # no command: the duty is that of none
+NONE = -1  # no command: no command is in force
 
 
 @dataclass(frozen=True)
 class Lateness:
-    """How late the commands of a recording took effect, as measured.
+    """The measured delay of commands in a recording.
 
-    `mean` [s] after their stamps, with its standard deviation `std`, and by how much single ones differ (`spread`, a
-    standard deviation) among `changes` of the duty. `lost` is the share of the `judged` commands that never took
-    effect.
+    `mean` [s] after their stamps, with its standard deviation `std`, and the standard deviation of individual delays,
+    `spread`, over `changes` of the duty. `lost` is the share of the `judged` commands that never took effect.
     """
 
     mean: float
@@ -54,13 +55,13 @@ class Lateness:
 
     @property
     def lost_std(self) -> float:
-        """The standard deviation of the share that was lost; as if one more were lost and one more not."""
+        """The standard deviation of the lost share, computed as if one more were lost and one more not."""
         share = (self.lost * self.judged + 1.0) / (self.judged + 2.0)
         return float(np.sqrt(share * (1.0 - share) / (self.judged + 2.0)))
 
     @property
     def sentence(self) -> str:
-        """What a person should know."""
+        """A sentence for a person."""
         late = f"Commands take effect {_milliseconds(self.mean)} after their stamp, +- {_milliseconds(self.spread)}"
         if not self.judged:
             return f"{late}."
@@ -69,7 +70,7 @@ class Lateness:
 
 
 def lateness_of(recording: Recording) -> Lateness | None:
-    """Return how late commands took effect; None where the driver does not tell it, or too little changes."""
+    """Measure the delay of commands; None if the driver does not report duties, or too little changes."""
     duty = recording.duty
     if duty is recording.commands or len(duty) < FEWEST or len(recording.commands) < FEWEST:
         return None
@@ -78,10 +79,9 @@ def lateness_of(recording: Recording) -> Lateness | None:
 
 
 def measured_lateness(commands: Signal, applied: Signal, held: Mask) -> Lateness | None:
-    """Return how late `commands` took effect by what was `applied` (both with fields left, right [duty]).
+    """Measure the delay of `commands` from the duties `applied` (both with fields left, right [duty]).
 
-    `held` marks duties, of the shape of `applied`, that were zero for another reason than a command. None if too few
-    changes tell.
+    `held` marks applied duties that were zero for another reason than a command. None with too few changes.
     """
     matching = _Matching(commands, applied, held)
     taken = matching.taken()
@@ -101,7 +101,7 @@ def measured_lateness(commands: Signal, applied: Signal, held: Mask) -> Lateness
 
 
 class _Matching:
-    """Which command was in force at each turn of the driver; times in s since the first command."""
+    """The command in force at each turn of the driver; times in s since the first command."""
 
     def __init__(self, commands: Signal, applied: Signal, held: Mask) -> None:
         first = commands.utime[0]
@@ -112,14 +112,14 @@ class _Matching:
         numbers = np.flatnonzero(changed)
         self.stamp: Floats = (commands.utime[changed] - first) * SECONDS
         self._wanted = wanted[changed]
-        self._once = np.diff(numbers, append=numbers[-1:]) == 1  # the next command already asks for something else
+        self._once = np.diff(numbers, append=numbers[-1:]) == 1  # the next command already has another duty
         longest = GAP * float(np.median(np.diff(self.time)))
-        # Turns of which it is known what was applied, and in the turn before, too.
+        # Turns for which the applied duty is known, and that of the previous turn, too.
         self._known = ~held & (np.diff(self.time, prepend=-np.inf) < longest)
         self._in_force = self._matched(held)
 
     def taken(self) -> NDArray[np.int64]:
-        """Return commands whose first moment in force is known, and the turns of it, shape (n, 2)."""
+        """Return commands with a known start of effect, and its turn, shape (n, 2)."""
         found = []
         for turn in range(1, len(self.time)):
             before, now = int(self._in_force[turn - 1]), int(self._in_force[turn])
@@ -130,7 +130,9 @@ class _Matching:
         return np.array(found, np.int64).reshape(-1, 2)
 
     def is_lost(self, number: int, in_time: float) -> bool | None:
-        """Tell whether a command was lost that should have been there `in_time` [s] after its stamp; None: unknown."""
+        """Return whether a command was lost, given that it should arrive `in_time` [s] after its stamp; None:
+        unknown.
+        """
         turn = int(np.searchsorted(self.time, self.stamp[number] + in_time))
         if not self._once[number] or turn >= len(self.time) or self.time[turn] >= self.stamp[number + 1]:
             return None
@@ -139,20 +141,22 @@ class _Matching:
             if now == NONE or not self._known[later]:
                 return None
             if now >= number:
-                # A newer one that should have been there a turn before was held up, and this one perhaps with it.
+                # A newer one that should have arrived a turn before was delayed, and perhaps this one with it.
                 newer_was_late = later > 0 and self.time[later - 1] >= self.stamp[now] + in_time
                 return None if now > number and newer_was_late else bool(now > number)
         return None
 
     def _matched(self, held: Mask) -> NDArray[np.int64]:
-        """Return the number of the command in force at each turn, shape (n,); none comes back after a newer one."""
+        """Return the number of the command in force at each turn, shape (n,); a command does not return after a newer
+        one.
+        """
         result = np.full(len(self.time), NONE)
         until = np.searchsorted(self.stamp, self.time + AHEAD, side="right").tolist()
         since = np.searchsorted(self.stamp, self.time - REACH).tolist()
         duties, wanted, near = self._duty.tolist(), self._wanted.tolist(), self._near
         last = 0
         for turn in np.flatnonzero(~held).tolist():
-            # What was in force stays so for as long as nothing else is commanded.
+            # A command stays in force as long as nothing else is commanded.
             first = max(min(since[turn], until[turn] - 1), last)
             left, right = duties[turn]
             for number in range(until[turn] - 1, first - 1, -1):
@@ -162,7 +166,7 @@ class _Matching:
         return result
 
     def _begun(self, turn: int, before: int) -> int:
-        """Return the command that the ramp begins to follow in a turn, if it can be no other; else none."""
+        """Return the command that the ramp begins to follow in a turn, if it is unambiguous; otherwise none."""
         number = before + 1
         if number >= len(self.stamp) or self.stamp[number] > self.time[turn] + AHEAD:
             return NONE
@@ -177,7 +181,7 @@ class _Matching:
 
 
 def _resolution(duty: Floats) -> float:
-    """Return the least difference of duties that a controller tells apart."""
+    """Return the resolution of a controller's duties."""
     steps = np.diff(np.unique(np.abs(duty)))
     steps = steps[steps > FINEST]
     return float(min(max(steps.min(initial=COARSEST), FINEST), COARSEST))

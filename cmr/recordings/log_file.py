@@ -1,4 +1,4 @@
-"""An LCM event log that is written to the disk piece by piece, each of whole events."""
+"""Write an LCM event log to disk in chunks of whole events."""
 
 import os
 import time
@@ -9,12 +9,12 @@ from types import TracebackType
 
 from cmr.recordings.events import Event, event_bytes
 
-PIECE = 1 << 16  # bytes that are kept until they are written
-OLDEST = 0.2  # s after which they are written although they are fewer
+PIECE = 1 << 16  # bytes buffered before writing
+OLDEST = 0.2  # s after which they are written anyway
 
 
 class LogFile:
-    """Appends events to a file that it makes new. Where the disk is full, the file ends with a whole event.
+    """Appends events to a new file. If the disk is full, the file ends with a whole event.
 
     A context manager that closes it. Everything raises OSError when the file cannot be written.
     """
@@ -48,12 +48,12 @@ class LogFile:
             self.flush_if_due()
 
     def flush_if_due(self) -> None:
-        """Write what is kept if the oldest of it is old."""
+        """Write the buffer if it is old enough."""
         if self._kept and time.monotonic() >= self._due:
             self.flush()
 
     def flush(self) -> None:
-        """Write what is kept."""
+        """Write the buffer."""
         piece = memoryview(b"".join(self._kept))
         self._kept, self._bytes = [], 0
         done = 0
@@ -61,14 +61,14 @@ class LogFile:
             while done < len(piece):
                 done += os.write(self._descriptor, piece[done:])
         except OSError:
-            with suppress(OSError):  # it is no regular file
+            with suppress(OSError):  # not a regular file
                 os.ftruncate(self._descriptor, self._written)
                 os.lseek(self._descriptor, self._written, os.SEEK_SET)
             raise
         self._written += done
 
     def close(self) -> None:
-        """Write what is kept, and close the file."""
+        """Write the buffer and close the file."""
         try:
             self.flush()
         finally:

@@ -1,8 +1,8 @@
-"""The pieces of a recording: what was recorded at a stretch, between pauses in which nothing at all was.
+"""The pieces of a recording: continuous parts between pauses of all signals.
 
-Tables of other people's robots often hold hundreds of short pieces, which an import sets one after another on one
-clock. Nobody saw what the robot did meanwhile, and a tracker may begin each piece in a frame of its own: nothing may be
-compared across a pause.
+Tables of other people's robots often contain hundreds of short pieces, which an import joins on one clock. The motion
+in between is unknown, and a tracker may start each piece in a frame of its own, so nothing may be compared across a
+pause.
 """
 
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times, no_times
 
-PAUSE, PAUSE_PERIODS = 0.4, 4.0  # s, and intervals of the fastest signal, for which nothing comes in a pause
+PAUSE, PAUSE_PERIODS = 0.4, 4.0  # s, and intervals of the fastest signal, without any sample in a pause
 
 Numbers = NDArray[np.int64]
 
@@ -27,7 +27,7 @@ class Pieces:
 
     @classmethod
     def of(cls, signals: Iterable[Signal]) -> "Pieces":
-        """Find the pauses in which no signal came."""
+        """Find the pauses without samples of any signal."""
         present = [signal.utime for signal in signals if len(signal)]
         if not present:
             return cls(no_times(), no_times())
@@ -46,18 +46,18 @@ class Pieces:
 
     @property
     def usual(self) -> float:
-        """The length [s] of which half of all that was recorded is in pieces as long or longer; 0 of no pieces."""
+        """The length [s] such that half of all recorded time is in pieces at least as long; 0 without pieces."""
         lengths = np.sort(self.lengths)
         if not len(lengths):
             return 0.0
         return float(lengths[np.searchsorted(np.cumsum(lengths), 0.5 * lengths.sum())])
 
     def number(self, utime: Times) -> Numbers:
-        """Return of each time [us], shape (n,), the number of its piece; of one in a pause that of the piece before."""
+        """Return the number of the piece of each time [us], shape (n,); in a pause, the previous piece."""
         return np.maximum(np.searchsorted(self.first, utime, side="right") - 1, 0)
 
     def seconds(self, utime: Times) -> Floats:
-        """Return for how long [s] has been recorded until each time [us], shape (n,): pauses do not count."""
+        """Return the recorded time [s] up to each time [us], shape (n,), without pauses."""
         if not len(self):
             return np.zeros(len(utime))
         begins = np.append(0.0, np.cumsum(self.lengths)[:-1])
@@ -66,5 +66,5 @@ class Pieces:
         return np.asarray(begins[number] + within, np.float64)
 
     def borders(self, utime: Times) -> Mask:
-        """Tell which of the times [us], shape (n,), in order, is the first of a piece, and none of the very first."""
+        """Return which of the ordered times [us], shape (n,), is the first of a piece, excluding the very first."""
         return np.diff(self.number(utime), prepend=self.number(utime[:1])) > 0

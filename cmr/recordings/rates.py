@@ -1,7 +1,7 @@
-"""Rates of driving and turning by two sensors, at the same moments, piece by piece, and how alike they are.
+"""Rates of driving and turning from two sensors at common times, and their correlation.
 
-The moments are laid out piece after piece with room between, in which neither sensor tells anything, so that a shift
-by a lag brings nothing of one piece beside another.
+The times of the pieces are laid out with gaps between, in which neither sensor is known, so that a shift by a lag does
+not mix pieces.
 """
 
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ from cmr.recordings.robust import quantile
 from cmr.recordings.signal import SECONDS, Floats, Mask
 from cmr.recordings.travel import Travel
 
-LEAST_MOTION = 1e-9  # spread of rates, in any unit; less is nothing
+LEAST_MOTION = 1e-9  # spread of rates, in any unit; less counts as no motion
 ROUNDING = 1e-12  # of sums of squares
 FEWEST_SPANS = 4  # of common time
-REACH, REACH_SHARE = 2.5, 0.25  # s, and share of a piece: longer lags are not looked for, but of clocks set wrong
-STEP = 0.04  # s between the moments at which the rates are compared
-SPAN = 0.2  # s over which rates are averaged, twice; longer where a sensor is slow
-SPARSEST = 1.0  # s for each sample, on average; with fewer samples the time is mostly gaps
+REACH, REACH_SHARE = 2.5, 0.25  # s, and share of a piece: largest usual lags
+STEP = 0.04  # s between the times at which the rates are compared
+SPAN = 0.2  # s over which rates are averaged, twice; longer for a slow sensor
+SPARSEST = 1.0  # s per sample, on average; with fewer samples the time is mostly gaps
 SHORTEST = 3.0  # s of common time
-FEWEST_LEFT = 0.5  # of the moments that are known without a lag, which a lag must leave
+FEWEST_LEFT = 0.5  # of the times known without a lag, which a lag must leave
 
 
 class IncomparableError(Exception):
-    """What two sensors saw cannot be compared; the text says why."""
+    """Two sensors cannot be compared; the text says why."""
 
 
 @dataclass(frozen=True)
 class Rates:
-    """The rates that one sensor tells at the moments, in units of its travel per second, and where it tells them.
+    """The rates of one sensor at the common times, in units of its travel per second, and where they are known.
 
     `values` are 0 where they are not `covered`; both of shape (n,).
     """
@@ -41,26 +41,26 @@ class Rates:
 
     @property
     def spread(self) -> float:
-        """How much the rates differ."""
+        """The spread of the rates."""
         return float(np.std(self.values[self.covered])) if self.covered.any() else 0.0
 
     def changes(self, piece: NDArray[np.int64], among: Mask) -> "Rates":
-        """Return by how much they differ from their mean, in each piece, of those `among` which both sensors tell."""
+        """Return the deviations from their mean in each piece, over the times `among` which both sensors are known."""
         return Rates(np.where(self.covered, self.values - piece_means(self.values, piece, among), 0.0), self.covered)
 
 
 def piece_means(values: Floats, piece: NDArray[np.int64], among: Mask) -> Floats:
-    """Return at each place, shape (n,), the mean of the values of its piece, of those `among` which it is taken."""
+    """Return for each time, shape (n,), the mean of the values of its piece over the times in `among`."""
     count = np.maximum(np.bincount(piece, among), 1.0)
     return np.asarray((np.bincount(piece, np.where(among, values, 0.0)) / count)[piece])
 
 
 @dataclass(frozen=True)
 class CommonRates:
-    """The rates of two sensors, the later named first, at the same moments, `STEP` apart within each `piece`, (n,).
+    """The rates of two sensors, the later one first, at common times, `STEP` apart within each `piece`, (n,).
 
-    `pairs` are the rates of driving, where both tell it, and of turning, averaged twice over `span` [s]. Lags of up to
-    `shifts` steps can be seen.
+    `pairs` are the rates of driving, if both measure it, and of turning, averaged twice over `span` [s]. Lags of up to
+    `shifts` steps can be detected.
     """
 
     pairs: list[tuple[Rates, Rates]]
@@ -72,7 +72,7 @@ class CommonRates:
 def common_rates(
     late: Travel, early: Travel, pieces: Pieces, origin: int, reach: float = REACH, share: float = REACH_SHARE
 ) -> CommonRates:
-    """Return the rates at which two sensors saw the robot drive and turn; `origin` [us] is where their times begin.
+    """Return the rates of driving and turning from two sensors; `origin` [us] is the origin of their times.
 
     Lags of up to `reach` [s] are to be seen, but of no more than a `share` of a piece.
     Raises IncomparableError where they have too little in common.
@@ -102,7 +102,7 @@ def common_rates(
 
 
 def _moments(first: Floats, last: Floats, room: int) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the moments of all pieces, NaN for the `room` of so many after each, and the piece that each is of."""
+    """Return the times of all pieces, with `room` NaNs after each, and the piece of each time."""
     counts = np.floor((last - first) / STEP).astype(np.int64) + 1
     piece = np.repeat(np.arange(len(counts)), counts + room)
     number = np.arange(len(piece)) - np.repeat(np.cumsum(counts + room) - counts - room, counts + room)
@@ -110,10 +110,10 @@ def _moments(first: Floats, last: Floats, room: int) -> tuple[Floats, NDArray[np
 
 
 def _rates(travel: Travel, travelled: Floats, moments: Floats, span: float) -> Rates:
-    """Return the rate around each moment, averaged twice over `span`; rare absurd ones are cut to the others' size.
+    """Return the rate around each moment, averaged twice over `span`; rare absurd ones are clipped.
 
-    The second averaging makes noise smooth, so that it favours no fraction of a step over another. A moment is known of
-    if all of what is averaged lies in one run, within its first and last interval, which medians falsify.
+    The second averaging makes noise smooth, so that it does not favour fractions of a step. A time is known if the
+    whole average lies in one run, excluding its first and last intervals, which medians distort.
     """
     inside = np.isfinite(moments)
     rates = np.zeros(len(moments))
@@ -134,9 +134,9 @@ def _rates(travel: Travel, travelled: Floats, moments: Floats, span: float) -> R
 
 
 def correlation_of(late: Rates, early: Rates, shifts: int) -> tuple[Floats, Floats]:
-    """Return the correlation at each lag of -shifts to shifts steps, and how many moments it is of.
+    """Return the correlation at each lag from -shifts to shifts steps, and the number of times it is based on.
 
-    Both are of shape (2 shifts + 1,), and 0 where a lag leaves too few moments that both tell.
+    Both have shape (2 shifts + 1,), and are 0 where a lag leaves too few common times.
     """
     size = 1 << int(np.ceil(np.log2(len(late.values) + shifts + 1)))
     a, b = late.values / (late.spread + LEAST_MOTION), early.values / (early.spread + LEAST_MOTION)

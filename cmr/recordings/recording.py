@@ -1,4 +1,4 @@
-"""One robot's recording: commands, wheels, gyro and external pose, each on its own clocked time line."""
+"""One robot's recording: commands, wheels, gyro and poses, each with its own times."""
 
 from array import array
 from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ __all__ = [
     "read_messages",
 ]
 
-ALL_THE_TIME = ("commands", "wheels", "gyro", "poses")  # signals that are sampled as long as a robot is in service
+ALL_THE_TIME = ("commands", "wheels", "gyro", "poses")  # signals that are sampled throughout
 OLDEST_APPLIED = 0.5  # s before the wheels are read; no driver sends a duty that long before
 
 
@@ -43,13 +43,13 @@ class RecordingError(Exception):
 
 @dataclass(frozen=True, repr=False)
 class Recording:
-    """All that was recorded of one robot; a signal that was not recorded is empty.
+    """The recorded signals of one robot; a signal that was not recorded is empty.
 
     `commands` are duties. A robot with a velocity controller inside has `wheel_speed_commands` [rad/s] or
     `velocity_commands` [m/s, rad/s] in their place; once they are converted into duties (`with_duties`), these are the
-    commands. `duties` are those that the driver sent but that are in none of its feedback messages (`wheels`).
-    `parameters` is the newest parameter file announced in the recording, None without one. `rejected` counts by
-    (channel, reason) messages of the log that could not be decoded, `damaged_bytes` what is no intact event in it.
+    commands. `duties` are those sent by the driver that are not in its feedback messages (`wheels`). `parameters` is
+    the newest parameter file announced in the recording, None without one. `rejected` counts by (channel, reason)
+    messages of the log that could not be decoded, `damaged_bytes` the size of its damaged parts.
     """
 
     robot_id: int
@@ -79,7 +79,7 @@ class Recording:
 
     @classmethod
     def of(cls, messages: RobotMessages) -> "Recording":
-        """Return the recording that these messages make."""
+        """Make the recording from messages."""
         signals = {name: messages.arrivals[name].signal(kept) for name, kept in KEPT.items()}
         return cls(
             messages.robot_id,
@@ -91,9 +91,9 @@ class Recording:
 
     @property
     def command_kind(self) -> str:
-        """What the robot was commanded: one of `cmr.model.command_kinds`; DUTY where nothing was.
+        """The kind of commands: one of `cmr.model.command_kinds`; DUTY without commands.
 
-        Where several kinds were recorded, it is the one that is nearest to the motors.
+        If several kinds were recorded, it is the one closest to the motors.
         """
         if self.converted_from or len(self.duty):
             return self.converted_from or DUTY
@@ -102,7 +102,7 @@ class Recording:
         return VELOCITY if len(self.velocity_commands) else DUTY
 
     def with_duties(self, left: Floats, right: Floats) -> "Recording":
-        """Return the recording with duties, of the commands' shape, in place of the speeds that were commanded."""
+        """Return the recording with duties, of the commands' shape, in place of commanded speeds."""
         kind = self.command_kind
         given = self.wheel_speed_commands if kind == WHEEL_SPEED else self.velocity_commands
         commands = replace(given, fields={"left": left, "right": right})
@@ -110,10 +110,10 @@ class Recording:
 
     @property
     def duty(self) -> Signal:
-        """The drive of each side (fields left, right) [duty]: what was really sent, and when, else what was commanded.
+        """The drive of each side (fields left, right) [duty]: applied duties and their times, or else the commands.
 
-        What was sent has the field status, too: the driver's condition, as in motor_feedback_t. Where the driver does
-        not tell when it sent a duty, it is that of the feedback that tells it.
+        Applied duties also have the field status: the driver's condition, as in motor_feedback_t. If the driver does
+        not report when it sent a duty, the time of the feedback is used.
         """
         sent = np.isfinite(self.wheels["applied_left"]) & np.isfinite(self.wheels["applied_right"])
         if not sent.any():
@@ -127,28 +127,30 @@ class Recording:
 
     @property
     def _applied_utime(self) -> Times:
-        """When the duty that each feedback tells was sent [us]; the feedback's own time where that is not known."""
+        """The time [us] at which the duty of each feedback was sent; the feedback's own time if unknown."""
         utime, given = self.wheels.utime, self._of_feedback("applied_utime")
         known = (given > 0) & (given <= utime) & (utime - given < OLDEST_APPLIED / SECONDS)
         return np.where(known, np.where(known, given, 0.0).astype(np.int64), utime)
 
     @property
     def driven_on_the_bus(self) -> bool:
-        """Whether the robot's driver takes MOTOR_COMMAND: it reported when it applied duties, as no import does."""
+        """Whether the robot's driver takes MOTOR_COMMAND: only our driver reports when it applied duties, imports do
+        not.
+        """
         return len(self.duties) > 0 or bool(np.any(self._of_feedback("applied_utime") > 0))
 
     def _of_feedback(self, name: str) -> Floats:
-        """What each feedback tells; 0 where it was recorded without."""
+        """A field of the feedback; 0 if it was not recorded."""
         return self.wheels.fields.get(name, np.zeros(len(self.wheels)))
 
     @property
     def signals(self) -> dict[str, Signal]:
-        """What is recorded all the time, by name: commands, wheels, gyro, poses."""
+        """The continuously recorded signals, by name: commands, wheels, gyro, poses."""
         return {name: getattr(self, name) for name in ALL_THE_TIME}
 
     @cached_property
     def pieces(self) -> Pieces:
-        """What was recorded at a stretch: the pieces between pauses in which no signal came."""
+        """The pieces between pauses of all signals."""
         return Pieces.of(self.signals.values())
 
     def between(self, first: int, last: int) -> "Recording":
@@ -160,12 +162,12 @@ class Recording:
         return self.with_signals({name: self.signals[name].where(mask) for name, mask in keep.items()})
 
     def with_signals(self, signals: Mapping[str, Signal]) -> "Recording":
-        """Return the recording with these signals, by name, in place of its own."""
+        """Return the recording with these signals, by name, replacing its own."""
         return replace(self, **_arguments(signals))
 
 
 def _arguments(signals: Mapping[str, Signal]) -> dict[str, Any]:
-    """Return signals as named arguments of Recording, whose other arguments are no signals."""
+    """Return signals as keyword arguments of Recording."""
     return dict(signals)
 
 
@@ -174,7 +176,7 @@ def _nothing(*names: str) -> Signal:
 
 
 def _with_unreported(reported: Signal, unreported: Signal) -> Signal:
-    """Return the duties that feedback reports together with those that it does not, in the order of sending."""
+    """Return the duties in feedback together with the others, in the order of sending."""
     utime = np.concatenate([reported.utime, unreported.utime])
     utime, first = np.unique(utime, return_index=True)
     more = {"left": unreported["sent_left"], "right": unreported["sent_right"], "status": np.zeros(len(unreported))}
@@ -182,7 +184,7 @@ def _with_unreported(reported: Signal, unreported: Signal) -> Signal:
 
 
 class Recorder:
-    """Gathers the recording of one robot from messages, live or from a log."""
+    """Collects the recording of one robot from messages, live or from a log."""
 
     def __init__(self, robot_id: int) -> None:
         self.robot_id = robot_id
@@ -192,7 +194,7 @@ class Recorder:
         self._number = 0
 
     def handle(self, _utime: int, channel: str, message: Message) -> None:
-        """Take one message; those of other robots and other streams are passed over."""
+        """Handle one message; those of other robots and streams are ignored."""
         columns = self._columns.get(channel)
         if columns is not None:
             columns.add(self._number, message)
@@ -201,13 +203,13 @@ class Recorder:
         self._number += 1
 
     def forget(self, before: int) -> None:
-        """Drop what was measured before this utime [us]; parameters stay."""
+        """Drop samples before this utime [us]; parameters are kept."""
         for columns in self._columns.values():
             columns.forget(before)
 
     @property
     def measured(self) -> int:
-        """How many messages are held that only a real robot has: feedback of its motors, or its pose."""
+        """The number of collected messages that only a real robot sends: motor feedback or poses."""
         return self.messages().measured
 
     @property
@@ -251,9 +253,9 @@ class _Columns:
 
 
 def read_messages(path: Path | str, robot_id: int | None = None) -> RobotMessages:
-    """Read from an LCM event log what came from a robot; `robot_id` may be left out if there is one robot.
+    """Read a robot's messages from an LCM event log; `robot_id` may be omitted if there is only one robot.
 
-    Raises RecordingError when the log cannot be opened, holds no robot or several to choose from.
+    Raises RecordingError when the log cannot be opened, holds no robot, or several and none is chosen.
     """
     try:
         robots = read_robots(path)
@@ -274,7 +276,7 @@ def read_log(path: Path | str) -> LogReader:
 
 
 def choose_robot(measured: dict[int, int], robot_id: int | None, source: str) -> int:
-    """Return the robot meant: `robot_id`, or the only one with measurements; `measured` counts them by robot.
+    """Return the selected robot: `robot_id`, or the only one with measurements; `measured` counts them by robot.
 
     Raises RecordingError when there is none, or a choice.
     """

@@ -1,17 +1,17 @@
-"""Statistics that a minority of wrong values does not move."""
+"""Robust statistics, insensitive to a minority of wrong values."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cmr.recordings.signal import Floats
 
-TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median distance from 0
-LEAST_WEIGHT = 1e-100  # less is nothing, and division by it overflows
-NEGLIGIBLE = 1e-12  # of the weight of all; less decides nothing
+TO_DEVIATION = 1.4826  # standard deviations of a normal distribution per median absolute deviation
+LEAST_WEIGHT = 1e-100  # smaller weights would overflow in a division
+NEGLIGIBLE = 1e-12  # of the total weight; less is negligible
 LOCAL = 100  # samples over which local noise is taken
-LOUDEST = 2.0  # times the noise of all: where there is more, the values are wrong
+LOUDEST = 2.0  # times the overall noise: a larger value indicates wrong values
 SHARES = (0.75, 0.9)
-# Of the distance from 0 of normal noise in one and in two dimensions, in standard deviations.
+# Quantiles of the distance from 0 of normal noise in one and two dimensions, in standard deviations.
 UNIT_QUANTILE = {(1, 0.75): 1.1503, (1, 0.9): 1.6449, (2, 0.75): 1.6651, (2, 0.9): 2.1460}
 
 
@@ -33,7 +33,7 @@ def running_median(values: Floats, half: int, run: NDArray[np.int64] | None = No
 
 
 def quantile(values: Floats, share: float) -> float:
-    """Return the value below which this share of the values lies, or nearly so; 0 of no values."""
+    """Return the value below which about this share of the values lies; 0 without values."""
     if not len(values):
         return 0.0
     rank = min(int(share * len(values)), len(values) - 1)
@@ -41,15 +41,15 @@ def quantile(values: Floats, share: float) -> float:
 
 
 def spread(values: Floats) -> float:
-    """Return the standard deviation, of values about 0, that their median size stands for; 0 of no values."""
+    """Return the robust standard deviation of values about 0, from their median magnitude; 0 without values."""
     return TO_DEVIATION * quantile(np.abs(values), 0.5)
 
 
 def local_noise(sizes: Floats, dimensions: int) -> Floats:
     """Return the standard deviation around each value, shape (n,), of normal noise in one or two dimensions.
 
-    `sizes` are the distances from 0, of which a tenth may be wrong. A quiet part is given the noise of all, so that
-    the first motion after it is not taken to be wrong.
+    `sizes` are the distances from 0, of which a tenth may be wrong. A quiet part gets the overall noise, so that the
+    first motion after it is not taken for an error.
     """
     ranks = [int(share * len(sizes)) for share in SHARES]
     ordered = np.partition(sizes, ranks)
@@ -84,7 +84,7 @@ def running_range(values: Floats, half: int, run: NDArray[np.int64] | None = Non
 
 
 def ratio(y: Floats, x: Floats) -> float:
-    """Return the factor c that makes the sum of abs(y - c x) least; 0 where x is 0 throughout."""
+    """Return the factor c that minimises the sum of abs(y - c x); 0 if x is 0 throughout."""
     weight = np.abs(x)
     total = float(weight.sum())
     if not total > LEAST_WEIGHT:
@@ -102,7 +102,7 @@ def wrapped(angle: Floats) -> Floats:
 
 
 def run_ends(run: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first and the last place of the run that each value, shape (n,), belongs to, by its number."""
+    """Return the first and last index of the run that each value, shape (n,), belongs to."""
     begins = np.append(0, np.flatnonzero(np.diff(run)) + 1)[: len(run)]
     lengths = np.diff(begins, append=len(run))
     return np.repeat(begins, lengths), np.repeat(begins + lengths - 1, lengths)

@@ -1,4 +1,4 @@
-"""One signal of a recording: the values a sensor, or the commander, gave over time."""
+"""One signal of a recording: the values of a sensor, or of commands, over time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,12 +20,11 @@ def no_times() -> Times:
 
 @dataclass(frozen=True)
 class Signal:
-    """What one sensor, or the commander, said over time.
+    """The values of one sensor, or of commands, over time.
 
     `utime` [us] is strictly increasing, shape (n,); `fields` holds one array of shape (n,) for each field of the
-    message type, in its units. `number`, shape (n,), tells the order in which the samples arrived among all
-    messages of the recording; it is empty where that is not known. `left_out` counts by reason the messages of the
-    signal that are no samples of it.
+    message type, in its units. `number`, shape (n,), is the order of arrival among all messages of the recording; it is
+    empty if unknown. `left_out` counts by reason the messages of the signal that are not samples.
     """
 
     utime: Times
@@ -49,7 +48,7 @@ class Signal:
         return self.where((self.utime >= first) & (self.utime <= last))
 
     def varies(self, *names: str) -> bool:
-        """Tell whether any of these fields is ever another than before; what is not finite does not count."""
+        """Return whether any of these fields ever changes; non-finite values do not count."""
         fields = [self.fields[name] for name in names] if len(self) else []
         return any(bool(np.any(np.diff(values[np.isfinite(values)]))) for values in fields)
 

@@ -1,4 +1,4 @@
-"""Fewer points that look the same: of each few the lowest and the highest, so that no peak is lost."""
+"""Reduce curves to fewer points that look the same, by keeping minima and maxima."""
 
 from array import array
 from collections.abc import Sequence
@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-PIECES = 3000  # of a curve over time, of which the lowest and the highest value are drawn: more than a picture's pixels
-CELLS = 3000  # of the extent of a path, across and along: also more than its pixels
-GAP = 10.0  # times the usual time between values: a line across it would tell of values that were not there
+PIECES = 3000  # of a curve over time, drawn by their minima and maxima: more than the pixels of a plot
+CELLS = 3000  # of the extent of a path in x and y: also more than its pixels
+GAP = 10.0  # times the usual interval: no line is drawn across a longer one
 SHORTEST_GAP = 0.5  # s
-ROWS_AT_ONCE = 50_000  # that are thinned together while a log is read
+ROWS_AT_ONCE = 50_000  # rows thinned together while a log is read
 
 
 def extremes(values: Floats, size: int) -> Integers:
-    """Return which of the values to keep: the lowest and the highest of each `size`; NaN where nothing else is.
+    """Return which values to keep: the minimum and maximum of each `size`; NaN if there is nothing else.
 
-    What is too little for a piece at the end is kept whole.
+    A remainder at the end is kept completely.
     """
     is_nan = np.isnan(values)
     whole = len(values) // size * size
@@ -30,7 +30,7 @@ def extremes(values: Floats, size: int) -> Integers:
 
 
 def thinned(seconds: Floats, values: Floats, pieces: int = PIECES) -> tuple[Floats, Floats]:
-    """Return a curve over time that looks the same in a picture of so many pixels, and breaks off where it did."""
+    """Return a curve over time that looks the same in a picture of so many pixels, with the same gaps."""
     size = len(values) // pieces
     if size < 4:
         return seconds, values
@@ -41,7 +41,7 @@ def thinned(seconds: Floats, values: Floats, pieces: int = PIECES) -> tuple[Floa
 
 
 def broken_at_gaps(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return a curve with a NaN put into each silence, at its end."""
+    """Insert a NaN at the end of each gap of a curve."""
     if len(seconds) < 3:
         return seconds, values
     steps = np.diff(seconds)
@@ -50,7 +50,7 @@ def broken_at_gaps(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 def thinned_path(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return a path that looks the same: where it stays within a pixel, only where it enters and where it leaves."""
+    """Return a path that looks the same: within a pixel, only its entry and exit are kept."""
     cells = np.stack([_cells(x), _cells(y)])
     moves = np.flatnonzero((cells[:, 1:] != cells[:, :-1]).any(axis=0))
     kept = np.unique(np.concatenate([[0], moves, moves + 1, [len(x) - 1]])) if len(x) else moves
@@ -58,7 +58,7 @@ def thinned_path(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def _cells(values: Floats) -> Integers:
-    """Return in which of the cells of their extent values are; -1 where they are no numbers."""
+    """Return the cell of each value within their extent; -1 for NaN."""
     is_number = np.isfinite(values)
     if not is_number.any():
         return np.full(len(values), -1)
@@ -68,9 +68,9 @@ def _cells(values: Floats) -> Integers:
 
 
 class Rows:
-    """Values of some fields [unit] and the times they hold for [us], at most `most` rows of them.
+    """Values of some fields [unit] at their times [us], reduced to at most `most` rows.
 
-    More than that are thinned as they come; in what is kept each field has the lowest and highest value of each piece.
+    Additional rows are thinned as they arrive; the minimum and maximum of each field in each piece are kept.
     """
 
     def __init__(self, fields: int, most: int) -> None:
@@ -88,12 +88,12 @@ class Rows:
             self._settle()
 
     def all(self) -> tuple[Integers, Floats]:
-        """Return the times (n,) and the values (n, fields), in the order in which they came."""
+        """Return the times (n,) and the values (n, fields), in order of arrival."""
         self._settle()
         return self._times, self._values
 
     def _settle(self) -> None:
-        """Put what is new to the rest."""
+        """Merge new rows into the rest."""
         new = np.array(self._new_times, np.int64), np.array(self._new_values).reshape(-1, self._fields)
         self._new_times, self._new_values = array("q"), array("d")
         times, values = _thinned_rows(*new, self._size)

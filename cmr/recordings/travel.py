@@ -1,4 +1,4 @@
-"""How far a robot has driven and turned by one sensor, in that sensor's own unit."""
+"""The distance driven and the rotation from one sensor, in that sensor's own unit."""
 
 from dataclasses import dataclass
 
@@ -11,15 +11,15 @@ from cmr.recordings.robust import running_median
 from cmr.recordings.signal import SECONDS, Floats, Signal
 from cmr.recordings.wheel_angles import wheel_angles
 
-LONGEST_GAP = 1.0  # s; over a longer one nobody knows how far the robot went
+LONGEST_GAP = 1.0  # s; over a longer one the motion is unknown
 
 
 @dataclass(frozen=True)
 class Travel:
-    """How far a robot has driven and turned since the start, in any unit, by one sensor; shape (n,).
+    """Distance driven and rotation since the start, in any unit, from one sensor; shape (n,).
 
-    A gyro does not tell how far it has `driven`: None. `time` [s] counts from an origin. `run` numbers the stretches
-    between pauses and gaps: what happened from one to the next is not known, and counts as nothing.
+    A gyro does not measure `driven`: None. `time` [s] counts from an origin. `run` numbers the stretches between pauses
+    and gaps: motion between them is unknown, and counts as zero.
     """
 
     time: Floats
@@ -29,9 +29,9 @@ class Travel:
 
 
 def travel_of(recording: Recording, sensor: str, origin: int) -> Travel:
-    """Return the travel that a signal of the recording tells: "wheels", "commands", "gyro" or "poses".
+    """Return the travel from a signal of the recording: "wheels", "commands", "gyro" or "poses".
 
-    `origin` [us] is where its time begins.
+    `origin` [us] is the origin of its time.
     """
     signal, pieces = recording.signals[sensor], recording.pieces
     make = {"wheels": _by_wheels, "commands": _by_commands, "gyro": _by_gyro, "poses": _by_poses}[sensor]
@@ -55,7 +55,7 @@ def _by_wheels(wheels: Signal, dt: Floats, _run: NDArray[np.int64]) -> tuple[Flo
 
 
 def _by_commands(commands: Signal, dt: Floats, _run: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """A duty holds until the next."""
+    """Integrate duties, each of which holds until the next."""
     left, right = commands["left"][:-1], commands["right"][:-1]
     return (left + right) * dt, (right - left) * dt
 
@@ -66,7 +66,7 @@ def _by_gyro(gyro: Signal, dt: Floats, _run: NDArray[np.int64]) -> tuple[None, F
 
 
 def _by_poses(poses: Signal, dt: Floats, run: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Travel is along the measured path, forward where the heading points."""
+    """Integrate along the measured path, forward along the heading."""
     theta = running_median(np.unwrap(poses["theta"]), 2, run)
     x, y = (running_median(poses[name], 2, run) for name in ("x", "y"))
     middle = 0.5 * (theta[1:] + theta[:-1])

@@ -1,4 +1,4 @@
-"""How far wheels have turned, by their speeds and by what their encoders counted."""
+"""Wheel angles, from speeds and encoder counts."""
 
 import numpy as np
 
@@ -7,15 +7,15 @@ from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
 SIDES = ("left", "right")
 SAME_ANGLE, UNLIKE_ANGLE = 1e-3, 1.0  # relative differences of the angles by ticks and by speed
-LONGEST = 3.0  # times the usual interval between readings; in a longer one the speed may have been any
-FEW_LOST = 0.1  # of the readings; where speeds and counts differ in more, speeds are no averages between messages
-# A controller that counts over a part of the time between readings says speeds in steps: whole ticks of that part. The
-# parts of an interval are a whole number, where logs keep each second or fifth reading, say.
+LONGEST = 3.0  # times the usual interval between readings; the speed may vary arbitrarily in a longer one
+FEW_LOST = 0.1  # of the readings; if speeds and counts differ in more, speeds are not averages between messages
+# A controller that counts over a part of the interval between readings reports speeds in steps: whole ticks of that
+# part. The interval has a whole number of parts, if logs keep each second or fifth reading, for example.
 MOST_DIVISIONS, WHOLE, MOST_WHOLE = 8, 0.1, 0.95  # of the least speed; from a whole number; of the speeds
 BLOCKS, CERTAIN, MOST_OFF = 16, 4.0, 0.3  # of a drive; standard deviations; from a whole number of ticks
-MOST_TICKS = 1e4  # that an encoder counts between two readings
-ENOUGH = 10  # readings of the same count
-MOST_ALIKE = 0.5  # of the readings that agree on the angle of a count: then it is that
+MOST_TICKS = 1e4  # encoder ticks between two readings, at most
+ENOUGH = 10  # readings with the same count
+MOST_ALIKE = 0.5  # of the readings that agree on the angle of a count: it is then accepted
 
 
 def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
@@ -25,12 +25,12 @@ def wheel_angles(wheels: Signal) -> tuple[Floats, Floats]:
 
 
 def speeds_are_averages(wheels: Signal) -> bool:
-    """Tell whether the speeds of both sides are what was counted since the message before, over the time since then."""
+    """Return whether the speeds of both sides are the counts since the previous message, divided by the time."""
     return all(_averages(*_by_speed_and_ticks(wheels, side)) for side in SIDES)
 
 
 def _by_speed_and_ticks(wheels: Signal, side: str) -> tuple[Floats, Floats, Floats]:
-    """Return by which angle [rad] a side turned since the message before, by its speed and by its ticks; the ticks."""
+    """Return the rotation [rad] of a side since the previous message, by its speed and by its ticks, and the ticks."""
     seconds = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
     turned = wheels[f"psi_{side}"] * seconds
     ticks = np.diff(wheels[f"ticks_{side}"], prepend=wheels[f"ticks_{side}"][:1])
@@ -40,7 +40,7 @@ def _by_speed_and_ticks(wheels: Signal, side: str) -> tuple[Floats, Floats, Floa
 
 
 def _averages(turned: Floats, by_ticks: Floats, ticks: Floats) -> bool:
-    """Tell whether angles by speed are those by ticks, but for a few messages before which one was lost."""
+    """Return whether angles by speed equal those by ticks, except after lost messages."""
     counted = (ticks != 0.0) & (turned != 0.0)
     lost = np.abs(by_ticks - turned) > SAME_ANGLE * np.abs(turned)
     return bool(counted.any() and np.mean(lost[counted]) <= FEW_LOST)
@@ -49,10 +49,10 @@ def _averages(turned: Floats, by_ticks: Floats, ticks: Floats) -> bool:
 def _angle(wheels: Signal, side: str) -> Floats:
     """Return the angle [rad] of one side.
 
-    Speeds are averages over the time since the previous message; where one was lost, their sum misses a part and the
-    count of ticks does not. Speeds of the moment, or coarse ones, tell only in the mean what a count stands for; the
-    count then tells the angle. One that contradicts the speed, as after a restart of the driver, is not believed. In a
-    gap the speed may have been any that the wheel has at other times.
+    Speeds are averages since the previous message; if one was lost, their sum misses a part, but the count does not.
+    Instantaneous or coarse speeds only determine the mean angle per count; the count then determines the angle. A count
+    that contradicts the speed, as after a restart of the driver, is ignored. In a gap the speed may be any that the
+    wheel has at other times.
     """
     turned, by_ticks, ticks = _by_speed_and_ticks(wheels, side)
     counted = (ticks != 0.0) & (turned != 0.0)
@@ -74,9 +74,9 @@ def _angle(wheels: Signal, side: str) -> Floats:
 
 
 def _differing(ticks: Floats, lost: Mask) -> float:
-    """Return in how many of the readings (n,) speed and count differ, as a share; readings of one count soon suffice.
+    """Return the share of the readings (n,) in which speed and count differ; readings of one count suffice.
 
-    Of a robot that drives steadily nearly all readings are the same, be they right or not.
+    For a robot in steady motion nearly all readings are the same, right or wrong.
     """
     _, place, readings = np.unique(ticks, return_inverse=True, return_counts=True)
     weight = np.minimum(readings, ENOUGH) / readings
@@ -84,7 +84,7 @@ def _differing(ticks: Floats, lost: Mask) -> float:
 
 
 def _step(speeds: Floats) -> float:
-    """Return the step in which speeds (n,), not negative, go up [rad/s]; 0 where they go by none."""
+    """Return the step size of speeds (n,), not negative [rad/s]; 0 if there is none."""
     speeds = speeds[speeds > 0.0]
     least = float(np.median(speeds[speeds <= 1.5 * speeds.min()]))
     speeds = speeds[speeds / MOST_TICKS < least]
@@ -97,14 +97,14 @@ def _step(speeds: Floats) -> float:
 
 
 def _by_count(turned: Floats, ticks: Floats, by_ticks: Floats, close: Mask, step: float, *, exact: bool) -> Floats:
-    """Return by which angle a wheel turned between readings, (n,), from its count, where speeds are no averages.
+    """Return the wheel rotations between readings, (n,), from counts, if speeds are not averages.
 
     `turned` are the angles by the speeds, `ticks` the counts, `by_ticks` the angles that these stand for: nearly,
-    unless they are `exact`. Of pauses, where speeds tell nothing, `close` (n,) is false. The angles by the
-    speeds go up by `step` [rad] at once, several ticks; 0 where that is not known.
+    unless they are `exact`. `close` (n,) is false in pauses, where speeds are not informative. The angles by the speeds
+    have steps of `step` [rad], several ticks; 0 if unknown.
     """
-    # Counts and speeds in turn would count what coarse speeds tell too late twice: only a count that restarts is
-    # not believed, which is farther off than the wheel ever turned between two readings.
+    # Alternating between counts and speeds would count delayed motion twice: only a restarting count is ignored, which
+    # is off by more than the wheel ever turned between two readings.
     most = UNLIKE_ANGLE * np.maximum(np.abs(turned), np.max(np.abs(turned[close]), initial=0.0))
     kept = close & (ticks != 0.0) & (np.abs(by_ticks - turned) < most)
     if np.count_nonzero(kept) >= BLOCKS and not exact:
@@ -115,8 +115,8 @@ def _by_count(turned: Floats, ticks: Floats, by_ticks: Floats, close: Mask, step
 def _tick(turned: Floats, ticks: Floats, step: float) -> float:
     """Return the angle of a tick [rad], from angles by the speeds and counts, (n,) each.
 
-    It is the mean, or what makes `step` a whole number of ticks, if the mean allows it: blocks of the drive show how
-    uncertain that is.
+    It is the mean, or makes `step` a whole number of ticks if consistent with the mean, whose uncertainty is estimated
+    from blocks of the drive.
     """
     tick = float(np.sum(turned) / np.sum(ticks))
     if not 0.0 < step < MOST_TICKS * tick:  # speeds of the other sign, or broken ones

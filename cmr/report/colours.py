@@ -1,4 +1,4 @@
-"""In which colours real and simulated robots are drawn, wherever they are."""
+"""The colours of real and simulated robots in all drawings."""
 
-REAL_COLOUR = "#f2b705"  # yellow that shows on white
+REAL_COLOUR = "#f2b705"  # yellow that is visible on white
 TWIN_COLOUR = "#1f4fd8"  # blue

@@ -1,4 +1,4 @@
-"""Many paths as a density: how many robots passed each cell of a grid, in a drawing whose size has a bound."""
+"""Density of many paths: how many robots passed each cell of a grid, in a drawing of bounded size."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from cmr.report.markup import Html, tag
 from cmr.report.style import DENSITY, DENSITY_STEPS
 from cmr.report.svg import Floats, Frame
 
-# More lines than these hide one another on a map of this size, and each takes some 10 kB.
+# More lines would hide one another on a map of this size, and each takes some 10 kB.
 MOST_LINES = 40
 # Length of a cell in units of the plot, of which a map has some 500 across. A map as high as it may be then has 35,000
 # cells and takes 350 kB at most, whatever the number of robots is; a thousand lines would take 2 MB and more.
@@ -18,7 +18,7 @@ CELL = 3.0
 
 
 def density(frame: Frame, paths: Iterable[tuple[Floats, Floats]]) -> Html:
-    """Return the cells that paths pass, given as x and y of shape (n,), coloured by how many do.
+    """Draw the cells that paths pass, given as x and y of shape (n,), coloured by their number.
 
     Each colour is one element, whose title says the number: a browser shows it at the pointer.
     """
@@ -44,7 +44,7 @@ def passes(frame: Frame, paths: Iterable[tuple[Floats, Floats]]) -> NDArray[np.i
 
 
 def density_keys() -> list[Html]:
-    """Return entries of a key that say what the colours stand for."""
+    """Return legend entries for the colours."""
     return [area_key(f"{_number(step)} robots", colour) for step, colour in enumerate(DENSITY)]
 
 
@@ -57,7 +57,7 @@ def _cells(across: Floats, down: Floats) -> tuple[NDArray[np.int64], NDArray[np.
 
 
 def _level(counts: NDArray[np.int64], step: int) -> Html:
-    """Return the cells of one colour, drawn as horizontal strokes, one for each run of neighbours."""
+    """Return the cells of one colour, drawn as horizontal strokes, one per run of adjacent cells."""
     ends = (*DENSITY_STEPS, np.iinfo(np.int64).max)
     here = (counts >= ends[step]) & (counts < ends[step + 1])
     edges = np.diff(np.pad(here, ((0, 0), (1, 1))).astype(np.int8), axis=1)
@@ -68,7 +68,7 @@ def _level(counts: NDArray[np.int64], step: int) -> Html:
 
 
 def _number(step: int) -> str:
-    """Return the numbers of robots that a colour stands for."""
+    """Return the range of robots for a colour."""
     if step + 1 == len(DENSITY_STEPS):
         return f"{DENSITY_STEPS[step]} or more"
     first, last = DENSITY_STEPS[step], DENSITY_STEPS[step + 1] - 1

@@ -1,4 +1,4 @@
-"""Keys to figures: what which line and mark stands for, beside a sample of it."""
+"""Legends of figures: samples of lines and marks with their meanings."""
 
 from cmr.report.markup import Html, tag
 from cmr.report.style import AFTER, BEFORE, FOUND, PAPER, REAL, REAL_OUTLINE, SAMPLE
@@ -8,7 +8,7 @@ LINE = "M2 7H38"
 
 
 def keys(*entries: Html) -> Html:
-    """Return a row of entries."""
+    """Return a row of legend entries."""
     return tag("div", *entries, class_="keys")
 
 
@@ -23,19 +23,19 @@ def simulated_key(words: str = "simulated robot") -> Html:
 
 
 def before_key(words: str, *, marked: bool = False) -> Html:
-    """Return the entry of what the paper's model does; `marked` with the mark of a bin's mean."""
+    """Return the entry of the paper's model; `marked` with the mark of a bin's mean."""
     mark = tag("path", d="M17 4h6v6h-6z", stroke=BEFORE, stroke_width=1.4, fill=PAPER)
     return _entry(words, _line(BEFORE, 1.8, DASHES), *([mark] if marked else []))
 
 
 def after_key(words: str, *, marked: bool = False) -> Html:
-    """Return the entry of what the extended model does."""
+    """Return the entry of the extended model."""
     mark = tag("circle", cx=20, cy=7, r=3.4, fill=AFTER)
     return _entry(words, _line(AFTER, 1.8), *([mark] if marked else []))
 
 
 def found_key(words: str) -> Html:
-    """Return the entry of the interval in which a model's difference shows most."""
+    """Return the entry of the interval in which the models differ most."""
     return _entry(words, _line(FOUND, 9.0))
 
 

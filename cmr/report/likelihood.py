@@ -1,13 +1,13 @@
-"""How likely something is, for people: in words, and as the length of a bar."""
+"""Format probabilities: in words, and as the length of a bar."""
 
 import math
 
-SURE, MOST = 0.99, 10_000  # probability from which on odds are said in its place; the largest odds that are
-LEAST = 1e-3  # probability of which a bar has no length; every tenfold is a third of it
+SURE, MOST = 0.99, 10_000  # probability above which odds are given instead; the largest odds shown
+LEAST = 1e-3  # probability at which a bar has length 0; every factor of ten is a third of it
 
 
 def odds(probability: float) -> str:
-    """Return a probability as one says it: in per cent, small ones as 1 : 250, and what is nearly sure as 250 : 1."""
+    """Format a probability: in per cent, small ones as 1 : 250, near-certain ones as 250 : 1."""
     if probability > SURE:
         against = 1.0 - probability
         return f"{probability / against:.0f} : 1" if MOST * against > probability else f"over {MOST} : 1"
@@ -17,7 +17,7 @@ def odds(probability: float) -> str:
 
 
 def length(probability: float) -> float:
-    """Return the share [0 to 1] of its track that a bar fills: the logarithm, from LEAST to certainty."""
+    """Return the share [0 to 1] of its track that a bar fills, on a log scale from LEAST to 1."""
     if probability <= LEAST:
         return 0.0
     return 1.0 - math.log(min(probability, 1.0)) / math.log(LEAST)

@@ -1,4 +1,4 @@
-"""HTML and SVG from segments of text, in which text from outside cannot become markup."""
+"""Build HTML and SVG from text segments, escaping text from outside."""
 
 import html
 
@@ -6,20 +6,20 @@ VOID = frozenset({"meta", "br", "wbr", "img"})  # elements without content and e
 
 
 class Html(str):
-    """Text that is markup already. Every other text is escaped where it enters an element."""
+    """Text that is already markup. Any other text is escaped when added to an element."""
 
     __slots__ = ()
 
 
 def joined(*parts: str) -> Html:
-    """Return the parts one after the other, escaped unless they are markup."""
+    """Concatenate the parts, escaping those that are not markup."""
     return Html("".join(part if isinstance(part, Html) else html.escape(part) for part in parts))
 
 
 def tag(name: str, /, *content: str, **attributes: str | float | None) -> Html:
     """Return an element with this content and these attributes, all escaped unless markup.
 
-    Attributes are written as Python allows: `class_`, `stroke_width`; None leaves one out.
+    Attributes are written as Python allows: `class_`, `stroke_width`; None omits one.
     """
     written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{html.escape(str(value))}"'

@@ -1,14 +1,14 @@
-"""Numbers as a paper prints them: as many digits as are known, a minus that is one, a dash where there is none."""
+"""Format numbers as in a paper: known digits only, true minus signs, a dash for missing ones."""
 
 import math
 import re
 from collections.abc import Sequence
 
-UNKNOWN = "\u2013"  # a dash, where a number is not known
+UNKNOWN = "\u2013"  # a dash for unknown numbers
 SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 MINUS = str.maketrans("-", "\u2212")
 MOST_DECIMALS, LEAST, LARGEST = 6, 1e-4, 1e7  # beyond, powers of ten are written
-SMALLEST_CHANCE = 1e-300  # what is smaller is rounding
+SMALLEST_CHANCE = 1e-300  # smaller values are rounding errors
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -29,12 +29,12 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def likelihood(value: float) -> str:
-    """Return a difference of log-likelihoods: a tenth of it is nothing."""
+    """Format a difference of log-likelihoods with one decimal."""
     return fixed(value, 1) if math.isfinite(value) else number(value)
 
 
 def alike(values: Sequence[float], digits: int = 2) -> list[str]:
-    """Return numbers with equally many decimals, so many that the smallest has this many significant digits."""
+    """Format numbers with equal decimals, such that the smallest has this many significant digits."""
     sizes = [abs(value) for value in values if math.isfinite(value) and value]
     decimals = max(digits - 1 - math.floor(math.log10(min(sizes))), 0) if sizes else 0
     if decimals > MOST_DECIMALS:
@@ -43,7 +43,7 @@ def alike(values: Sequence[float], digits: int = 2) -> list[str]:
 
 
 def rounded(value: float, std: float) -> str:
-    """Return a value rounded to two digits of its standard deviation; to four of its own where that is not known."""
+    """Return a value rounded to two digits of its standard deviation; to four significant digits if that is unknown."""
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return number(value)
     decimals = max(1 - math.floor(math.log10(std)), 0)
@@ -51,29 +51,29 @@ def rounded(value: float, std: float) -> str:
 
 
 def with_sign(value: float, text: str) -> str:
-    """Return the text of a number with a plus before it where the number is above zero."""
+    """Prepend a plus sign to the text of a positive number."""
     return f"+{text}" if value > 0.0 else text
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit as it is set behind a number; nothing for "-"."""
+    """Format a unit to follow a number; empty for "-"."""
     return "" if unit == "-" else typeset(unit)
 
 
 def typeset(text: str) -> str:
-    """Return a text for a page: exponents, as in rad/s^2, are raised; minus and plus-minus are their own signs."""
+    """Return a text for a page: exponents, as in rad/s^2, are raised; minus and plus-minus get their own characters."""
     text = re.sub(r"\^(-?\d+)", lambda match: match[1].translate(SUPERSCRIPTS), text).replace("+-", "\u00b1")
     return re.sub(r"(?<!\S)-(?=[\d ])|(?<=\()-(?=\d)", "\u2212", text)
 
 
 def given(value: float, unit: str) -> str:
-    """Return a number that is known exactly, or how well it is known is not, with its unit."""
+    """Format a number without a standard deviation, with its unit."""
     text = f"{value:.6g}".translate(MINUS) if LEAST <= abs(value) < LARGEST else number(value)
     return f"{text} {unit_text(unit)}".rstrip()
 
 
 def chance(p_value: float) -> str:
-    """Return a probability with its sign: "= 0.013", "< 10^-300"."""
+    """Format a probability with a relation sign: "= 0.013", "< 10^-300"."""
     if math.isnan(p_value):
         return f"= {UNKNOWN}"
     if p_value < SMALLEST_CHANCE:

@@ -1,4 +1,4 @@
-"""A report as one page of HTML: head, contents and sections. It loads nothing and runs nothing but `readings.js`."""
+"""A report as one page of HTML: head, contents and sections. It loads no other files and runs only `readings.js`."""
 
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
@@ -9,13 +9,13 @@ from cmr.report.markup import Html, joined, tag
 from cmr.report.section import Section
 from cmr.report.style import style_sheet
 
-MOST_WITHOUT_CONTENTS = 3  # sections; of so few, the headings are on the first screen
+MOST_WITHOUT_CONTENTS = 3  # sections; with so few, no contents are needed
 
 
 def page_of(title: str, header: Html, lead: Html, sections: Iterable[Section]) -> str:
-    """Return a page that needs no network and no other file: header, lead, contents and sections that are not empty.
+    """Return a self-contained page: header, lead, contents and non-empty sections.
 
-    Its policy lets the browser run the one script that it holds, whatever a name in the data says.
+    Its content security policy allows only the embedded script, whatever names occur in the data.
     """
     shown = [one for one in sections if one.content]
     script = Path(__file__).with_name("readings.js").read_text(encoding="utf-8")
@@ -35,7 +35,7 @@ def page_of(title: str, header: Html, lead: Html, sections: Iterable[Section]) -
 
 
 def _contents(sections: Sequence[Section]) -> Html:
-    """Return links to the sections; nothing where they are few."""
+    """Return links to the sections; empty for only a few."""
     if len(sections) <= MOST_WITHOUT_CONTENTS:
         return Html("")
     links = joined(*(tag("li", tag("a", one.heading, href=f"#{one.anchor}")) for one in sections))

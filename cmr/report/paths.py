@@ -1,4 +1,4 @@
-"""Draw the path of a real robot and that of the simulated one over the floor, as all pictures of CMR show them."""
+"""Draw the paths of a real and a simulated robot over the floor, in the common style of CMR."""
 
 from typing import TYPE_CHECKING, TypeAlias
 

@@ -1,4 +1,4 @@
-"""A part of the page with its heading; nothing at all where there is nothing to say."""
+"""A section of the page with its heading; omitted if empty."""
 
 import re
 from typing import NamedTuple
@@ -7,19 +7,19 @@ from cmr.report.markup import Html, joined, tag
 
 
 class Section(NamedTuple):
-    """A heading, and the content below it; empty where nothing is to be said."""
+    """A heading and its content; empty if there is nothing to report."""
 
     heading: str
     content: Html
 
     @property
     def anchor(self) -> str:
-        """The name by which a link leads to the section."""
+        """The section's link target."""
         return re.sub(r"[^a-z0-9]+", "-", self.heading.lower()).strip("-")
 
     @property
     def html(self) -> Html:
-        """The section as it stands on the page."""
+        """The section as HTML."""
         return tag("section", tag("h2", self.heading, id=self.anchor), self.content)
 
 
@@ -34,7 +34,7 @@ def paragraph(*content: str) -> Html:
 
 
 def quiet(*content: str) -> Html:
-    """Return a paragraph of explanation, set smaller."""
+    """Return a paragraph of explanation, in small print."""
     return tag("p", *content, class_="quiet")
 
 
@@ -44,17 +44,17 @@ def bullets(items: list[str]) -> Html:
 
 
 def folded(summary: str, *content: str) -> Html:
-    """Return content that is hidden until a reader opens it; on paper it is there."""
+    """Return collapsed content that a reader can open; it is expanded on paper."""
     return tag("details", tag("summary", summary), *content)
 
 
 def code(text: str) -> Html:
-    """Return a name as it is written in files; a line may break behind its underscores."""
+    """Return an identifier as code; lines may break after its underscores."""
     first, *others = text.split("_")
     return tag("code", first, *(joined("_", tag("wbr"), other) for other in others))
 
 
 def codes(names: tuple[str, ...]) -> Html:
-    """Return names as they are written in files, with commas."""
+    """Return identifiers as code, separated by commas."""
     listed = [part for name in names for part in (code(name), ", ")]
     return joined(*listed[:-1])

@@ -1,14 +1,14 @@
-"""How reports look: the colours of what is drawn and written, on a light page and on a dark one, and the style sheet.
+"""The look of reports: colours for light and dark pages, and the style sheet.
 
-Figures name their colours, as in `stroke="var(--real)"`, so that one drawing serves both pages. Paper is always light.
+Figures name their colours, as in `stroke="var(--real)"`, so that one drawing works for both. Paper is always light.
 """
 
 from pathlib import Path
 
 from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 
-TONES = ("plain", "good", "doubtful", "bad")  # of the header, after what a report says
-DENSITY_STEPS = (1, 4, 16, 64)  # robots from which on a cell of a density has its colour
+TONES = ("plain", "good", "doubtful", "bad")  # of the header, depending on the result
+DENSITY_STEPS = (1, 4, 16, 64)  # lowest numbers of robots of each density colour
 
 # Contrast with `paper`, after WCAG 2.1: 4.5 for text, 3 for what is drawn. `grid` and `rule` carry no meaning.
 # `real` is yellow, which needs its outline on white.
@@ -67,13 +67,13 @@ DARK = {
 
 
 def colour(name: str) -> str:
-    """Return a colour of the palettes by its name, as a figure or a style writes it."""
+    """Return a colour of the palettes by its name, for use in a figure or style."""
     return f"var(--{name})"
 
 
 PAPER, INK, GRID, BORDER = (colour(name) for name in ("paper", "ink", "grid", "border"))
 REAL, REAL_OUTLINE = colour("real"), colour("real-outline")
-# What is before is lighter, and dashed or hollow, so that nobody needs to see the colour.
+# "Before" curves are lighter, and dashed or hollow, so they do not depend on colour vision.
 AFTER, BEFORE, FOUND, SAMPLE = (colour(name) for name in ("simulated", "before", "found", "sample"))
 DENSITY = tuple(colour(f"density-{step}") for step in range(1, len(DENSITY_STEPS) + 1))
 

@@ -1,4 +1,4 @@
-"""Plots as SVG inside the page: sharp on paper, small on a phone, and there in milliseconds.
+"""Plots as inline SVG: sharp on paper, small on a phone, and fast to make.
 
 A report holds some seventy plots; Matplotlib takes 60 ms for each.
 """
@@ -18,14 +18,14 @@ Floats = NDArray[np.float64]
 
 Range = tuple[float, float]
 NICE = (1.0, 0.5, 0.2)  # steps of ticks, times a power of ten
-SHADE = 0.16  # opacity of what marks a range behind curves
+SHADE = 0.16  # opacity of shaded ranges behind curves
 
 
 class Curve(NamedTuple):
-    """What a reader learns of a curve at the pointer: its name, and its values, which are in the drawing.
+    """Data shown at the pointer for a curve: its name and values.
 
-    `along` are the values that its points are found by, such as times, shape (n,); without it, that is their x.
-    `error` are standard errors of y, shape (n,).
+    `along` are the values that identify its points, such as times, shape (n,); by default their x. `error` are standard
+    errors of y, shape (n,).
     """
 
     name: str
@@ -43,8 +43,8 @@ class Curve(NamedTuple):
 class Frame:
     """The rectangle that a plot is drawn in, and how data are mapped to it.
 
-    `x` and `y` are the ranges of the data. `width` and `height` are those of the whole plot, labels included, in units
-    of which `text` make the size of letters; `room_left` and `room_top` are the space for labels, in letters.
+    `x` and `y` are the ranges of the data. `width` and `height` are those of the whole plot, labels included, `text` is
+    the font size in these units; `room_left` and `room_top` are the space for labels, in letters.
     """
 
     x: Range
@@ -76,20 +76,20 @@ class Frame:
         return self.height - self.top - 3.0 * self.text
 
     def across(self, x: Floats) -> Floats:
-        """Return where values lie from the rectangle's left."""
+        """Map values to x coordinates, from the frame's left edge."""
         return np.asarray((x - self.x[0]) / (self.x[1] - self.x[0]) * self.inner_width)
 
     def down(self, y: Floats) -> Floats:
-        """Return where values lie from the rectangle's top."""
+        """Map values to y coordinates, from the frame's top edge."""
         return np.asarray((self.y[1] - y) / (self.y[1] - self.y[0]) * self.inner_height)
 
 
 def plot(
     frame: Frame, *drawn: Html, x_label: str, y_label: str = "", title: str = "", along: str | None = None, alt: str
 ) -> Html:
-    """Return a plot with axes; what is drawn beyond the frame is cut off.
+    """Return a plot with axes; clipped to the frame.
 
-    `alt` describes it to those who cannot see it. `along` says what the points of a map's curves are found by.
+    `alt` is its text alternative. `along` names the values that identify points of a map's curves.
     """
     inside = tag(
         "svg",
@@ -178,12 +178,12 @@ def squares(frame: Frame, x: Floats, y: Floats, colour: str, size: float) -> Htm
 
 
 def zero_line(frame: Frame) -> Html:
-    """Return a thin line at zero, all across."""
+    """Return a thin line at zero, over the full width."""
     return line(frame, np.array(frame.x), np.zeros(2), INK, 0.7)
 
 
 def ticks(ends: Range, fewest: int) -> list[float]:
-    """Return round numbers within a range: as few as possible, but not fewer than this, at equal steps."""
+    """Return round numbers within a range at equal steps: as few as possible, but at least `fewest`."""
     power = 10.0 ** math.ceil(math.log10(ends[1] - ends[0]))
     for step in (nice * power * shrink for shrink in (1.0, 0.1, 0.01) for nice in NICE):
         first, last = math.ceil(ends[0] / step - 1e-9), math.floor(ends[1] / step + 1e-9)

@@ -8,9 +8,9 @@ NUMBER = "number"  # class of cells that hold numbers
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Sequence[int] = ()) -> Html:
-    """Return a table; the first cell of a row is its heading, `numbers` are the columns that hold numbers.
+    """Return a table; the first cell of a row is a heading, `numbers` are the columns that hold numbers.
 
-    On a narrow screen each row becomes a block, in which each cell stands behind the heading of its column.
+    On a narrow screen each row becomes a block, with each cell after its column's heading.
     """
     head = tag("thead", tag("tr", *(tag("th", heading, scope="col") for heading in headings)))
     body = tag("tbody", *(_row(headings, row, numbers) for row in rows))

@@ -1,7 +1,8 @@
-"""Driving by hand: a keyboard, a gamepad or the joystick of a page leads a real or a virtual robot.
+"""Teleoperation: a keyboard, a gamepad or the joystick of a page drives a real or a virtual robot.
 
-`hands` says what all of them promise; `keyboard`, `gamepad`, `remote` and `scripted` are what hands hold; `drive` is
-what becomes of it, without bus and clock; `seats` are where a person drives from. The process is in `cmr.commands`.
+`hands` defines the interface of all input sources; `keyboard`, `gamepad`, `remote` and `scripted` are the sources;
+`drive` computes the messages to send, without bus and clock; `seats` combine input and display. The process is in
+`cmr.commands`.
 """
 
 from cmr.teleop.by_hand import ByHand

@@ -1,4 +1,4 @@
-"""The behaviour of a robot that a person leads: what the hands ask for, as duties of this robot's motors."""
+"""Behaviour of a robot driven by hand: converts the input to duties of this robot's motors."""
 
 from cmr.model.body import wheels
 from cmr.model.parameters import RobotParameters
@@ -8,15 +8,16 @@ from cmr.world.view import Robot, WorldView
 
 SPEED = 0.3  # m/s
 TURN_RATE = 1.5  # rad/s
-LARGEST_DUTY = 0.9  # leaves the motors something to turn with
-SHARES = tuple(step / 10.0 for step in range(1, 21))  # of the speed, that a person can choose
+LARGEST_DUTY = 0.9  # leaves a reserve for turning
+SHARES = tuple(step / 10.0 for step in range(1, 21))  # of the full speed, selectable by the operator
 USUAL = SHARES.index(1.0)
 
 
 class ByHand(Behaviour):
-    """Drives as `hands` ask at the moment, at most `speed` [m/s] and `turn_rate` [rad/s] times the chosen `share`.
+    """Drives as `hands` currently ask, at most `speed` [m/s] and `turn_rate` [rad/s] times the chosen `share`.
 
-    `wanted` is what is asked for in [m/s] and [rad/s]. Where the motors cannot do it, both sides are lowered alike.
+    `wanted` is the demand in [m/s] and [rad/s]. If it exceeds what the motors can do, both sides are scaled down by the
+    same factor.
     """
 
     def __init__(self, speed: float = SPEED, turn_rate: float = TURN_RATE) -> None:
@@ -31,7 +32,7 @@ class ByHand(Behaviour):
 
     @property
     def wanted(self) -> tuple[float, float]:
-        """How fast the hands want the robot to go [m/s] and to turn [rad/s]."""
+        """Demanded speed [m/s] and turn rate [rad/s]."""
         return self.hands.forward * self.share * self._speed, self.hands.turn * self.share * self._turn_rate
 
     def choose_speed(self, steps: int) -> None:
@@ -39,11 +40,11 @@ class ByHand(Behaviour):
         self._step = min(max(self._step + steps, 0), len(SHARES) - 1)
 
     def ask(self, hands: Hands) -> None:
-        """Note what the hands ask for at the moment."""
+        """Store the current input."""
         self.hands = hands
 
     def command(self, _utime: int, _me: Robot, _world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
-        """Return the duties for what the hands ask for, as the paper's model has them at a steady speed."""
+        """Return the duties for the demand, by the paper's model at steady speed."""
         left, right = (float(speed * parameters.k1) for speed in wheels(*self.wanted, parameters))
         excess = max(1.0, abs(left) / LARGEST_DUTY, abs(right) / LARGEST_DUTY)
         return left / excess, right / excess

@@ -1,6 +1,6 @@
-"""A drive by hand: the gates of cmr-pilot, the claim of the robot, the emergency stop, and what becomes of it.
+"""A drive by hand: the gates of cmr-pilot, the claim of the robot, the emergency stop, and the resulting commands.
 
-It knows neither bus nor clock: messages go in by `handle`, what is to be sent comes out of `turn`.
+Independent of bus and clock: messages go in by `handle`, messages to send are returned by `turn`.
 """
 
 from collections.abc import Callable
@@ -20,8 +20,8 @@ from cmr.teleop.recorder import Recorder
 from cmr.world.pilot import Pilot
 from cmr.world.view import VIRTUAL
 
-OLD = 1_000_000  # us; what was measured longer ago is shown no more
-IGNORED = 1_500_000  # us of commands, for which a virtual robot does not move, until that is said
+OLD = 1_000_000  # us; older measurements are not shown
+IGNORED = 1_500_000  # us of commands without motion after which a virtual robot is reported as ignoring them
 LAST_ZEROS = 3
 MOVING = 0.05  # rad/s of a wheel
 TAKEN = "the end of {others}, which commands robot {robot}; --take-over does not wait"
@@ -33,16 +33,16 @@ NOT_COMMANDED = (
 
 @dataclass
 class Measured:
-    """What the robot reports: its last feedback, and who owns it; None before the first."""
+    """Measurements reported by the robot: its last feedback, and its owner; None before the first."""
 
     feedback: motor_feedback_t | None = None
     owner: command_owner_t | None = None
 
 
 class Drive:
-    """One robot that is led by hand. `waiting_for` says what keeps it from moving; empty when nothing does.
+    """A robot driven by hand. `waiting_for` says what prevents it from moving; empty if nothing does.
 
-    A virtual robot without parameters of its own goes by those that `of_virtual` makes, as in cmr-sim.
+    A virtual robot without parameters of its own uses those made by `of_virtual`, as in cmr-sim.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Drive:
         self.duties = (0.0, 0.0)
         self.measured = Measured()
         self.button = StopButton("cmr-teleop", "the person who drives")
-        self._moved = 0  # when a robot that is commanded last moved, or was not commanded [us]
+        self._moved = 0  # when the robot last moved, or was last not commanded [us]
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
         """Take a message from the bus."""
@@ -75,14 +75,14 @@ class Drive:
             self.measured.owner = message
 
     def wish(self, utime: int, what: str) -> None:
-        """Do what was wished besides driving."""
+        """Handle a request other than driving, such as the emergency stop."""
         if what == STOP:
             self.button.stop(utime)
         elif what in (FASTER, SLOWER):
             self.hand.choose_speed(1 if what == FASTER else -1)
 
     def turn(self, utime: int, hands: Hands, unseen: str) -> list[Outgoing]:
-        """Return what is to be sent at `utime` [us]; `unseen` is why the hands are not seen, empty if they are."""
+        """Return the messages to send at `utime` [us]; `unseen` says why the input is not available, empty if it is."""
         outgoing: list[Outgoing] = []
         robot = self.pilot.robot_id
         self._look_for_parameters()
@@ -104,11 +104,11 @@ class Drive:
         return outgoing
 
     def end(self, utime: int) -> list[Outgoing]:
-        """Return what ends the drive: zero, and the robot is left to others; nothing where somebody else has it."""
+        """Return the messages that end the drive: zero, and release of the robot; none if another process owns it."""
         if self.claim.others(utime):
             return []
         robot = self.pilot.robot_id
-        return [  # the last words of a process are not repeated later, and any message may be lost
+        return [  # a process that has ended cannot repeat its last messages, and any message may be lost
             *LAST_ZEROS * [(COMMANDS_OF[self.pilot.kind], robot, self.pilot.stop())],
             (COMMAND_CLAIM, robot, self.claim.end(utime)),
         ]

@@ -1,6 +1,6 @@
-"""Hands on a gamepad, from the bytes of the kernel's event devices (struct input_event).
+"""Input from a gamepad, from the bytes of the kernel's event devices (struct input_event).
 
-The robot moves only while the dead-man button is held: one of the upper buttons at the back, the trigger of a joystick.
+The robot moves only while the dead-man button is held: an upper button at the back, or the trigger of a joystick.
 Source: Linux, Documentation/input/event-codes.rst and include/uapi/linux/input.h.
 """
 
@@ -17,18 +17,18 @@ ABS_X, ABS_Y = 0, 1
 BTN_TRIGGER, BTN_SOUTH, BTN_EAST, BTN_TL, BTN_TR = 0x120, 0x130, 0x131, 0x136, 0x137
 DEAD_MAN = frozenset({BTN_TL, BTN_TR, BTN_TRIGGER})
 STOPS = frozenset({BTN_EAST})
-CENTRE = 0.12  # of the way, in which a stick at rest may be
+CENTRE = 0.12  # dead zone, as a share of the stick's travel
 USUAL_RANGE = (-32768, 32767)
 
 
 class Pad(Protocol):
-    """The file of a device. `ranges` are the least and greatest values of its axes; a device that is gone has none."""
+    """The file of a device. `ranges` are the least and greatest values of its axes, empty while the device is gone."""
 
     name: str
     ranges: Mapping[int, tuple[int, int]]
 
     def read(self, now: float) -> bytes | None:
-        """Return what has come; None where the device is gone, or is not there yet."""
+        """Return the bytes received; None while the device is not there."""
 
 
 class _InputEvent(NamedTuple):
@@ -38,7 +38,9 @@ class _InputEvent(NamedTuple):
 
 
 class Gamepad:
-    """The left stick and the buttons of a pad. Unplugged, it asks for nothing until its button is pressed again."""
+    """The left stick and the buttons of a pad. After it was unplugged, the demand is zero until its button is pressed
+    again.
+    """
 
     name = "gamepad"
 
@@ -50,7 +52,7 @@ class Gamepad:
         self._wishes: list[str] = []
 
     def look(self, now: float) -> None:
-        """Take what its device reports."""
+        """Process what its device reports."""
         data = self._pad.read(now)
         if data is None:
             self._is_there, self._rest = False, b""
@@ -61,19 +63,19 @@ class Gamepad:
             self._take(event)
 
     def hands(self, _now: float) -> Hands:
-        """Return where the stick is, while the dead-man button is held."""
+        """Return the position of the stick while the dead-man button is held."""
         if not self._held:
             return STILL
         x, y = (self._share(axis) for axis in (ABS_X, ABS_Y))
         return Hands(-y, -x).bounded()  # the axes go to the right, and towards the hand
 
     def wishes(self) -> list[str]:
-        """Return what was wished since the last call."""
+        """Return the requests since the last call."""
         wishes, self._wishes = self._wishes, []
         return wishes
 
     def problem(self, _now: float) -> str:
-        """Return that it is not there, or that its button is not held."""
+        """Return that the gamepad is missing, or that its button is not held."""
         if not self._is_there:
             return f"the gamepad ({self._pad.name})"
         return "" if self._held else "the dead-man button (an upper button at the back of the gamepad) to be held"
@@ -86,7 +88,8 @@ class Gamepad:
             yield _InputEvent(kind, code, value)
 
     def _take(self, event: _InputEvent) -> None:
-        if event.kind == EV_SYN and event.code == SYN_DROPPED:  # the kernel lost some: nobody knows what is held
+        # the kernel dropped events: the state of the buttons is unknown
+        if event.kind == EV_SYN and event.code == SYN_DROPPED:
             self._forget()
             self._incomplete = True
         elif event.kind == EV_SYN and event.code == SYN_REPORT:
@@ -106,7 +109,7 @@ class Gamepad:
         self._incomplete = False
 
     def _share(self, axis: int) -> float:
-        """Return how far an axis is from its centre, -1 to 1; one that has not moved yet is in it."""
+        """Return the deflection of an axis, -1 to 1; an axis that has not moved yet is centred."""
         if axis not in self._axes:
             return 0.0
         low, high = self._pad.ranges.get(axis, USUAL_RANGE)

@@ -1,8 +1,8 @@
-"""Hands on a keyboard, as a terminal reports them.
+"""Input from a keyboard, as a terminal reports it.
 
-A terminal that reports releases says exactly which keys are down. Any other says only that a key was typed, and types
-it again and again while it is held: the robot then moves while that goes on. The first time alone moves nothing, as
-nobody knows yet whether the key is held; keyboards wait 0.25 to 0.66 s before they repeat it.
+A terminal that reports releases gives the exact state of the keys. Any other reports only that a key was typed,
+repeatedly while it is held: the robot then moves while the repeats continue. The first report alone moves nothing,
+since it does not tell whether the key is held; keyboards wait 0.25 to 0.66 s before they repeat it.
 """
 
 from collections.abc import Callable
@@ -24,9 +24,9 @@ from cmr.teleop.keys import (
     Event,
 )
 
-ALONE = 0.05  # s after which an ESC is the key, and no beginning of a sequence
+ALONE = 0.05  # s after which an ESC is the key, not the beginning of a sequence
 FORGOTTEN = 0.5  # s of silence after which a key that is still held has to be pressed again
-ARC = 0.5  # of the full turn, where a robot also goes ahead
+ARC = 0.5  # share of the full turn rate while driving an arc
 DIRECTIONS = {
     "w": Hands(1.0, 0.0),
     "s": Hands(-1.0, 0.0),
@@ -47,9 +47,9 @@ HELP = "w a s d or arrows drive, q e z c arcs, + - speed, space or Esc EMERGENCY
 
 
 class Keyboard:
-    """The keys of a terminal: `read` returns what it sent since, `write` sends it something.
+    """The keys of a terminal: `read` returns the bytes received since the last call, `write` sends bytes to it.
 
-    `reports_releases` is whether it says so.
+    `reports_releases` says whether the terminal reports releases.
     """
 
     name = "keyboard"
@@ -59,12 +59,12 @@ class Keyboard:
         self._read, self._write = read, write
         self._decoder, self._answers = Decoder(), Answers()
         self._fed = 0.0  # when the last bytes came [s]
-        self._down: dict[str, None] = {}  # where releases are reported
-        self._held, self._typed, self._repeats = "", float("-inf"), False  # where they are not
+        self._down: dict[str, None] = {}  # if releases are reported
+        self._held, self._typed, self._repeats = "", float("-inf"), False  # if they are not
         self._wishes: list[str] = []
 
     def look(self, now: float) -> None:
-        """Take what was typed, and ask the terminal whether that was all."""
+        """Process what was typed, and ask the terminal for an answer that confirms that this was all."""
         data = self._read()
         if data:
             self._fed = now
@@ -79,7 +79,7 @@ class Keyboard:
             self._write(ASK)
 
     def hands(self, now: float) -> Hands:
-        """Return what the keys that are held ask for."""
+        """Return the demand of the keys that are held."""
         if not self._answers.is_fresh(now):
             return STILL
         if self.reports_releases:
@@ -90,12 +90,12 @@ class Keyboard:
         return Hands(forward, ARC * turn if forward else turn).bounded()
 
     def wishes(self) -> list[str]:
-        """Return what was wished since the last call."""
+        """Return the requests since the last call."""
         wishes, self._wishes = self._wishes, []
         return wishes
 
     def problem(self, now: float) -> str:
-        """Return why keys are not taken."""
+        """Return why keys are not accepted."""
         if self._answers.is_fresh(now):
             return ""
         if self._answers.as_of < 0.0:
@@ -124,9 +124,9 @@ class Keyboard:
             self._take_typed(event.key)
 
     def _take_typed(self, key: str) -> None:
-        """Note a key of which nobody says whether it is held: it was typed no earlier than all is known.
+        """Handle a key whose release is not reported: it was typed no earlier than the time as of which all is known.
 
-        It is, where it follows itself faster than fingers do; the pause of a keyboard before it repeats is longer.
+        It counts as held if it repeats faster than fingers can type; a keyboard's pause before it repeats is longer.
         """
         typed = self._answers.as_of
         self._repeats = key == self._held and typed - self._typed <= SILENCE

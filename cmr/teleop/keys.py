@@ -1,4 +1,4 @@
-"""Bytes of a terminal as events: keys, its answers, and whether its window has the focus.
+"""Decode the bytes of a terminal to events: keys, its answers, and whether its window has the focus.
 
 Sources: ECMA-48 for control sequences; "Comprehensive keyboard handling in terminals" of the terminal kitty for keys
 that report their release (https://sw.kovidgoyal.net/kitty/keyboard-protocol/).
@@ -8,11 +8,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-PRESS, REPEAT, RELEASE, TYPED = "press", "repeat", "release", "typed"  # TYPED: pressed or repeated, nobody says which
+PRESS, REPEAT, RELEASE, TYPED = "press", "repeat", "release", "typed"  # TYPED: pressed or repeated, not known which
 ANSWER, FLAGS, LOST_FOCUS = "answer", "flags", "lost focus"
 ESCAPE, SPACE, INTERRUPT = "escape", " ", "interrupt"
 
-ASK = b"\x1b[5n"  # "are you well?": every terminal answers, and with nothing else
+ASK = b"\x1b[5n"  # device status report: every terminal answers it
 ASK_FLAGS = b"\x1b[?u"
 REPORTING = 0b1011  # escape codes for all keys, with presses, repeats and releases
 BEGIN = b"\x1b[>%du" % REPORTING
@@ -20,7 +20,7 @@ END = b"\x1b[<u"
 RELEASES = 0b1010  # of the flags: without these, releases of letters are not reported
 SEQUENCE = re.compile(rb"\x1b\[([<=>?]?)([0-9;:]*)([@-~])|\x1bO([@-~])")
 UNFINISHED = re.compile(rb"\x1b(\[[<=>?]?[0-9;:]*|O)?$")
-LONGEST = 64  # bytes of a sequence; more are none
+LONGEST = 64  # bytes of a sequence; longer ones are invalid
 ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 EVENTS = {"1": PRESS, "2": REPEAT, "3": RELEASE}
 CONTROL = 0b100  # of the modifiers
@@ -29,7 +29,7 @@ ENDINGS = "cd"  # with Ctrl
 
 @dataclass(frozen=True)
 class Event:
-    """What a terminal reports: `kind`, and the key or the number that goes with it."""
+    """An event of a terminal: `kind`, and the key or number that belongs to it."""
 
     kind: str
     key: str = ""
@@ -37,7 +37,7 @@ class Event:
 
 
 class Decoder:
-    """Makes events of bytes; a lone ESC becomes the key when nothing follows it (`flush`)."""
+    """Converts bytes to events; a lone ESC becomes the key if nothing follows it (`flush`)."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -45,11 +45,11 @@ class Decoder:
 
     @property
     def waits(self) -> bool:
-        """Whether the bytes so far may be the beginning of something."""
+        """Whether the bytes so far may be the beginning of a sequence."""
         return bool(self._rest)
 
     def feed(self, data: bytes) -> Iterator[Event]:
-        """Yield what these bytes, after those before, stand for."""
+        """Yield the events of these bytes, which follow those before."""
         data, self._rest = self._rest + data, b""
         while data:
             found = SEQUENCE.match(data)
@@ -64,13 +64,13 @@ class Decoder:
                 yield from self._letter(letter)
 
     def flush(self) -> Iterator[Event]:
-        """Yield what the bytes stand for to which nothing was added."""
+        """Yield the events of bytes that were waiting for a continuation."""
         rest, self._rest = self._rest, b""
         if rest == b"\x1b" and not self._pasting:
             yield Event(TYPED, ESCAPE)
 
     def _letter(self, letter: bytes) -> Iterator[Event]:
-        if self._pasting:  # a text that holds letters of ours drives nothing
+        if self._pasting:  # pasted letters must not drive the robot
             return
         if letter in (b"\x03", b"\x04"):
             yield Event(TYPED, INTERRUPT)
@@ -99,7 +99,7 @@ class Decoder:
 
 
 def _kind(fields: list[str], without: str) -> str:
-    """Return what happened to a key, which stands after its modifiers; `without` that, it is what is given."""
+    """Return the kind of a key's event, the field after its modifiers; `without` is the default."""
     modifiers, _, event = fields[1].partition(":") if len(fields) > 1 else ("", "", "")
     return EVENTS.get(event, without) if event else (PRESS if modifiers and without != TYPED else without)
 

@@ -1,4 +1,4 @@
-"""Event devices of the kernel: which one is a gamepad, what its axes range over, and reading without ever waiting."""
+"""The kernel's event devices: which one is a gamepad, the ranges of its axes, and non-blocking reads."""
 
 import fcntl
 import os
@@ -23,9 +23,9 @@ FORBIDDEN = (
 
 
 class PadFile:
-    """The device at `path`, or, without one, the first gamepad that is found; opened again when it comes back.
+    """The device at `path`, or, without one, the first gamepad found; opened again when it comes back.
 
-    Raises CommandError where a device may not be read.
+    Raises CommandError if the user may not read a device.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -37,7 +37,7 @@ class PadFile:
         self._open()
 
     def read(self, now: float) -> bytes | None:
-        """Return what has come; None where the device is gone, or is not there yet."""
+        """Return the bytes received; None while the device is not there."""
         if self._file is None and now >= self._due:
             self._due = now + AGAIN
             self._open()
@@ -50,10 +50,10 @@ class PadFile:
         except OSError:  # ENODEV: unplugged
             self.close()
             return None
-        return data or None  # nothing is what a pipe has that nobody writes to (yet)
+        return data or None  # a pipe without a writer (yet) returns nothing
 
     def close(self) -> None:
-        """Give the device up."""
+        """Close the device."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -81,7 +81,7 @@ def is_gamepad(file: int) -> bool:
 
 
 def ranges(file: int) -> dict[int, tuple[int, int]]:
-    """Return the least and the greatest value of each axis that a device tells them of."""
+    """Return the least and the greatest value of each axis that a device reports."""
     found = {}
     for axis in (ABS_X, ABS_Y):
         answer = _asked(file, 0x40 + axis, AXIS.size)
@@ -93,7 +93,7 @@ def ranges(file: int) -> dict[int, tuple[int, int]]:
 
 
 def _asked(file: int, number: int, size: int) -> bytes:
-    """Return what a device answers to an ioctl; nothing where it is no event device."""
+    """Return the answer of a device to an ioctl; empty if it is not an event device."""
     try:
         return fcntl.ioctl(file, READ | size << 16 | INPUT | number, bytes(size))
     except OSError:

@@ -1,4 +1,4 @@
-"""What becomes of a drive by hand: duties over time, from the first motion to the last, that can be driven again."""
+"""Record a drive by hand: duties over time, from the first motion to the last, as a manoeuvre that can be repeated."""
 
 import math
 from pathlib import Path
@@ -11,28 +11,28 @@ from cmr.model.parameters import RobotParameters
 from cmr.world.view import Robot
 
 MARGIN = 0.2  # m, and ...
-SPARE = 1.2  # ... times the way from the start: a drive that is repeated without poses ends elsewhere
+SPARE = 1.2  # ... times the way from the start: a drive repeated without poses ends elsewhere
 LONGEST = 3000.0  # s
 
 
 class Recorder:
-    """Keeps what a robot was commanded, and how far it got from where it began."""
+    """Records the commands of a robot, and its largest distance from the start."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._began = 0  # us
         self._rows: list[tuple[float, float, float]] = []
-        self._moved = 0  # how many rows there are up to the last that asks to move
+        self._moved = 0  # number of rows up to the last non-zero command
         self._start: tuple[float, float] | None = None
         self._furthest = 0.0
 
     @property
     def seconds(self) -> float:
-        """How long the drive is so far [s]."""
+        """Duration of the drive so far [s]."""
         return self._rows[self._moved - 1][0] if self._moved else 0.0
 
     def take(self, utime: int, duties: tuple[float, float], me: Robot | None) -> None:
-        """Note the duties that the robot was commanded at `utime` [us], and where it is."""
+        """Record the duties commanded at `utime` [us], and the robot's position."""
         moves = any(duties)
         if not self._rows and not moves:
             return
@@ -48,7 +48,7 @@ class Recorder:
             self._furthest = max(self._furthest, math.dist(self._start, place))
 
     def finish(self, robot_id: int, robot: RobotParameters | None) -> str:
-        """Write the drive, if there was one; return a sentence about it. Raises OSError where that is not possible."""
+        """Write the drive, if there was one; return a sentence about it. Raises OSError."""
         if not self._moved:
             return f"{self.path} was not written: the robot was not driven."
         rows = self._rows[: self._moved + 1]  # with the first zero after it

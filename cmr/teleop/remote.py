@@ -1,8 +1,8 @@
-"""Hands on the joystick of a page: lines of JSON from the server of the page, and to it.
+"""Input from the joystick of a page: lines of JSON from and to the page's server.
 
-In: `{"beat": 7, "forward": 0.5, "turn": 0.0}`, `{"wish": "stop"}`. Out, by the process: `{"beat": 8, ...}`. The page
-repeats the number of the newest beat that it has heard in all that it says: what was held up on the way is old, and
-moves nothing.
+In: `{"beat": 7, "forward": 0.5, "turn": 0.0}`, `{"wish": "stop"}`. Out, by the process: `{"beat": 8, ...}`. Each
+message of the page carries the number of the newest beat that it has received: delayed messages are thus recognised as
+old, and move nothing.
 """
 
 import json
@@ -12,13 +12,15 @@ from collections.abc import Callable
 from cmr.teleop.hands import END, FASTER, SILENCE, SLOWER, STILL, STOP, Hands
 
 WISHES = (STOP, FASTER, SLOWER)
-MOST_BEATS = 100  # that are remembered, 4 s of them
+MOST_BEATS = 100  # kept, 4 s' worth
 LONGEST_LINE = 500  # bytes
 NUMBER = (int, float)
 
 
 class Remote:
-    """The joystick of a page; `read` returns bytes that came since, b"" for none, None when the page is closed."""
+    """The joystick of a page; `read` returns the bytes received since the last call, b"" for none, None when the page
+    is closed.
+    """
 
     name = "page"
 
@@ -30,7 +32,7 @@ class Remote:
         self._wishes: list[str] = []
 
     def beat(self, now: float) -> int:
-        """Return the number of a beat that is sent now."""
+        """Return the number of the beat that is sent now."""
         number = max(self._sent, default=0) + 1
         self._sent[number] = now
         if len(self._sent) > MOST_BEATS:
@@ -38,7 +40,7 @@ class Remote:
         return number
 
     def look(self, _now: float) -> None:
-        """Take what the page said."""
+        """Process the messages of the page."""
         data = self._read()
         if data is None:
             self._hands = STILL
@@ -50,16 +52,16 @@ class Remote:
             self._take(line)
 
     def hands(self, now: float) -> Hands:
-        """Return where the joystick is."""
+        """Return the position of the joystick."""
         return self._hands if now - self._as_of <= SILENCE else STILL
 
     def wishes(self) -> list[str]:
-        """Return what was wished since the last call."""
+        """Return the requests since the last call."""
         wishes, self._wishes = self._wishes, []
         return wishes
 
     def problem(self, now: float) -> str:
-        """Return that the page is not heard."""
+        """Return that the page does not answer."""
         return "" if now - self._as_of <= SILENCE else f"the page, which has not answered for {SILENCE:g} s"
 
     def _take(self, line: bytes) -> None:

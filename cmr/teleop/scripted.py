@@ -1,4 +1,4 @@
-"""Hands that a script moves, for tests and demonstrations: `ahead 3, left 1, rest 1`."""
+"""Input from a script, for tests and demonstrations: `ahead 3, left 1, rest 1`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,14 +20,14 @@ LONGEST = 3600.0  # s; of a step
 
 
 class Step(NamedTuple):
-    """What is asked for, and for how long [s]."""
+    """A demand, and its duration [s]."""
 
     hands: Hands
     seconds: float
 
 
 def steps(text: str) -> list[Step]:
-    """Return the steps of a script. Raises ValueError saying what is none."""
+    """Return the steps of a script. Raises ValueError naming the invalid step."""
     found = []
     for part in text.split(","):
         word, _, seconds = part.strip().partition(" ")
@@ -41,7 +41,7 @@ def steps(text: str) -> list[Step]:
 
 
 class Scripted:
-    """Does what a script says, one step after the other; begins when it is first looked for, and then ends."""
+    """Executes a script step by step; begins at the first call of `look`, and ends after the last step."""
 
     name = "script"
 
@@ -54,7 +54,7 @@ class Scripted:
         self._began = now if self._began is None else self._began
 
     def hands(self, now: float) -> Hands:
-        """Return what the step of this moment asks for."""
+        """Return the demand of the current step."""
         return next((step.hands for step, end in self._ends() if now < end), STILL)
 
     def wishes(self) -> list[str]:

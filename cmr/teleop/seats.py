@@ -1,4 +1,4 @@
-"""From where a person drives: a terminal, a gamepad alone, a page, or nowhere, by a script. Each sees and shows."""
+"""Combinations of input and display for an operator: a terminal, a gamepad alone, a page, or a script."""
 
 import json
 import os
@@ -27,29 +27,29 @@ HOLD = "Hold the dead-man button (an upper button at the back) and move the left
 
 
 class Seat(Protocol):
-    """What the process of cmr-teleop asks at each turn. `now` is in seconds of a clock that nobody sets."""
+    """What cmr-teleop needs of an operator's seat in each cycle. `now` is in seconds of a monotonic clock."""
 
     def look(self, now: float, ready: bool) -> None:
-        """Take what has come; `ready` is whether the robot would move."""
+        """Process what has arrived; `ready` tells whether the robot would move."""
 
     def hands(self, now: float) -> Hands:
-        """Return what is asked for."""
+        """Return the demand."""
 
     def wishes(self) -> list[str]:
-        """Return what was wished since the last call."""
+        """Return the requests since the last call."""
 
     def problem(self, now: float) -> str:
-        """Return why the hands are not seen; empty if they are."""
+        """Return why the input is not available; empty if it is."""
 
     def show(self, drive: Drive, utime: int, now: float) -> None:
-        """Show what becomes of it, if it is time to."""
+        """Show the state of the drive, if it is time to."""
 
     def is_over(self, now: float) -> bool:
-        """Return whether nobody sits there any more."""
+        """Return whether the operator has left."""
 
 
 class TerminalSeat:
-    """A terminal: its keys drive, or those of `driver` do, and its keys are for all else."""
+    """A terminal: its keys drive, or another `driver` does; its keys are also used for everything else."""
 
     def __init__(self, terminal: Terminal, driver: Source | None = None) -> None:
         self._terminal = terminal
@@ -58,21 +58,21 @@ class TerminalSeat:
         self._due = 0.0
 
     def look(self, now: float, _ready: bool) -> None:
-        """Take what was typed, and what the other source reports."""
+        """Process what was typed, and the reports of the other source."""
         self._keyboard.look(now)
         if self._driver is not None:
             self._driver.look(now)
 
     def hands(self, now: float) -> Hands:
-        """Return what is asked for."""
+        """Return the demand."""
         return (self._driver or self._keyboard).hands(now)
 
     def wishes(self) -> list[str]:
-        """Return what was wished by a key or a button."""
+        """Return the requests by key or button."""
         return self._keyboard.wishes() + (self._driver.wishes() if self._driver is not None else [])
 
     def problem(self, now: float) -> str:
-        """Return why the hands are not seen."""
+        """Return why the input is not available."""
         return (self._driver or self._keyboard).problem(now)
 
     def show(self, drive: Drive, utime: int, now: float) -> None:
@@ -94,32 +94,32 @@ class BareSeat:
         self._source = source
 
     def look(self, now: float, ready: bool) -> None:
-        """Take what is reported."""
+        """Process what is reported."""
         if ready or not isinstance(self._source, Scripted):
             self._source.look(now)
 
     def hands(self, now: float) -> Hands:
-        """Return what is asked for."""
+        """Return the demand."""
         return self._source.hands(now)
 
     def wishes(self) -> list[str]:
-        """Return what was wished."""
+        """Return the requests."""
         return self._source.wishes()
 
     def problem(self, now: float) -> str:
-        """Return why the hands are not seen."""
+        """Return why the input is not available."""
         return self._source.problem(now)
 
     def show(self, drive: Drive, utime: int, now: float) -> None:
-        """There is nothing to show it on."""
+        """Do nothing: there is no display."""
 
     def is_over(self, now: float) -> bool:
-        """Return whether a script is done."""
+        """Return whether a script has ended."""
         return isinstance(self._source, Scripted) and self._source.is_over(now)
 
 
 class PageSeat:
-    """A page's joystick, behind standard input and output; nothing here waits for the server of the page."""
+    """A page's joystick, behind standard input and output; never blocks on the page's server."""
 
     def __init__(self) -> None:
         self._remote = Remote(self._read)
@@ -129,25 +129,25 @@ class PageSeat:
             os.set_blocking(file, False)
 
     def look(self, now: float, _ready: bool) -> None:
-        """Take what the page said."""
+        """Process the messages of the page."""
         self._remote.look(now)
 
     def hands(self, now: float) -> Hands:
-        """Return where the joystick is."""
+        """Return the position of the joystick."""
         return self._remote.hands(now)
 
     def wishes(self) -> list[str]:
-        """Return what was wished on the page."""
+        """Return the requests made on the page."""
         wishes = self._remote.wishes()
         self._over |= END in wishes
         return wishes
 
     def problem(self, now: float) -> str:
-        """Return that the page is not heard."""
+        """Return that the page does not answer."""
         return self._remote.problem(now)
 
     def show(self, drive: Drive, utime: int, now: float) -> None:
-        """Send the next beat with how the drive goes."""
+        """Send the next beat with the state of the drive."""
         if now < self._due:
             return
         self._due = now + BEAT_PERIOD
@@ -170,7 +170,7 @@ class PageSeat:
 
 
 def shown(drive: Drive, utime: int) -> dict[str, object]:
-    """Return what a page shows of a drive; what is not known is None."""
+    """Return the data for the page; unknown values are None."""
     report, speeds = feedback(drive, utime), measured(drive, utime)
     voltage = report.battery_voltage if report is not None else None
     return {

@@ -1,4 +1,4 @@
-"""What the terminal of cmr-teleop shows: what is asked for, and what the robot makes of it."""
+"""The terminal display of cmr-teleop: the demand, and the robot's response."""
 
 from io import StringIO
 from math import isnan
@@ -30,7 +30,7 @@ def bar(duty: float) -> str:
 
 
 def measured(drive: Drive, utime: int) -> tuple[float, float] | None:
-    """Return how fast the robot goes [m/s] and turns [rad/s], by WORLD_STATE; None where it is not known."""
+    """Return the robot's speed [m/s] and turn rate [rad/s] from WORLD_STATE; None if unknown."""
     me, model = drive.pilot.me, drive.pilot.model
     if me is None or model is None or abs(utime - me.utime) > OLD:
         return None
@@ -39,7 +39,7 @@ def measured(drive: Drive, utime: int) -> tuple[float, float] | None:
 
 
 def feedback(drive: Drive, utime: int) -> motor_feedback_t | None:
-    """Return what the driver reported lately."""
+    """Return the driver's last report if it is recent."""
     last = drive.measured.feedback
     return last if last is not None and abs(utime - last.utime) <= OLD else None
 
@@ -50,7 +50,7 @@ def battery(report: motor_feedback_t | None) -> str:
 
 
 def fence(drive: Drive) -> str:
-    """Return how far the robot is from its geofence."""
+    """Return the distance of the robot to its geofence, as text."""
     if drive.pilot.left_fence:
         return "[bold red]left[/]"
     kept = drive.pilot.fence
@@ -58,15 +58,15 @@ def fence(drive: Drive) -> str:
 
 
 def owner(drive: Drive, utime: int) -> str:
-    """Return who commands the robot."""
+    """Return the name of the process that commands the robot."""
     report = drive.measured.owner
     if report is None or abs(utime - report.utime) > 2 * OLD:
-        return "nobody says: no driver or simulator reports"
+        return "unknown: no driver or simulator reports"
     return escape(report.owner) or "nobody"
 
 
 def frame(drive: Drive, hands: str, utime: int, size: tuple[int, int]) -> str:
-    """Return the screen for a terminal of so many columns and lines; `hands` says what is held and what it does."""
+    """Return the screen for a terminal of this size; `hands` says what is held and what it does."""
     columns, lines = size
     table = Table.grid(padding=(0, 2))
     report = feedback(drive, utime)

@@ -1,8 +1,8 @@
-"""The terminal as a keyboard and a screen, and as it was before at the end, whatever ends it.
+"""The terminal as a keyboard and a screen; its earlier state is restored at the end, whatever the reason.
 
-A terminal that hangs, or is just being closed, must not hold up a zero command. So it is opened a second time, without
-waiting, and a thread reads and writes: where the system keeps that in a call, the robot stops as in any other silence.
-What the terminal does not take is not shown.
+A terminal that hangs, or is being closed, must not delay a zero command. So it is opened a second time in non-blocking
+mode, and a thread reads and writes: if the system blocks in such a call, the robot stops as for any other silence. Text
+that the terminal does not accept is dropped.
 """
 
 import os
@@ -22,18 +22,18 @@ ENTER = b"\x1b[?1049h\x1b[?25l\x1b[?1004h\x1b[?2004h"
 LEAVE = b"\x1b[?2004l\x1b[?1004l\x1b[?25h\x1b[?1049l"
 HOME, TO_END_OF_LINE, TO_END = b"\x1b[H", b"\x1b[K", b"\x1b[J"
 MOST_READ = 4096  # bytes at once
-MOST_WAITING = 16_384  # bytes; a terminal that takes nothing gets no more
+MOST_WAITING = 16_384  # bytes; above, text is dropped
 PATIENCE = 0.3  # s for the thread to end
-MOST_SAID = 20  # lines that are said at the end
+MOST_SAID = 20  # lines printed at the end
 NO_TERMINAL = (
     "The keyboard needs a terminal: start cmr-teleop in one, not behind a pipe. A gamepad (--gamepad) needs none."
 )
 
 
 class Terminal:
-    """The terminal of this process; a context manager. Meanwhile what is written to stderr is shown at the end.
+    """The terminal of this process; a context manager. Text written to stderr meanwhile is shown at the end.
 
-    `gone` is whether it was closed. Raises CommandError where there is none.
+    `gone` tells whether it was closed. Raises CommandError if there is none.
     """
 
     def __init__(self) -> None:
@@ -73,13 +73,13 @@ class Terminal:
         self._restore()
 
     def read(self) -> bytes:
-        """Return what has come."""
+        """Return the bytes received."""
         with self._lock:
             came, self._came = self._came, b""
         return came
 
     def write(self, data: bytes) -> None:
-        """Send something as soon as the terminal takes it; what came before goes first."""
+        """Queue bytes for the terminal, in order."""
         with self._lock:
             if len(self._waiting) < MOST_WAITING:
                 self._waiting += data
@@ -120,11 +120,11 @@ class Terminal:
             return
         except OSError:
             self.gone, given = True, len(waiting)
-        with self._lock:  # meanwhile there may be more
+        with self._lock:  # more may have been added
             self._waiting = self._waiting[given:]
 
     def show(self, text: str) -> None:
-        """Show a text on the whole screen, unless the one before it is still on its way."""
+        """Show a text on the whole screen, unless the previous one has not been written yet."""
         if not self._waiting:
             lines = text.encode(errors="replace").split(b"\n")
             self.write(HOME + b"\r\n".join(line + TO_END_OF_LINE for line in lines) + TO_END)
@@ -138,12 +138,12 @@ class Terminal:
         return columns or 80, lines or 24
 
     def _restore(self) -> None:
-        """Leave the terminal as it was; one that hangs as far as it lets us. One that is gone hears nothing more."""
+        """Restore the terminal, as far as possible if it hangs; do nothing if it is gone."""
         try:
             with suppress(BlockingIOError):
                 os.write(self._file, END + LEAVE)
             termios.tcsetattr(self._file, termios.TCSANOW, self._before)
-            termios.tcflush(self._file, termios.TCIFLUSH)  # its answers are none of the shell's business
+            termios.tcflush(self._file, termios.TCIFLUSH)  # its answers are not for the shell
         except (OSError, termios.error):
             self.gone = True
         os.close(self._file)
@@ -161,7 +161,7 @@ class Terminal:
 
 
 def _raw(attributes: list[int | list[bytes | int]]) -> list[int | list[bytes | int]]:
-    """Return what makes a terminal hand over each key at once, as it is, and never pause its output."""
+    """Return the attributes of raw mode: each key is passed on at once, unchanged, and output is never paused."""
     raw = [*attributes]
     inputs, outputs, _, local = raw[0], raw[1], raw[2], raw[3]
     assert isinstance(inputs, int)

@@ -1,1 +1,3 @@
-"""Poses of real robots from motion capture systems: OptiTrack, Qualisys, VRPN, and those that `motioncapture` reads."""
+"""Poses of real robots from motion capture systems: OptiTrack, Qualisys, VRPN, and those supported by
+`motioncapture`.
+"""

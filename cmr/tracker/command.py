@@ -21,7 +21,7 @@ from cmr.tracker.source import SourceError
 from cmr.tracker.tracking import Placed, Tracking
 
 NAME = "cmr-tracker"
-RATE = 20.0  # Hz at which it looks after everything but samples, which are taken at once
+RATE = 20.0  # Hz of everything but samples, which are processed at once
 REPORT_PERIOD = 1.0  # s between two summaries
 DEFAULT_PROFILE = Path("tracker.yaml")
 
@@ -88,11 +88,11 @@ def _write_profile(path: Path) -> int:
 
 
 def _run(process: Process, publisher: "_Publisher", seconds: float | None) -> None:
-    """Publish what the tracker sees until a signal comes or the time is over."""
+    """Publish what the tracker sees until a signal arrives or the time is over."""
     gc.collect()
-    gc.freeze()  # else each full collection looks at all that was imported, 20 ms in which no pose is passed on
+    gc.freeze()  # else each full collection scans all imported modules, which delays poses by 20 ms
     began = time.monotonic()
-    process.state = process_status_t.DEGRADED  # until the tracker is heard of
+    process.state = process_status_t.DEGRADED  # until the tracker sends
     for _utime in process.loop(RATE, publisher.wait):
         publisher.turn(time.monotonic())
         if seconds is not None and time.monotonic() - began >= seconds:
@@ -100,18 +100,18 @@ def _run(process: Process, publisher: "_Publisher", seconds: float | None) -> No
 
 
 class _Publisher:
-    """Publishes poses as soon as a sample comes, and reports at once when something becomes wrong."""
+    """Publishes poses as soon as a sample comes, and reports problems at once."""
 
     def __init__(self, process: Process, tracking: Tracking, elsewhere: Elsewhere) -> None:
         self._process, self._tracking, self._elsewhere = process, tracking, elsewhere
         self._summary = ""
         self._reported = time.monotonic()
-        self._heard: set[int] = set()  # robots whose wheels and gyros are listened to
+        self._heard: set[int] = set()  # robots whose wheels and gyros are subscribed to
         self._troubled: frozenset[str] = frozenset()
         self._message = make(pose_xyt_t, utime=0, robot_id=0, x=0.0, y=0.0, theta=0.0)
 
     def wait(self, seconds: float) -> None:
-        """Wait for a sample, and publish its poses."""
+        """Wait for a sample and publish its poses."""
         if not self._tracking.wait(seconds):
             return
         placed = self._tracking.read()
@@ -122,7 +122,7 @@ class _Publisher:
             self._tracking.note_latency()
 
     def turn(self, now: float) -> None:
-        """Do everything else: listen to wheels and other programs, and report."""
+        """Do everything else: subscribe to wheels, detect other programs' poses, and report."""
         self._process.dispatch(self._tracking.supervisor.handle)
         self._listen_to_wheels()
         self._elsewhere.look(now)
@@ -139,7 +139,7 @@ class _Publisher:
             self._process.subscribe(MOTOR_FEEDBACK, robot_id, every=True)
 
     def _report(self, now: float) -> None:
-        """Say what is wrong in the status; a change is published at once."""
+        """Report problems in the status; a change is published at once."""
         process, elsewhere = self._process, self._elsewhere.problem()
         problem = f"{elsewhere} {self._tracking.problem(now)}".strip()
         process.state = process_status_t.DEGRADED if problem else process_status_t.RUNNING

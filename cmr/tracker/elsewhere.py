@@ -1,14 +1,15 @@
-"""Whether another program publishes poses of the same robots: of two trackers, the one that came later yields."""
+"""Detect other programs that publish poses of the same robots: of two trackers, the later one yields."""
 
 from collections.abc import Callable, Iterable
 
-FIRST_LOOK = 1.0  # s; others that send 5 poses a second are surely heard
+FIRST_LOOK = 1.0  # s; long enough to receive others that send 5 poses a second
 NAMED = 8  # robots in a sentence
 GONE = 2.0  # s without a pose after which the other program is gone
 
 
 class Elsewhere:
-    """Listens for poses of these robots from other programs: `heard` returns whose have come since the last call.
+    """Watches for poses of these robots from other programs: `heard` returns the robots with such poses since the last
+    call.
 
     `others` are the robots that other programs publish poses of; `yielded` those of them that did so at the beginning.
     """
@@ -16,13 +17,13 @@ class Elsewhere:
     def __init__(self, heard: Callable[[], Iterable[int]], robots: Iterable[int]) -> None:
         self.others: frozenset[int] = frozenset()
         self.yielded: frozenset[int] = frozenset()
-        self.is_decided = False  # whether the first look is over; before, nothing is published
+        self.is_decided = False  # whether the initial check is over; before, nothing is published
         self._heard, self._robots = heard, frozenset(robots)
         self._latest: dict[int, float] = {}
         self._begin: float | None = None
 
     def look(self, now: float) -> None:
-        """Take note of what came: called some times a second, with the monotonic time [s]."""
+        """Check for such poses; called some times a second, with the monotonic time [s]."""
         self._begin = now if self._begin is None else self._begin
         self._latest |= {robot_id: now for robot_id in self._heard() if robot_id in self._robots}
         self.others = frozenset(robot_id for robot_id, when in self._latest.items() if now - when < GONE)
@@ -32,7 +33,7 @@ class Elsewhere:
             self.is_decided, self.yielded = True, self.others
 
     def problem(self) -> str:
-        """Return, as a sentence, which robots have poses from elsewhere; empty if none has."""
+        """Return a sentence that names the robots with poses from another program; empty if there are none."""
         if not self.others:
             return ""
         yields = ""

@@ -1,4 +1,4 @@
-"""What a tracker measured at one moment, and the poses of robots in the plane that follow from it."""
+"""Measurements of a tracker at one time, and the planar poses of robots that follow from them."""
 
 import math
 from typing import NamedTuple, TypeAlias
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from cmr.tracker.profile import Profile
 
 Floats: TypeAlias = NDArray[np.float64]
-ZERO = 1e-6  # squared length of a quaternion that is none
+ZERO = 1e-6  # largest squared norm of an invalid quaternion
 
 
 class Sample(NamedTuple):
-    """The bodies that a tracker saw at one moment; a body that it did not see is left out.
+    """The bodies that a tracker saw at one time; others are left out.
 
-    `measured` and `sent` [s] are times of the tracker's own clock: of the exposure, and when the tracker had done with
-    it; `measured` is None where it tells no time. `arrival` [ns] is of this host's monotonic clock. `positions` (n, 3)
-    are in the tracker's axes and unit, `quaternions` (n, 4) are x, y, z, w. `origin` names the sender.
+    `measured` and `sent` [s] are times of the tracker's own clock: of the exposure, and of the end of processing;
+    `measured` is None if the tracker sends no time. `arrival` [ns] is of this host's monotonic clock. `positions` (n,
+    3) are in the tracker's axes and unit, `quaternions` (n, 4) are x, y, z, w. `origin` names the sender.
     """
 
     arrival: int
@@ -30,7 +30,7 @@ class Sample(NamedTuple):
 
 
 class Planar(NamedTuple):
-    """Where a robot's tracked point is [m, rad; world], as far as one sample tells."""
+    """Pose of a robot's tracked point [m, rad; world] according to one sample."""
 
     robot_id: int
     x: float
@@ -39,10 +39,10 @@ class Planar(NamedTuple):
 
 
 class Plane:
-    """Makes poses of robots from samples. `wrong` holds the robots that a sample rules out, with the reason.
+    """Converts samples to poses of robots. `wrong` holds the robots whose pose in a sample is invalid, with the reason.
 
-    It computes without NumPy: between two frames other programs use the processor's caches, and afterwards some twenty
-    small operations on arrays take longer than all of this for 50 bodies.
+    It computes without NumPy: between two frames, other programs evict the processor's caches, and afterwards some
+    twenty small array operations take longer than all of this for 50 bodies.
     """
 
     def __init__(self, profile: Profile) -> None:
@@ -59,7 +59,7 @@ class Plane:
         self._choose(())
 
     def poses(self, sample: Sample) -> list[Planar]:
-        """Return the robots in a sample whose poses are numbers, and which stand upright."""
+        """Return the robots in a sample whose poses are valid numbers, and which stand upright."""
         if sample.names != self._names:
             self._choose(sample.names)
         self.wrong = dict.fromkeys(self._twice, "two bodies have its name")
@@ -74,7 +74,7 @@ class Plane:
         return poses
 
     def _placed(self, placing: "_Placing", position: list[float], quaternion: list[float]) -> Planar | str:
-        """Return where a robot is whose body is there; or why it is nowhere."""
+        """Return the pose of a robot from that of its body, or the reason why it is invalid."""
         px, py, pz = position
         qx, qy, qz, qw = quaternion
         if self._y_is_up:  # a quarter turn about x, which brings y up
@@ -95,7 +95,7 @@ class Plane:
         )
 
     def _choose(self, names: tuple[str, ...]) -> None:
-        """Note which rows of samples with these names are robots."""
+        """Store which rows of samples with these names are robots."""
         self._names = names
         rows = [row for row, name in enumerate(names) if name in self._robots]
         twice = {names[row] for row in rows if names.count(names[row]) > 1}
@@ -104,7 +104,7 @@ class Plane:
 
 
 class _Placing(NamedTuple):
-    """A robot, where on it its body is [m], and what is added to the heading of that [rad]."""
+    """A robot, the position of its body on it [m], and the offset of its heading [rad]."""
 
     robot_id: int
     x: float

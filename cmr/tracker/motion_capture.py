@@ -1,8 +1,8 @@
-"""Trackers that the package `motioncapture` (libmotioncapture) reads: Vicon, Motion Analysis and its own mock.
+"""Trackers supported by the package `motioncapture` (libmotioncapture): Vicon, Motion Analysis and its own mock.
 
-The package waits for a frame with Python's lock held, for ever if none comes, and hands over no time stamps. So it runs
-in a process of its own, which sends each frame through a pipe, stamped with its arrival. NOKOV and FZMotion are in
-builds of one's own only, as their makers' libraries may not be published.
+The package blocks with Python's lock held until a frame arrives, possibly for ever, and provides no time stamps. So it
+runs in a child process, which sends each frame through a pipe, stamped with its arrival. NOKOV and FZMotion are only in
+builds of one's own, as their makers' libraries may not be redistributed.
 """
 
 import os
@@ -27,7 +27,7 @@ RESTART = 2.0  # s after which a process that ended is started again
 
 
 class MotionCapture:
-    """A tracker behind the package `motioncapture`, whose frames have no other time than that of their arrival."""
+    """A tracker behind the package `motioncapture`, whose frames are stamped on arrival only."""
 
     uncertainty = "the whole time from the exposure to the arrival, beyond the profile's lag: this package reports none"
 
@@ -42,11 +42,11 @@ class MotionCapture:
         self._start()
 
     def filenos(self) -> list[int]:
-        """Return the pipe to wait at."""
+        """Return the pipe to wait on."""
         return [] if self._child is None or self._child.stdout is None else [self._child.stdout.fileno()]
 
     def read(self) -> list[Sample]:
-        """Return the frames that have come."""
+        """Return the frames received."""
         assert self._child is not None
         assert self._child.stdout is not None
         try:
@@ -72,7 +72,7 @@ class MotionCapture:
         return samples
 
     def tend(self, now: float) -> None:
-        """Start the process again where it has ended."""
+        """Restart the process if it has ended."""
         if self._child is None and now - self._ended > RESTART:
             self._start()
 
@@ -92,7 +92,7 @@ class MotionCapture:
         self._waiting = b""
         self._child = subprocess.Popen(
             [sys.executable, "-m", "cmr.tracker.motion_capture_reader", tracker.type, *arguments],
-            stdin=subprocess.PIPE,  # at whose end the process ends, too
+            stdin=subprocess.PIPE,  # the child ends when it is closed
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
@@ -100,7 +100,7 @@ class MotionCapture:
         os.set_blocking(self._child.stdout.fileno(), False)
 
     def _end(self) -> None:
-        """Note that the process has ended, and why. Raises SourceError where it would always do so."""
+        """Record that the process has ended, and why. Raises SourceError if a restart would not help."""
         assert self._child is not None
         _, errors = self._child.communicate()
         self._child, self._ended = None, self._clock() / 1e9
@@ -112,7 +112,7 @@ class MotionCapture:
 
 
 def _not_built(kind: str) -> str:
-    """Return what to do about a type that this build of the package lacks."""
+    """Return advice for a type that this build of the package lacks."""
     if kind in OWN_BUILD:
         return (
             f"The published package motioncapture lacks {kind}, because its maker's library may not be passed on. "
@@ -123,5 +123,5 @@ def _not_built(kind: str) -> str:
 
 
 def settings_of(words: list[str]) -> dict[str, str]:
-    """Return the settings in words that follow one another: key, value."""
+    """Return the settings given as alternating keys and values."""
     return dict(zip(words[::2], words[1::2], strict=True))

@@ -1,4 +1,4 @@
-"""The process that waits for frames inside the package `motioncapture`, and sends them through its standard output."""
+"""The child process that reads frames with the package `motioncapture` and writes them to its standard output."""
 
 import os
 import pickle
@@ -13,15 +13,15 @@ from cmr.tracker.motion_capture import LENGTH, settings_of
 
 
 def main(arguments: list[str]) -> int:
-    """Send frames until the parent is gone. The first argument is the type, pairs of settings follow."""
+    """Send frames until the parent has ended. The first argument is the type; pairs of settings follow."""
     import motioncapture
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and ends this process
     output = os.dup(1)
     os.dup2(2, 1)  # the package prints on standard output
     try:
         tracker = motioncapture.connect(arguments[0], settings_of(arguments[1:]))
-        while not select.select([0], [], [], 0.0)[0]:  # at its end the parent is gone
+        while not select.select([0], [], [], 0.0)[0]:  # closed when the parent has ended
             tracker.waitForNextFrame()
             _send(output, time.monotonic_ns(), tracker.rigidBodies)
     except BrokenPipeError:

@@ -1,4 +1,4 @@
-"""Opens the tracker that a profile names, with the package that its type needs."""
+"""Open the tracker that a profile names, with the package for its type."""
 
 import time
 

@@ -18,22 +18,22 @@ CONNECT, SERVER_INFO, REQUEST_DESCRIPTIONS, DESCRIPTIONS, FRAME, KEEP_ALIVE = 0,
 HEADER = struct.Struct("<HH")
 VERSIONS = struct.Struct("<256s4B4B")
 CLOCK = struct.Struct("<QH?4B")  # ticks per second, data port, multicast, its group
-KEEP_ALIVE_PERIOD = 0.5  # s; a unicast server sends nothing to who is silent
+KEEP_ALIVE_PERIOD = 0.5  # s; a unicast server stops sending to silent clients
 DESCRIBED_AGAIN = 10.0  # s; bodies may be renamed
 LARGEST = 1 << 16  # bytes
-BUFFER = 1 << 21  # bytes of the system, for the time when the computer is busy
+BUFFER = 1 << 21  # bytes of the socket, for times when the computer is busy
 OLDEST = (3, 0)
 MOST_PACKETS = 64  # taken at once
-TAKES_OVER = 1.0  # s of silence after which another sender of frames is listened to
+TAKES_OVER = 1.0  # s of silence after which frames of another sender are accepted
 
 
 class OptiTrack:
-    """A Motive server. Frames of another sender in the same group are not taken, but reported."""
+    """A Motive server. Frames of another sender in the same group are ignored and reported."""
 
     uncertainty = "the least time that a frame takes over the network"
 
     def __init__(self, tracker: Tracker, clock: Clock = time.monotonic_ns) -> None:
-        import natnet  # noqa: F401 - needed as soon as the server answers
+        import natnet  # noqa: F401 - needed when the server answers
 
         self.problem = f"No answer from Motive at {tracker.server} yet."
         self._tracker, self._clock = tracker, clock
@@ -61,14 +61,14 @@ class OptiTrack:
         return [one.fileno() for one in (self._command, self._data) if one is not None]
 
     def read(self) -> list[Sample]:
-        """Return the frames that have come."""
+        """Return the frames received."""
         samples = []
         for one in (self._data, self._command):
             for _ in range(MOST_PACKETS if one is not None else 0):
                 assert one is not None
                 try:
                     data, sender = one.recvfrom(LARGEST)
-                except OSError:  # nothing more; or the server's computer has no Motive, which silence says, too
+                except OSError:  # no more data; or no Motive on the server, which its silence shows
                     break
                 sample = self._take(data, sender)
                 if sample is not None:
@@ -76,7 +76,7 @@ class OptiTrack:
         return samples
 
     def tend(self, now: float) -> None:
-        """Ask for the server until it answers, and for descriptions of bodies that have no name; keep it sending."""
+        """Request the server's data until it answers, and descriptions of unnamed bodies; keep it sending."""
         if now - self._heard > SILENT and now - self._asked > RETRY:
             self._asked = now
             self._send(CONNECT, b"Ping\0")
@@ -107,7 +107,7 @@ class OptiTrack:
         return ""
 
     def _send(self, kind: int, payload: bytes) -> None:
-        with suppress(OSError):  # no network; frames do not come then, which is reported
+        with suppress(OSError):  # no network: the missing frames are reported
             self._command.sendto(HEADER.pack(kind, len(payload)) + payload, self._server)
 
     def _take(self, data: bytes, sender: tuple[str, int]) -> Sample | None:
@@ -176,7 +176,7 @@ class OptiTrack:
         return Sample(now, measured, sent, self._named, bodies.positions, bodies.quaternions, origin)
 
     def _is_ours(self, sender: tuple[str, int], now: float) -> bool:
-        """Return whether frames of this sender are taken: the server's, and from one port of it."""
+        """Return whether frames of this sender are accepted: those of the server, from one port."""
         if sender == self._sender:
             return True
         if sender[0] == self._server[0] and (self._sender is None or now - self._heard > TAKES_OVER):
@@ -186,7 +186,7 @@ class OptiTrack:
         return False
 
     def _name(self, ids: tuple[int, ...]) -> None:
-        """Note the names of bodies that come; those that are not described yet are asked for."""
+        """Store the names of bodies seen; request those that are not described yet."""
         now = self._clock() / 1e9
         if not all(number in self._names for number in ids) and now - self._described > RETRY:
             self._described = now

@@ -1,8 +1,8 @@
-"""Poses that other programs publish. The kernel drops those that this program publishes, before they wake a thread.
+"""Detect poses that other programs publish. The kernel drops this program's own poses before they wake a thread.
 
-A subscription would bring them back: with 50 robots at 240 Hz, 12,000 times a second. So this listens to the multicast
-group beside LCM, with a filter at the socket (BPF, as in Linux' Documentation/networking/filter.rst; a short message
-of LCM as in its "UDP Multicast Protocol Description").
+A subscription would deliver them: with 50 robots at 240 Hz, 12,000 times a second. So this module reads the multicast
+group in parallel to LCM, with a filter on the socket (BPF, as in Linux' Documentation/networking/filter.rst; a short
+message of LCM as in its "UDP Multicast Protocol Description").
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from cmr.msg import pose_xyt_t
 MAGIC, NAME_AT = b"LC02", 8  # a short message: these bytes, its number, the channel's name with a zero, the message
 TRIAL = Stream(SELF_TEST, pose_xyt_t, False, None, "any program that tries the bus")
 LARGEST = 1 << 16  # bytes of a packet
-MOST = 64  # packets taken at once: a flood must not keep a process from its own poses
+MOST = 64  # packets taken at once: a flood must not delay the process's own poses
 Address = tuple[str, int]
 NOBODY: Address = ("0.0.0.0", 0)
 
@@ -35,9 +35,9 @@ SENDERS_ADDRESS = 0xFFF00000 + 12  # in the header of the network's packet
 
 
 class Overheard:
-    """Hears poses of all programs but this one, from which `bus` publishes; on a bus without multicast it hears none.
+    """Receives poses of all programs but this one, from which `bus` publishes; on a bus without multicast, none.
 
-    Raises BusError where what is published does not come back.
+    Raises BusError if a published message does not come back.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -50,7 +50,7 @@ class Overheard:
             _attach(self._socket, _filter(f"{POSE.name}_", self._own))
 
     def robots(self) -> set[int]:
-        """Return the robots whose poses have come from others since the last call."""
+        """Return the robots with poses from other programs since the last call."""
         for _ in range(MOST if self._socket is not None else 0):
             assert self._socket is not None
             try:
@@ -70,7 +70,7 @@ class Overheard:
 
 
 def joined(url: str) -> socket.socket:
-    """Return a socket that receives the packets of the bus at a URL, as LCM's own does, without waiting for any."""
+    """Return a non-blocking socket that receives the packets of the bus at a URL, as LCM's own does."""
     multicast = parse_udpm(url)
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -88,7 +88,7 @@ def split(packet: bytes) -> tuple[str, bytes] | None:
 
 
 def _own_address(listening: socket.socket, bus: Bus) -> Address:
-    """Return the address that messages of a bus come from, by sending one that nobody else can have sent."""
+    """Return the address from which messages of a bus are sent, by sending a unique one."""
     trial = make(pose_xyt_t, utime=int.from_bytes(os.urandom(7), "big"), robot_id=0, x=0.0, y=0.0, theta=0.0)
     data, deadline = trial.encode(), time.monotonic() + SELF_TEST_SECONDS
     bus.publish(TRIAL, trial)
@@ -101,7 +101,9 @@ def _own_address(listening: socket.socket, bus: Bus) -> Address:
 
 
 def _filter(channel: str, own: Address = NOBODY) -> bytes:
-    """Return a program that lets packets of others through whose channel begins like this; the last line drops one."""
+    """Return a BPF program that accepts packets of others whose channel begins like this; its last line drops a
+    packet.
+    """
     wanted = [(UDP_HEADER + k, byte) for k, byte in enumerate(MAGIC)]
     wanted += [(UDP_HEADER + NAME_AT + k, byte) for k, byte in enumerate(channel.encode())]
     program = [
@@ -117,7 +119,7 @@ def _filter(channel: str, own: Address = NOBODY) -> bytes:
 
 
 def _attach(listening: socket.socket, program: bytes) -> None:
-    """Have the kernel drop what a program does not let through; where it has no such filters, all is received."""
+    """Attach a filter to the socket; on systems without such filters, all packets are received."""
     memory = ctypes.create_string_buffer(program, len(program))
     described = struct.pack("@HP", len(program) // INSTRUCTION.size, ctypes.addressof(memory))
     with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""The profile of a tracker: where it is, what its axes and units are, and which of its bodies is which robot."""
+"""The profile of a tracker: its address, its axes and units, and which of its bodies is which robot."""
 
 import math
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ class ProfileError(DocumentError):
 
 @dataclass(frozen=True)
 class Tracker:
-    """How the tracker is reached, and what its numbers mean. `port` None is the usual one of its type."""
+    """Address and conventions of a tracker. `port` None is the default of its type."""
 
     type: Annotated[str, Word(lambda: KINDS)]
     server: str
@@ -65,7 +65,7 @@ class Tracker:
 
 @dataclass(frozen=True)
 class Limits:
-    """What robots can do at most: speed [m/s], turn rate [rad/s], and tilt [rad]."""
+    """Limits of the robots: speed [m/s], turn rate [rad/s], and tilt [rad]."""
 
     speed: Annotated[float, Between(0.05, 20.0)] = 1.5
     turn_rate: Annotated[float, Between(0.1, 60.0)] = 6.0
@@ -74,7 +74,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Frame:
-    """Where the tracker's origin and its x axis lie in the world [m, rad]."""
+    """Pose of the tracker's origin and x axis in the world [m, rad]."""
 
     x: Annotated[float, Between(-1e5, 1e5)] = 0.0
     y: Annotated[float, Between(-1e5, 1e5)] = 0.0
@@ -83,9 +83,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Carried:
-    """The body on a robot: its name, where on the robot its origin is [m], and where its x axis points [rad].
+    """The body on a robot: its name, the position of its origin on the robot [m], and the direction of its x axis
+    [rad].
 
-    With `wheel_radius` [m] the robot's wheels tell it from another one where it has no gyro.
+    With `wheel_radius` [m], its wheels can distinguish the robot from another one if it has no gyro.
     """
 
     body: str

@@ -1,7 +1,7 @@
 """Qualisys Track Manager, over its real-time protocol (QTM RT 1.19): all frames of the bodies, with time stamps.
 
-The package `qtm_rt` takes the stream apart. Its own connection runs in asyncio, and its bodies take 0.5 ms for 50 of
-them; they are read here. The bodies' names come in QTM's settings.
+The package `qtm_rt` splits the stream into packets. Its own connection runs in asyncio, and it takes 0.5 ms to parse 50
+bodies, so both are done here. The names of bodies are in QTM's settings.
 """
 
 import math
@@ -42,7 +42,7 @@ class Qualisys:
         self._stream = Stream(tracker.server, tracker.port or PORT, clock)
         self._origin = f"{tracker.server}:{tracker.port or PORT}"
         self._names: tuple[str, ...] = ()
-        self._said = ""  # what QTM says is wrong
+        self._said = ""  # problem reported by QTM
         self._asked = -1e9
         self._waiting = b""
         self._arrival = 0
@@ -50,11 +50,11 @@ class Qualisys:
         self._begin()
 
     def filenos(self) -> list[int]:
-        """Return the socket to wait at."""
+        """Return the socket to wait on."""
         return self._stream.filenos()
 
     def read(self) -> list[Sample]:
-        """Return the frames that have come."""
+        """Return the frames received."""
         data = self._stream.receive()
         self._arrival = self._clock()
         try:
@@ -67,7 +67,7 @@ class Qualisys:
         return samples
 
     def tend(self, now: float) -> None:
-        """Connect, ask for the names of bodies, and for frames while none come."""
+        """Connect, request the names of bodies, and request frames while none arrive."""
         if self._stream.is_open and now - self._stream.heard > SILENT and now - self._asked > SILENT:
             self._ask(now)
         if self._stream.connect(now):
@@ -81,7 +81,9 @@ class Qualisys:
         self._stream.close()
 
     def _packets(self, data: bytes) -> list[bytes]:
-        """Return the packets that are whole; `qtm_rt` would read one of no size, or of countless parts, for ever."""
+        """Return the complete packets; `qtm_rt` would loop for ever on one of size zero or with a huge number of
+        parts.
+        """
         self._waiting += data
         at, packets = 0, []
         while len(self._waiting) - at >= HEADER.size:
@@ -98,7 +100,7 @@ class Qualisys:
         return packets
 
     def _begin(self) -> None:
-        """Read from the beginning of a packet on."""
+        """Start reading at the beginning of a packet."""
         self._waiting = b""
         kinds = QRTPacketType
         self._receiver = Receiver(
@@ -128,7 +130,7 @@ class Qualisys:
         self._said = "QTM does not measure: start a measurement (New, or RT output from file) there."
 
     def _on_settings(self, xml: bytes) -> None:
-        """Take the names of bodies from the settings of 6DOF bodies."""
+        """Store the names of bodies from the 6DOF settings."""
         if len(xml) > LARGEST_XML or b"<!" in xml:  # no entities: QTM sends none
             raise ValueError("settings with entities, or too large")
         root = ET.fromstring(xml.decode())
@@ -159,10 +161,10 @@ class Qualisys:
 
 
 def quaternion_of(columns: Sequence[float]) -> tuple[float, float, float, float]:
-    """Return the quaternion (x, y, z, w) of a rotation matrix, of whose columns the 9 numbers follow one another.
+    """Return the quaternion (x, y, z, w) of a rotation matrix, given as 9 numbers, column by column.
 
-    The largest of the four components comes from the diagonal, the others from it (Shepperd, 1978). Of numbers that are
-    no rotation the result is NaN. Of few bodies, it takes less time than NumPy.
+    The largest of the four components comes from the diagonal, the others from it (Shepperd, 1978). The result is NaN
+    if the numbers are not a rotation. For few bodies this is faster than NumPy.
     """
     xx, yx, zx, xy, yy, zy, xz, yz, zz = columns
     trace = xx + yy + zz

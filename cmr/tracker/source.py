@@ -1,4 +1,4 @@
-"""What every kind of tracker offers: sockets to wait at, samples, and what is wrong with the connection."""
+"""Interface of all trackers: sockets to wait on, samples, and problems of the connection."""
 
 import socket
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from cmr.tracker.frames import Sample
 Clock: TypeAlias = Callable[[], int]  # monotonic time [ns]
 RETRY = 1.0  # s between two attempts to reach a tracker
 CONNECT_TIMEOUT = 0.4  # s
-SILENT = 2.0  # s without a byte after which a connection is made again
+SILENT = 2.0  # s without a byte after which it reconnects
 
 
 class SourceError(Exception):
@@ -18,26 +18,26 @@ class SourceError(Exception):
 
 
 class Source(Protocol):
-    """A tracker. `problem` is a sentence on what is wrong with it, empty if nothing is."""
+    """A tracker. `problem` is a sentence about its problem, empty if there is none."""
 
     problem: str
-    uncertainty: str  # what is not known about its stamps
+    uncertainty: str  # uncertainty of its stamps, in words
 
     def filenos(self) -> list[int]:
-        """Return the file descriptors that become readable when a sample comes."""
+        """Return the file descriptors that become readable when a sample arrives."""
 
     def read(self) -> list[Sample]:
-        """Return the samples that have come, without waiting."""
+        """Return the samples received, without blocking."""
 
     def tend(self, now: float) -> None:
-        """Keep the connection: called some times a second, with the monotonic time [s]."""
+        """Maintain the connection; called some times a second, with the monotonic time [s]."""
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all resources."""
 
 
 class Stream:
-    """A TCP connection to a server, which is made again when it breaks; `problem` says why there is none."""
+    """A TCP connection to a server that reconnects when it breaks; `problem` says why there is none."""
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
         self.problem = f"Not connected to {host}:{port} yet."
@@ -51,7 +51,7 @@ class Stream:
         return self._socket is not None
 
     def filenos(self) -> list[int]:
-        """Return the file descriptor to wait at, if there is a connection."""
+        """Return the file descriptor to wait on, if there is a connection."""
         return [] if self._socket is None else [self._socket.fileno()]
 
     def connect(self, now: float) -> bool:
@@ -79,7 +79,7 @@ class Stream:
                 self.drop(str(error.strerror or error))
 
     def receive(self) -> bytes:
-        """Return what has come; the connection is given up where the server has."""
+        """Return the bytes received; closes the connection if the server has closed it."""
         parts: list[bytes] = []
         while self._socket is not None:
             try:
@@ -100,7 +100,7 @@ class Stream:
         return b"".join(parts)
 
     def drop(self, why: str) -> None:
-        """Give the connection up; it is tried again."""
+        """Close the connection; it will be tried again."""
         host, port = self._address
         self.problem = f"The connection to {host}:{port} broke: {why}."
         self.close()

@@ -1,4 +1,4 @@
-"""All robots of a tracker: which poses are believed, who may have been confused with whom, and what to report."""
+"""Supervise all robots of a tracker: which poses are accepted, which robots may be swapped, and what to report."""
 
 import math
 import re
@@ -13,16 +13,16 @@ from cmr.tracker.track import NEVER, NOISE, PAUSE, Pose, Segment, Track
 from cmr.tracker.wheels import Identity
 
 LOST = 0.2  # s without a pose after which a robot is reported as lost
-MAY_BE = 16.0  # by how much two assignments of bodies must differ in -2 log likelihood, else either may be right
-DRIFT, DRIFT_TURN = 0.3, 2.0  # m/s^2, rad/s^2: standard deviations of what robots do when nobody sees them
-SIGMA, SIGMA_TURN = 0.02, 0.06  # m, rad; standard deviations of where an unseen robot is, at first
+MAY_BE = 16.0  # difference in -2 log likelihood below which two assignments of bodies are ambiguous
+DRIFT, DRIFT_TURN = 0.3, 2.0  # m/s^2, rad/s^2: standard deviations of the acceleration of unseen robots
+SIGMA, SIGMA_TURN = 0.02, 0.06  # m, rad; standard deviations of the initial pose of an unseen robot
 ANY_HEADING = math.pi / math.sqrt(3.0)  # rad; standard deviation of a heading that can be any
-ASK_AGAIN = 0.05  # s between two looks whether robots can be distinguished
-DETAIL = re.compile(" by | with ")  # what follows in a reason is not counted apart
+ASK_AGAIN = 0.05  # s between two checks whether robots can be distinguished
+DETAIL = re.compile(" by | with ")  # the rest of a reason is ignored for counting
 
 
 class Trouble(NamedTuple):
-    """What is wrong with a robot's poses, and for how long [s] it has had none."""
+    """The problem with a robot's poses, and for how long [s] it has had none."""
 
     robot_id: int
     why: str
@@ -30,11 +30,11 @@ class Trouble(NamedTuple):
 
 
 class Supervisor:
-    """Passes on the poses that are surely right. Times are in s, of the host's clock at the exposure."""
+    """Passes on the poses that are reliable. Times are in s, of the host's clock at the exposure."""
 
     def __init__(self, profile: Profile) -> None:
-        self.withheld: Counter[str] = Counter()  # poses, by why they were not passed on
-        is_mock = profile.tracker.type == "mock"  # whose bodies have the same pose for ever
+        self.withheld: Counter[str] = Counter()  # poses, by the reason for withholding them
+        is_mock = profile.tracker.type == "mock"  # whose bodies never move
         self._tracks = {robot_id: Track(robot_id, profile.limits, may_repeat=is_mock) for robot_id in profile.robots}
         self._identity = Identity(dict(profile.robots))
         self._doubts: dict[int, _Doubt] = {}
@@ -43,18 +43,18 @@ class Supervisor:
         self._newest = -math.inf
 
     def handle(self, utime: int, _channel: str, message: Message) -> None:
-        """Take what a robot says of its wheels or its gyro."""
+        """Process a message of a robot's wheels or gyro."""
         self._identity.handle(utime / 1e6, message)
 
     def begin_anew(self) -> None:
-        """Forget the last moments, as the tracker's clock was set."""
+        """Discard the recent history, as the tracker's clock was set."""
         self._doubts.clear()
         self._newest = -math.inf
         for track in self._tracks.values():
             track.forget()
 
     def take(self, t: float, poses: Iterable[Planar], wrong: Mapping[int, str]) -> list[Planar]:
-        """Return those of a sample's poses that are right; `wrong` says of which robots it has none, and why."""
+        """Return the reliable poses of a sample; `wrong` gives the robots without a valid pose, and the reason."""
         self._wrong = wrong
         if t > self._newest:
             self.was_silent, self._newest = t - self._newest > PAUSE, t
@@ -72,12 +72,12 @@ class Supervisor:
         return passed
 
     def in_doubt(self) -> set[int]:
-        """Return the robots that may have been confused with others, and those others."""
+        """Return the robots that may have been swapped with others, and those others."""
         doubted = [track for track in self._tracks.values() if self._doubt_of(track) is not None]
         return {one for track in doubted for one in (track.robot_id, *self._doubts[track.robot_id].others)}
 
     def troubles(self, now: float) -> list[Trouble]:
-        """Return which robots have no poses, and why."""
+        """Return the robots without poses, and why."""
         found = []
         for robot_id, track in self._tracks.items():
             since = None if track.believed is None else now - track.believed.t
@@ -93,12 +93,12 @@ class Supervisor:
         return doubt.words if doubt is not None else track.why
 
     def _doubt_of(self, track: Track) -> "_Doubt | None":
-        """Return which others a robot may be that has come back; None if it has not, or can be no other one."""
+        """Return the other robots that a reappeared one may be; None if it has not reappeared, or is unambiguous."""
         doubt = self._doubts.get(track.robot_id)
         return doubt if doubt is not None and doubt.others and doubt.segment is track.segment else None
 
     def in_place_of(self, track: Track, pose: Pose) -> int | None:
-        """Return the robot in whose place a body is that is called by another one's name."""
+        """Return the robot at whose expected position a body with another one's name is."""
         for other in self._tracks.values():
             expected = other.expected(pose.t)
             if other is track or expected is None or other.believed is None or pose.t - other.believed.t > 2.0 * PAUSE:
@@ -118,7 +118,7 @@ class Supervisor:
         return False
 
     def _is_clear(self, track: Track) -> bool:
-        """Return whether a robot that has come back can be no other one, by its place or by wheels and gyro."""
+        """Return whether a reappeared robot is unambiguous, by its place or by wheels and gyro."""
         segment = track.segment
         assert segment is not None
         doubt = self._doubts.get(track.robot_id)
@@ -136,16 +136,16 @@ class Supervisor:
         return True
 
     def _may_be(self, track: Track, other: Track) -> bool:
-        """Return whether two robots may have been confused while neither was seen, or one while the other was wrong."""
+        """Return whether two robots may have been swapped while neither was seen, or one while the other was wrong."""
         segment, believed = track.segment, track.believed
         if other is track or segment is None or believed is None or other.believed is None:
             return False
         if segment.is_course_known:
             return False
         if segment.first.t - other.believed.t <= 2.0 * PAUSE:
-            return False  # the other one was seen in its place
+            return False  # the other one was seen at its own place
         theirs = other.segment
-        if theirs is None or theirs.last.t < segment.first.t - PAUSE:  # the other one has not come back
+        if theirs is None or theirs.last.t < segment.first.t - PAUSE:  # the other one has not reappeared
             is_likely = _misfit(other, segment.first) - _misfit(track, segment.first) < MAY_BE
             return is_likely and other.is_possible(segment.first, other.believed)
         if theirs.needed == NEVER and theirs.of is None and not track.is_possible(theirs.first, believed):
@@ -160,7 +160,7 @@ class Supervisor:
 
 
 class _Doubt:
-    """A robot that has come back: what it did since, and which others it may be."""
+    """A reappeared robot: its motion since, and the other robots it may be."""
 
     def __init__(self, segment: Segment) -> None:
         self.segment = segment
@@ -182,7 +182,7 @@ def _of(track: Track) -> Pose:
 
 
 def _misfit(track: Track, pose: Pose) -> float:
-    """Return -2 log density of the poses of a robot that was last seen a while ago, but for a constant."""
+    """Return -2 log density of the poses of a robot last seen a while ago, up to a constant."""
     believed = _of(track)
     dt = max(pose.t - believed.t, 0.0)
     sigma = SIGMA + DRIFT * dt * dt / 2.0

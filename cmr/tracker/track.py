@@ -1,8 +1,8 @@
-"""One robot's poses, one after another: which of them can be believed.
+"""Track one robot's poses and decide which of them to accept.
 
-Poses are cut into segments wherever a body does what no robot can: a step further than its speed allows, a turn faster
-than its turn rate, or a pause. A segment is believed or not as a whole, because trackers go wrong that way: a body that
-has taken another's identity, or whose markers are confused, moves on smoothly in the wrong place.
+Poses are cut into segments wherever a body's motion is impossible for a robot: a step further than its speed allows, a
+turn faster than its turn rate, or a pause. A segment is accepted or not as a whole, because tracker errors are like
+that: a body that has taken another's identity, or whose markers are confused, moves on smoothly in the wrong place.
 
 - A segment that begins with an impossible step is never believed, however long it lasts.
 - After a pause (lost, frozen) a segment is believed when it begins where the robot can have come, and has lasted.
@@ -17,18 +17,18 @@ from typing import NamedTuple, Protocol
 from cmr.tracker.profile import Limits
 
 NOISE, TURN_NOISE = 0.004, math.radians(2.0)  # m, rad between two poses of a body at rest
-AT_ONCE = 0.02  # m that a pose can be wrong by and still be believed at once
-PAUSE = 0.05  # s without a pose after which nothing is known about what happened meanwhile
-ACCELERATION, TURN_ACCELERATION = 6.0, 25.0  # m/s^2, rad/s^2; of a robot that nobody pushes
+AT_ONCE = 0.02  # m of error up to which a pose is accepted at once
+PAUSE = 0.05  # s without a pose after which the motion meanwhile is unknown
+ACCELERATION, TURN_ACCELERATION = 6.0, 25.0  # m/s^2, rad/s^2; of a robot that is not pushed
 SMOOTHING = 0.03  # s over which the speed is averaged
-PREDICTED, PREDICTED_TURN = 0.006, math.radians(2.5)  # m, rad by which a predicted pose is wrong at least
-# s that a segment has to last: after silence, with good evidence, without, and at first.
+PREDICTED, PREDICTED_TURN = 0.006, math.radians(2.5)  # m, rad least error of a predicted pose
+# s that a segment must last: after silence, with good evidence, without, and at the start.
 BRIEF_RUN, SHORT_RUN, LONG_RUN, FIRST_RUN = 0.03, 0.1, 0.8, 0.5
 NEVER = math.inf
-CARRIED_ERROR = 0.02  # m per m by which movement added up is wrong
-FLIPPED = math.radians(150.0)  # rad; a turn in no time that is more is a flip
+CARRIED_ERROR = 0.02  # m of error per m of accumulated motion
+FLIPPED = math.radians(150.0)  # rad; a larger instantaneous turn is a flip
 LONGEST_COURSE = 2.5  # s of movement that is compared with wheels and gyro
-RECENT = 0.5  # s; a wrong segment that ended so lately is likely to be continued by what follows
+RECENT = 0.5  # s; what follows a wrong segment that ended less than this ago is likely to continue it
 
 
 class Pose(NamedTuple):
@@ -41,7 +41,7 @@ class Pose(NamedTuple):
 
 
 class Course:
-    """What a body did lately: where it was at first and at last, and the way [m] along its heading between these."""
+    """Recent motion of a body: its first and last pose, and the distance [m] travelled along its heading."""
 
     __slots__ = ("begin", "end", "way")
 
@@ -50,7 +50,7 @@ class Course:
         self.way = 0.0
 
     def extend(self, pose: Pose) -> None:
-        """Add a pose; a new course begins where it has become long."""
+        """Add a pose; a new course begins when it has become long."""
         if pose.t - self.begin.t > LONGEST_COURSE:
             self.begin, self.way = self.end, 0.0
         heading = self.end.theta + math.remainder(pose.theta - self.end.theta, 2.0 * math.pi) / 2.0
@@ -68,9 +68,9 @@ class Segment:
     ) -> None:
         self.first = self.last = first
         self.needed, self.why = needed, why
-        self.carried = carried  # the last believed pose plus all movement since
-        self.is_course_known = False  # the robot was followed from the last believed pose on
-        self.of = of  # the robot whose place it began in: that one has taken this identity
+        self.carried = carried  # the last believed pose plus all motion since
+        self.is_course_known = False  # the robot was tracked continuously from the last believed pose on
+        self.of = of  # the robot at whose place it began: that one has taken this identity
         self.path = 0.0  # m
         self.course = Course(first)
 
@@ -85,22 +85,24 @@ class Segment:
 
 
 class Company(Protocol):
-    """What a track has to know of the other robots' ones.
+    """What a track needs to know of the other robots' tracks.
 
-    With `was_silent` nothing came from the tracker for a while: it may have seen all bodies all the time.
+    With `was_silent`, the tracker sent nothing for a while, although it may have seen all bodies throughout.
     """
 
     was_silent: bool
 
     def in_place_of(self, track: "Track", pose: Pose) -> int | None:
-        """Return the robot in whose place a body is that is called by another one's name."""
+        """Return the robot at whose expected position a body with another one's name is."""
 
     def is_freed(self, track: "Track", pose: Pose) -> bool:
         """Return whether a pose continues the course that another body showed while it had this robot's identity."""
 
 
 class Track:
-    """The poses of one robot. `believed` is the last pose that was; `why` says what is wrong since `wrong_since`."""
+    """The poses of one robot. `believed` is the last accepted pose; `why` names the problem that exists since
+    `wrong_since`.
+    """
 
     def __init__(self, robot_id: int, limits: Limits, *, may_repeat: bool = False) -> None:
         self.robot_id = robot_id
@@ -117,14 +119,14 @@ class Track:
 
     @property
     def why(self) -> str:
-        """What is wrong with the poses that come; empty if nothing is."""
+        """The problem with current poses; empty if there is none."""
         if self.frozen:
             return "frozen"
         return "" if self.is_believed or self.segment is None else self.segment.why
 
     @property
     def has_lasted(self) -> bool:
-        """Whether its segment was not believed so far, and has lasted for long enough."""
+        """Whether its segment was not believed so far, but has lasted long enough."""
         segment = self.segment
         return segment is not None and not self.is_believed and segment.last.t - segment.first.t >= segment.needed
 
@@ -139,7 +141,7 @@ class Track:
         )
 
     def expected(self, t: float) -> Pose | None:
-        """Return where the robot is at a time if it goes on as it did when it was believed."""
+        """Return the expected pose at a time, extrapolated from when it was last believed."""
         if self.believed is None:
             return None
         dt = t - self.believed.t
@@ -147,7 +149,7 @@ class Track:
         return Pose(t, self.believed.x + vx * dt, self.believed.y + vy * dt, self.believed.theta + omega * dt)
 
     def take(self, pose: Pose, company: Company) -> bool:
-        """Take the next pose; return whether it is believed without further evidence."""
+        """Process the next pose; return whether it is believed without further evidence."""
         segment = self.segment
         if segment is not None:
             last = segment.last
@@ -173,7 +175,7 @@ class Track:
         self.segment = Segment(self.segment.last, 0.0, "")
 
     def forget(self) -> None:
-        """Forget what came, as the tracker starts again; the last believed pose stays known."""
+        """Discard the segment, as the tracker starts again; the last believed pose stays known."""
         self.segment = self.before = None
         self.is_believed = self.frozen = False
 
@@ -214,7 +216,7 @@ class Track:
             self.segment, self.before, self.is_believed = Segment(pose, 0.0, ""), None, True
 
     def _follow(self, pose: Pose, company: Company) -> None:
-        """Go on with the segment, or begin another one with this pose."""
+        """Continue the segment, or begin another one with this pose."""
         segment = self.segment
         was_believed, self.is_believed = self.is_believed, False
         if segment is None or self.believed is None:
@@ -233,7 +235,7 @@ class Track:
         return pose.t - last.t <= PAUSE and self.is_possible(pose, last)
 
     def _leave_believed(self, pose: Pose, segment: Segment, company: Company) -> None:
-        """Begin a segment after believed poses: after a pause, or with a step that no robot can do."""
+        """Begin a segment after believed poses: after a pause, or with a step that is impossible for a robot."""
         assert self.believed is not None
         if pose.t - segment.last.t > PAUSE and self.is_possible(pose, self.believed):
             self.segment = Segment(pose, BRIEF_RUN if company.was_silent else SHORT_RUN, "back")
@@ -274,7 +276,7 @@ class Track:
             self.segment = Segment(pose, LONG_RUN, "back", _restamped(ended.carried, pose.t))
 
     def _is_as_carried(self, pose: Pose, wrong: Segment) -> bool:
-        """Return whether a pose is where the movement that was seen in a wrong segment leads to."""
+        """Return whether a pose agrees with the motion seen in a wrong segment."""
         carried = wrong.carried
         if carried is None or pose.t - carried.t > PAUSE:
             return False
@@ -286,5 +288,5 @@ class Track:
 
 
 def _restamped(pose: Pose | None, t: float) -> Pose | None:
-    """Return a pose as that of another time: what moved in the step from one segment to the next is not seen."""
+    """Return a pose with another time; motion during the step between two segments is not observed."""
     return None if pose is None else Pose(t, pose.x, pose.y, pose.theta)

@@ -1,4 +1,4 @@
-"""From what a tracker sends to poses of robots at the moments of their exposure, on this host's clock."""
+"""Convert the data of a tracker to poses of robots at their times of exposure, on this host's clock."""
 
 import select
 import time
@@ -13,13 +13,13 @@ from cmr.tracker.supervisor import Supervisor, Trouble
 
 TEND_PERIOD = 0.1  # s
 SILENT = 0.25  # s without a sample after which the tracker is reported
-IDLE = 0.01  # s between two looks at a tracker without a connection
+IDLE = 0.01  # s between two attempts while the tracker is not connected
 NAMED = 8  # robots in a sentence
-OLDEST = 0.5  # s from the exposure; an older pose is of no use to anybody
+OLDEST = 0.5  # s from the exposure; older poses are discarded
 
 
 class Placed(NamedTuple):
-    """A robot's pose [m, rad; world] at the moment of its exposure [us]."""
+    """A robot's pose [m, rad; world] at its time of exposure [us]."""
 
     utime: int
     robot_id: int
@@ -29,7 +29,7 @@ class Placed(NamedTuple):
 
 
 class Tracking:
-    """A tracker with all that is made of its samples."""
+    """A tracker, and the processing of its samples."""
 
     def __init__(
         self, profile: Profile, source: Source, clock: Clock = time.monotonic_ns, day: Clock = time.time_ns
@@ -48,7 +48,7 @@ class Tracking:
         self._wanted = {carried.body for carried in profile.robots.values()}
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a sample at most so long; return whether something came."""
+        """Wait at most this long for a sample; return whether something arrived."""
         now = self._now() / 1e9
         if now - self._tended >= TEND_PERIOD:
             self._tended = now
@@ -60,15 +60,15 @@ class Tracking:
         return bool(select.select(filenos, [], [], max(seconds, 0.0))[0])
 
     def read(self) -> list[Placed]:
-        """Return the poses in what has come."""
+        """Return the poses in the data received."""
         placed = []
-        offset = self._day() - self._now()  # each time: the clock of the day may be set
+        offset = self._day() - self._now()  # each time, since the wall clock may be set
         for sample in self.source.read():
             placed += self.take(sample, offset)
         return placed
 
     def take(self, sample: Sample, offset: int) -> list[Placed]:
-        """Return the poses in a sample; `offset` [ns] leads from the monotonic clock to the time of the day."""
+        """Return the poses in a sample; `offset` [ns] converts from the monotonic clock to wall-clock time."""
         self.samples += 1
         self.bodies_seen += len(sample.names)
         self._heard = sample.arrival / 1e9
@@ -82,11 +82,11 @@ class Tracking:
         return [Placed(utime, pose.robot_id, pose.x, pose.y, pose.theta) for pose in passed]
 
     def note_latency(self) -> None:
-        """Note that the poses of the last sample have been passed on."""
+        """Record that the poses of the last sample have been passed on."""
         self._latencies.append(self._now() / 1e9 - self._heard)
 
     def _exposed(self, sample: Sample) -> float | None:
-        """Return when a sample was exposed, on the monotonic clock [s]; None where that is not known well enough."""
+        """Return when a sample was exposed, on the monotonic clock [s]; None if that is not known accurately enough."""
         arrival = sample.arrival / 1e9
         if sample.measured is None or sample.sent is None:
             return arrival
@@ -103,7 +103,7 @@ class Tracking:
         return exposed
 
     def problem(self, now: float) -> str:
-        """Return what is wrong, in sentences; empty if nothing is."""
+        """Return the problems, in sentences; empty if there are none."""
         silent = now - self._heard
         if silent > SILENT:
             return f"{self.source.problem} No frame from the tracker for {silent:.1f} s.".strip()
@@ -111,19 +111,19 @@ class Tracking:
         return f"{self.source.problem} {_sentence(troubles, with_times=True)}".strip()
 
     def headline(self) -> str:
-        """Return what is wrong without times, which change."""
+        """Return the problems without times, which change."""
         if self._now() / 1e9 - self._heard > SILENT:
             return self.source.problem or "No frames from the tracker."
         return f"{self.source.problem} {_sentence(self.supervisor.troubles(self._day() / 1e9))}".strip()
 
     def troubled(self) -> frozenset[str]:
-        """Return what is wrong in a form that only changes when something else becomes wrong, or right."""
+        """Return the problems in a form that changes only when one appears or ends."""
         silent = self._now() / 1e9 - self._heard > SILENT
         troubles = [] if silent else self.supervisor.troubles(self._day() / 1e9)
         return frozenset([str(silent), self.source.problem, *(f"{one.robot_id} {one.why}" for one in troubles)])
 
     def summary(self, seconds: float) -> str:
-        """Return what the tracker sees, how well stamps are known, and what was not passed on, in sentences."""
+        """Return which robots and bodies are seen, the accuracy of stamps, and what was withheld, in sentences."""
         missing = sorted(self._wanted - set(self._bodies))
         rate = self.samples / seconds if seconds > 0.0 else 0.0
         self.samples = 0
@@ -143,7 +143,7 @@ class Tracking:
 
 
 def _sentence(troubles: list[Trouble], *, with_times: bool = False) -> str:
-    """Return which robots have no poses, why, and at will for how long."""
+    """Return which robots have no poses, why, and optionally for how long."""
     said = [
         f"robot {trouble.robot_id} {trouble.why}"
         + (f" ({trouble.seconds:.1f} s)" if with_times and trouble.seconds is not None else "")

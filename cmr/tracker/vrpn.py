@@ -1,8 +1,8 @@
 """VRPN servers, such as those of Vicon Tracker, Motive and NOKOV: poses of trackers with the server's time stamps.
 
-The protocol is that of the VRPN library, version 7 (vrpn_Connection.C, vrpn_Tracker.C): a TCP connection, on which
-both sides first send a cookie; then messages with length, time, sender and type, big-endian, filled up to 8 bytes.
-`motioncapture` reads VRPN, too, but 100 times a second at fixed moments, and hands over no time stamps.
+The protocol is that of the VRPN library, version 7 (vrpn_Connection.C, vrpn_Tracker.C): a TCP connection, on which both
+sides first send a cookie; then messages with length, time, sender and type, big-endian, padded to 8 bytes.
+`motioncapture` reads VRPN, too, but at a fixed 100 Hz and without time stamps.
 """
 
 import struct
@@ -30,7 +30,7 @@ LARGEST = 1 << 16  # bytes of a message
 
 
 class Vrpn:
-    """A VRPN server. Each of its senders is a body; of one with several sensors, these are `NAME/SENSOR`."""
+    """A VRPN server. Each of its senders is a body; if one has several sensors, they are named `NAME/SENSOR`."""
 
     uncertainty = "the time from the exposure to the server's stamp, beyond the profile's lag, and that of the network"
 
@@ -42,11 +42,11 @@ class Vrpn:
         self._begin()
 
     def filenos(self) -> list[int]:
-        """Return the socket to wait at."""
+        """Return the socket to wait on."""
         return self._stream.filenos()
 
     def read(self) -> list[Sample]:
-        """Return the poses that have come, those of one time stamp together."""
+        """Return the poses received, those of one time stamp together."""
         self._waiting += self._stream.receive()
         arrival = self._clock()
         together: dict[tuple[int, int], dict[str, tuple[float, ...]]] = {}
@@ -55,7 +55,7 @@ class Vrpn:
         return [self._sample(arrival, *stamp, poses) for stamp, poses in together.items()]
 
     def tend(self, now: float) -> None:
-        """Connect, and greet as the library does."""
+        """Connect, and send the library's cookie."""
         if self._stream.connect(now):
             self._begin()
             self._stream.send(COOKIE)
@@ -79,7 +79,7 @@ class Vrpn:
         return Sample(arrival, measured, measured, tuple(poses), numbers[:, :3], numbers[:, 3:], self._origin)
 
     def _messages(self) -> Iterator[tuple[int, int, str, tuple[float, ...]]]:
-        """Yield seconds, microseconds, name and numbers of the poses that are whole; keep the rest."""
+        """Yield seconds, microseconds, name and numbers of the complete poses; keep the rest."""
         data, at = self._waiting, 0
         if not self._greeted:
             if len(data) < COOKIE_SIZE:
@@ -108,7 +108,7 @@ class Vrpn:
         self._begin()
 
     def _describe(self, kind: int, number: int, content: bytes) -> None:
-        """Take the name of a sender or of a type: its length, then the name with a zero."""
+        """Store the name of a sender or of a type: its length, then the name with a zero."""
         name = content[4:].split(b"\0")[0]
         if kind == SENDER_DESCRIPTION:
             self._senders[number] = name.decode(errors="replace")

@@ -1,4 +1,4 @@
-"""What wheels and gyros say about the movement of robots, to tell two apart that a tracker may have confused."""
+"""Motion of robots by wheels and gyro, to distinguish robots that a tracker may have swapped."""
 
 import math
 from collections import deque
@@ -9,7 +9,7 @@ from cmr.tracker.profile import Carried
 from cmr.tracker.track import LONGEST_COURSE, Course, Pose
 
 KEPT = LONGEST_COURSE + 0.5  # s of readings
-GAP = 0.2  # s between two readings, beyond which nothing is known about the time between them
+GAP = 0.2  # s between two readings, beyond which the motion between them is unknown
 TURN_AGREES, TURN_DIFFERS = 0.06, 0.15  # rad between a tracked turn and that of the gyro
 WAY_AGREES, WAY_DIFFERS = 0.05, 0.15  # m between a tracked way and that of the wheels
 LEAST = 0.1  # s of movement to compare
@@ -24,16 +24,16 @@ class Wheels:
         self._ways: deque[tuple[float, float]] = deque()
 
     def handle(self, t: float, message: Message) -> None:
-        """Take a reading of its gyro or its wheels at a time [s]."""
+        """The turn [rad] and the distance [m] of one robot by its own sensors, integrated."""
         if isinstance(message, gyro_t) and message.valid:
             _add(self._turns, t, message.yaw_rate)
         elif isinstance(message, motor_feedback_t) and self._radius is not None:
             _add(self._ways, t, self._radius * (message.psi_left + message.psi_right) / 2.0)
 
     def agrees(self, begin: Pose, end: Pose, way: float) -> bool | None:
-        """Return whether a robot that did this can have turned and driven so; None if that cannot be said.
+        """Return whether these readings are consistent with this course; None if that is undecided.
 
-        `way` [m] is the way along its heading from the begin to the end.
+        `way` [m] is the distance along its heading from the begin to the end.
         """
         turned, driven = _between(self._turns, begin.t, end.t), _between(self._ways, begin.t, end.t)
         answers = []
@@ -49,20 +49,20 @@ class Wheels:
 
 
 class Identity:
-    """Decides by wheels and gyro which of some robots a body is."""
+    """Decides by wheels and gyro which of several robots a body is."""
 
     def __init__(self, robots: dict[int, Carried]) -> None:
         self._wheels = {robot_id: Wheels(carried.wheel_radius) for robot_id, carried in robots.items()}
 
     def handle(self, t: float, message: Message) -> None:
-        """Take a message of a robot."""
+        """Process a message of a robot."""
         if isinstance(message, gyro_t | motor_feedback_t):
             wheels = self._wheels.get(message.robot_id)
             if wheels is not None:
                 wheels.handle(t, message)
 
     def decide(self, robot_id: int, others: list[int], course: Course) -> bool | None:
-        """Return whether a body with this course is this robot, and none of the others; None while it cannot be said.
+        """Return whether a body with this course is this robot, and none of the others; None while that is undecided.
 
         The robot's own wheels have to agree, and those of each other one have to disagree.
         """
@@ -81,7 +81,7 @@ def _answer(difference: float, agrees: float, differs: float) -> bool | None:
 
 
 def _add(total: deque[tuple[float, float]], t: float, rate: float) -> None:
-    """Add up a rate; what came before a gap is forgotten."""
+    """Integrate a rate; the total before a gap is discarded."""
     if total and not 0.0 < t - total[-1][0] <= GAP:
         total.clear()
     before, value = total[-1] if total else (t, 0.0)
@@ -91,14 +91,14 @@ def _add(total: deque[tuple[float, float]], t: float, rate: float) -> None:
 
 
 def _between(total: deque[tuple[float, float]], begin: float, end: float) -> float | None:
-    """Return by how much a total has grown between two times; None where it does not cover them."""
+    """Return by how much a total has grown between two times; None if it does not cover them."""
     if not total or total[0][0] > begin or total[-1][0] < end - GAP:
         return None
     return _at(total, end) - _at(total, begin)
 
 
 def _at(total: deque[tuple[float, float]], t: float) -> float:
-    """Return a total at a time, between its readings."""
+    """Return a total at a time, interpolated between its readings."""
     after = next((k for k, (time, _) in enumerate(total) if time >= t), len(total) - 1)
     (t0, v0), (t1, v1) = total[max(after - 1, 0)], total[after]
     return v0 + (v1 - v0) * min(max((t - t0) / (t1 - t0), 0.0), 1.0) if t1 > t0 else v1

@@ -1,4 +1,4 @@
-"""The part of a page that shows what cameras over the floor see, with virtual robots drawn in."""
+"""The panel with pictures of cameras over the floor, including virtual robots."""
 
 import numpy as np
 import viser
@@ -12,7 +12,7 @@ NO_CAMERA = "no camera"
 
 
 class CameraPanel:
-    """The last picture of one camera, in a folder that is there while any camera is heard."""
+    """The last picture of one camera, in a folder shown while any camera is received."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._folder = gui.add_folder("camera", visible=False)
@@ -22,7 +22,7 @@ class CameraPanel:
         self._shown: Heard[camera_image_t] | None = None
 
     def show(self, state: ViewState) -> None:
-        """Show the last picture of the chosen camera if it is another than before."""
+        """Show the last picture of the chosen camera if it has changed."""
         if not state.cameras:
             self._folder.visible = False
             self._shown = None
@@ -31,7 +31,7 @@ class CameraPanel:
         heard = state.cameras[self._choice.value]
         if heard is not self._shown:
             self._shown = heard
-            # As the camera's process made it: viser's own way would decode and encode each picture again.
+            # Forward it as encoded by the camera's process: viser would decode and encode each picture again.
             self._image._data = bytes(heard.message.jpeg)
             self._folder.visible = True
         self._image.label = caption(heard, state.now)
@@ -46,7 +46,7 @@ class CameraPanel:
 
 
 def caption(heard: Heard[camera_image_t], now: int) -> str:
-    """Return what stands above a picture: of which camera it is, its size, and its age [`now`: us] if it is old."""
+    """Return a picture's caption: camera, size, and age [`now`: us] if it is old."""
     message, age = heard.message, (now - heard.utime) / 1e6
     title = f"{message.camera}, {message.width} x {message.height}"
     return title if age < STALE else f"{title}, no picture for {age:.0f} s"

@@ -1,4 +1,4 @@
-"""Curves over time in the panels: calibration estimates with their intervals, and the distance of robot and twin."""
+"""Curves over time in panels: calibration estimates with intervals, and the distance of robot and twin."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,16 +17,16 @@ from cmr.view.words import CONFIDENCE, ESTIMATES, estimated
 BAND = "rgba(53, 116, 226, 0.25)"
 LINE, EDGE = "#3574e2", "rgba(53, 116, 226, 0.4)"
 HEIGHT = 150  # pixels
-LABELS = 62  # pixels in which the numbers at the left have room, such as 117.125
+LABELS = 62  # pixels for the numbers on the left, such as 117.125
 LABEL_HEIGHT = 16  # pixels of an axis' own label
-MARGIN = 0.08  # of the values' range above and below them, in which a tick's label has room
+MARGIN = 0.08  # of the range, above and below the values, for tick labels
 NOTHING = np.array([0.0, 1.0])
 
 
 class Chart:
-    """A curve with or without an interval around it, hidden while there is nothing to draw.
+    """A curve with or without an interval around it, hidden if empty.
 
-    `from_zero` begins the vertical axis there, else it holds the values only.
+    `from_zero` starts the vertical axis at zero; otherwise it spans the values.
     """
 
     def __init__(self, gui: viser.GuiApi, title: str, with_interval: bool, from_zero: bool = False) -> None:
@@ -56,17 +56,16 @@ class Chart:
             return
         shown = np.append(columns[1:], 0.0) if self._from_zero else columns[1:]
         span = _Span((float(columns[0].min()), float(columns[0].max())), value_range(shown))
-        if span != self._span:  # the browser makes the chart again, and forgets what its visitor enlarged
+        if span != self._span:  # the browser recreates the chart, losing the visitor's zoom
             self._span = span
             self._chart.scales, self._chart.axes = span.scales(), span.axes()
         self._chart.data = tuple(np.ascontiguousarray(column) for column in columns)
 
 
 class _Span(NamedTuple):
-    """From where to where a chart goes, in time [s] and in its values.
+    """The ranges of a chart in time [s] and value.
 
-    Both are always given: a page that is left to find the span of time itself gets it wrong, or not at all, when the
-    axes change together with the data.
+    Both are always given: a page that determines its own time range fails when axes change together with the data.
     """
 
     seconds: tuple[float, float]
@@ -80,7 +79,7 @@ class _Span(NamedTuple):
 
 
 def value_range(values: Floats) -> tuple[float, float]:
-    """Return from where to where the vertical axis goes that shows these values."""
+    """Return the range of the vertical axis for these values."""
     low, high = float(values.min()), float(values.max())
     margin = MARGIN * (high - low) or 1e-3 * abs(high) or 1.0
     return low - margin, high + margin
@@ -96,9 +95,9 @@ def value_axis(low: float, high: float, label: str = "") -> uplot.Axis:
 
 
 def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
-    """Return round numbers between two, three to six, as numbers and with all digits that distinguish them.
+    """Return three to six round numbers within a range, as numbers and with enough digits.
 
-    The browser itself writes three digits at most, which are too few for a k1.
+    The browser's default of three digits is too few for k1.
     """
     rough = (high - low) / 3.0
     power = math.floor(math.log10(rough))
@@ -111,7 +110,7 @@ def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
 def estimates(
     history: Sequence[Heard[calibration_status_t]], controller: VelocityController | None = None
 ) -> dict[str, Floats]:
-    """Return by parameter the columns of its chart, from what was heard of a calibration over time.
+    """Return the columns of each parameter's chart, from the history of a calibration.
 
     Parameters that a robot with this velocity controller, or without one, does not have are not known.
     """

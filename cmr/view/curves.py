@@ -1,7 +1,7 @@
-"""Signals over time for those who look at the page: recorded from the bus as they come, or read from a whole log.
+"""Signals over time for visitors: recorded live from the bus, or read from a whole log.
 
-Memory is bounded: MOST_SIGNALS curves for all who see the same world or log, live of MOST_LIVE values of 16 bytes each,
-of a log MOST_OF_LOG and, while it is read, ROWS_AT_ONCE more. Together that is 20 MB at most.
+Memory is bounded: MOST_SIGNALS curves for all visitors of the same world or log; live with MOST_LIVE values of 16 bytes
+each, from a log with MOST_OF_LOG and, while reading, ROWS_AT_ONCE more. Together that is at most 20 MB.
 """
 
 import time
@@ -19,18 +19,18 @@ from cmr.view.data.log_index import LogIndex
 from cmr.view.data.robots import Floats, Integers
 
 MOST_SIGNALS = 16
-MOST_LIVE = 30_000  # values: the longest window of 300 s at 100 Hz; of faster channels the last ones are shown
-MOST_OF_LOG = 20_000  # values; of longer logs the lowest and highest of each few are kept, so that spikes are seen
+MOST_LIVE = 30_000  # values: the longest window of 300 s at 100 Hz; for faster channels the last ones are shown
+MOST_OF_LOG = 20_000  # values; for longer logs minima and maxima are kept, so that spikes stay visible
 LIVE_WINDOWS = {"last 10 s": 10.0, "last 30 s": 30.0, "last 60 s": 60.0, "last 5 min": 300.0}
 WHOLE = "whole log"
 LOG_WINDOWS = {WHOLE: 0.0, "10 s": 10.0, "60 s": 60.0, "10 min": 600.0}
-EVENTS_BETWEEN_LOOKS = 500  # at the clock
+EVENTS_BETWEEN_LOOKS = 500  # between checks of the clock
 
 
 class Curve(NamedTuple):
     """A signal [unit] over time [s], both of shape (n,), in a window from `begin` to `end` [s].
 
-    `cursor` is the moment that the scene shows [s]; None where that is the end. `note` says what is missing.
+    `cursor` is the time shown in the scene [s]; None if that is the end. `note` says what is missing.
     """
 
     seconds: Floats
@@ -42,15 +42,15 @@ class Curve(NamedTuple):
 
 
 class Curves(Protocol):
-    """Curves of the signals that are wanted; `windows` are the spans of time [s] by the names to choose them by."""
+    """Curves of the selected signals; `windows` are the available time spans [s] by name."""
 
     windows: dict[str, float]
 
     def want(self, names: Iterable[FieldName]) -> None:
-        """Keep these signals from now on, and no others."""
+        """Keep only these signals from now on."""
 
     def curve(self, name: FieldName, window: float, now: int) -> Curve:
-        """Return a signal in a window, `now` [us] being the moment that the scene shows."""
+        """Return a signal in a window, with `now` [us] shown in the scene."""
 
 
 class _Ring:
@@ -74,7 +74,7 @@ class _Ring:
 
 
 class LiveCurves:
-    """Signals from when they were first wanted."""
+    """Signals since they were first selected."""
 
     windows = LIVE_WINDOWS
 
@@ -82,14 +82,14 @@ class LiveCurves:
         self._rings: dict[str, dict[FieldName, _Ring]] = {}
 
     def want(self, names: Iterable[FieldName]) -> None:
-        """Record these signals from now on, and no others."""
+        """Record only these signals from now on."""
         before, self._rings = self._rings, {}
         for name in _bounded(names):
             known = before.get(name.channel, {}).get(name)
             self._rings.setdefault(name.channel, {})[name] = known or _Ring()
 
     def take(self, utime: int, channel: str, data: bytes) -> None:
-        """Take a message that came at `utime` [us]."""
+        """Add a message that arrived at `utime` [us]."""
         rings = self._rings.get(channel)
         if rings:
             for name, moment, value in _numbers(rings, utime, Event(0, utime, channel, data)):
@@ -106,7 +106,7 @@ class LiveCurves:
 
 
 class LogCurves:
-    """Signals of the log of an index; `read` goes on reading those that are wanted."""
+    """Signals from an indexed log; `read` continues reading those selected."""
 
     windows = LOG_WINDOWS
 
@@ -120,7 +120,7 @@ class LogCurves:
 
     @property
     def pending(self) -> bool:
-        """Whether there is something to read."""
+        """Whether there is something left to read."""
         return not self._complete.issuperset(self._rows)
 
     def want(self, names: Iterable[FieldName]) -> None:
@@ -140,7 +140,7 @@ class LogCurves:
                 self._reading = None
 
     def curve(self, name: FieldName, window: float, now: int) -> Curve:
-        """Return a signal in the whole log, or in the one of its spans of `window` [s] that is played."""
+        """Return a signal in the whole log, or in the current span of `window` [s]."""
         cursor, length = self._index.seconds(now), self._index.seconds(self._index.end)
         begin = window * (cursor // window) if window else 0.0
         end = begin + window if window else max(length, 0.1)
@@ -149,7 +149,7 @@ class LogCurves:
         times, (values,) = self._rows[name].all()[0], self._rows[name].all()[1].T
         order = np.argsort(times, kind="stable")
         seconds, values = (times[order] - self._index.begin) / MICROSECONDS, values[order]
-        # One more on each side, so that lines go on to the edge.
+        # One more value on each side, so that lines reach the edge.
         first = max(int(np.searchsorted(seconds, begin)) - 1, 0)
         part = slice(first, int(np.searchsorted(seconds, end, side="right")) + 1)
         missing = "" if len(values) else f"no message on {name.channel} in this log"
@@ -157,7 +157,7 @@ class LogCurves:
         return Curve(seconds[part], values[part], begin, end, cursor, note)
 
     def _pass(self) -> Iterator[float]:
-        """Read the log once for all signals that are wanted now and not known; yield how far that is. [0 to 1]"""
+        """Read the log once for all selected signals that are missing; yield the progress [0 to 1]."""
         self._read_now = {}
         for name in self._rows.keys() - self._complete:
             self._rows[name] = rows = Rows(1, MOST_OF_LOG)
@@ -182,9 +182,9 @@ def _not_kept(begin: float, end: float) -> Curve:
 
 
 def _numbers(names: Iterable[FieldName], moment: int, event: Event) -> Iterator[tuple[FieldName, int, float]]:
-    """Yield what a message says of signals on its channel, with its time [us]; nothing where it is damaged.
+    """Yield the values of signals on a message's channel, with its time [us]; empty if it is damaged.
 
-    A message that does not speak of the robot, as each part of a world does of others, says nothing.
+    A message without the robot, such as another part of a world, yields nothing.
     """
     try:
         message = decode(event.channel, event.data).message

@@ -1,4 +1,4 @@
-"""Small drawings in the panels, as SVG and HTML: the paths of a robot and its twin, and how much has been seen."""
+"""Small SVG and HTML drawings in panels: paths of a robot and its twin, and progress bars."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ GREY = "#8a8a8a"
 
 
 def paths_drawing(titles_and_paths: Sequence[tuple[str, Paths | None]]) -> str:
-    """Return drawings side by side, of the same scale: a robot's path in yellow, its twin's in blue."""
+    """Return drawings side by side, with the same scale: a robot's path in yellow, its twin's in blue."""
     known = [paths for _, paths in titles_and_paths if paths is not None]
     if not known:
         return ""
@@ -32,14 +32,14 @@ def paths_drawing(titles_and_paths: Sequence[tuple[str, Paths | None]]) -> str:
 
 
 def bar(share: float) -> str:
-    """Return a bar of which this share is filled. [0 to 1]"""
+    """Return a bar filled to this share [0 to 1]."""
     percent = 100 * min(max(share, 0.0), 1.0)
     filled = tag("div", style=f"width:{percent:.0f}%;height:8px;border-radius:4px;background:{TWIN_COLOUR}")
     return plain(tag("div", filled, style=f"margin:2px 12px;height:8px;border-radius:4px;background:{GREY}55"))
 
 
 def distance(metres: float) -> str:
-    """Return a distance [m] as one says it."""
+    """Format a distance [m]."""
     return f"{100 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"
 
 

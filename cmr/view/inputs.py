@@ -1,6 +1,6 @@
 """Work around viser's stubs, which mark input values read-only, and its encoder, which sends only plain texts.
 
-An input is set by what its browser sends only where it takes that: viser itself sets whatever comes, of any size.
+An input is set from its browser only to valid values: viser itself accepts anything, of any size.
 """
 
 from collections.abc import Callable
@@ -19,28 +19,28 @@ M = TypeVar("M", bound=_messages.Message)
 
 
 def write(handle: Any, value: object) -> None:
-    """Put a value into an input of a page."""
+    """Set an input of a page."""
     handle.value = value
 
 
 def plain(html: Html) -> str:
-    """Return markup as a text that can be sent to a browser: viser's encoder takes `str`, but no class made of it."""
+    """Convert markup to a plain string: viser's encoder accepts `str`, but not subclasses."""
     return str(html)
 
 
 def replace_handler(gui: viser.GuiApi, message: type[M], ours: Callable[[ClientId, M], Any]) -> None:
-    """Have a visitor's messages of a type handled by `ours` instead of by viser."""
+    """Replace viser's handler of a visitor's messages of a type."""
     gui._websock_interface.unregister_handler(message)
     gui._websock_interface.register_handler(message, ours)
 
 
 def check_inputs(client: viser.ClientHandle, count_refused: Callable[[], None]) -> None:
-    """From now on, set inputs of a page only to what they take."""
+    """From now on, accept only valid values for inputs of a page."""
     gui = client.gui
 
     async def update(client_id: ClientId, message: _messages.GuiUpdateMessage) -> None:
         handle = gui._gui_input_handle_from_uuid.get(message.uuid)
-        if handle is None:  # it is just gone from the page
+        if handle is None:  # just removed from the page
             return
         if takes(handle, message.updates["value"]):
             await gui._handle_gui_updates(client_id, message)
@@ -51,7 +51,7 @@ def check_inputs(client: viser.ClientHandle, count_refused: Callable[[], None]) 
 
 
 def takes(handle: Any, value: object) -> bool:
-    """Return whether an input can be set to a value by a visitor of the page."""
+    """Return whether a visitor may set an input to a value."""
     if handle.disabled:
         return False
     if isinstance(handle, viser.GuiButtonHandle):

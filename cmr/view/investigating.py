@@ -1,4 +1,4 @@
-"""An investigation as HTML over the scene: the explanations left as bars, the movement that is driven, and why."""
+"""An investigation as an HTML overlay: remaining explanations as bars, the current movement, and its reason."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,7 +10,7 @@ from cmr.report.markup import Html, tag
 from cmr.view.data.state import Heard, ViewState
 from cmr.view.inputs import plain
 
-MOST_BARS = 8  # explanations that are shown, the likeliest first
+MOST_BARS = 8  # explanations shown, likeliest first
 IN_WORDS = {
     status_t.OPENING: "Opening: it rests, turns both ways, and drives forth and back.",
     status_t.PLANNING: "It rests while the next movement is planned.",
@@ -20,7 +20,7 @@ IN_WORDS = {
 
 
 class Bar(NamedTuple):
-    """An explanation: its name, its probability now, and at the decision before [0 to 1]."""
+    """An explanation: its name, current probability, and that at the previous decision [0 to 1]."""
 
     name: str
     now: float
@@ -28,13 +28,13 @@ class Bar(NamedTuple):
 
 
 def investigated(state: ViewState, chosen: int) -> Sequence[Heard[status_t]]:
-    """Return what was said of the investigation of the chosen robot, or of any; empty where there is none."""
+    """Return the reports of the chosen robot's investigation, or of any; empty without one."""
     robot_id = chosen if chosen in state.investigations else next(iter(state.investigations), None)
     return () if robot_id is None else state.investigations[robot_id]
 
 
 def card(history: Sequence[Heard[status_t]]) -> str:
-    """Return what lies over the scene; nothing where there is no investigation."""
+    """Return the overlay; empty without an investigation."""
     if not history:
         return ""
     message = history[-1].message
@@ -51,7 +51,7 @@ def card(history: Sequence[Heard[status_t]]) -> str:
 
 
 def bars_of(history: Sequence[Heard[status_t]]) -> list[Bar]:
-    """Return the likeliest explanations, and those that were among them one decision before and are gone."""
+    """Return the likeliest explanations, and those that dropped out since the previous decision."""
     now = _probabilities(history[-1].message)
     texts = (heard.message.explanations for heard in reversed(history))
     before = next((_parsed(text) for text in texts if text != history[-1].message.explanations), {})
@@ -74,7 +74,7 @@ def _named(message: status_t) -> Iterator[Html]:
 
 
 def _counts(message: status_t) -> Iterator[Html]:
-    """Yield how many explanations there are of each kind; nothing before the first decision."""
+    """Yield the number of explanations of each kind; nothing before the first decision."""
     left = len(_probabilities(message))
     if left:
         words = "1 explanation" if left == 1 else f"{left} explanations"
@@ -97,7 +97,7 @@ def _probabilities(message: status_t) -> Mapping[str, float]:
 
 
 def _parsed(text: str) -> Mapping[str, float]:
-    """Return the probabilities that a message holds, by name; what is none is left out."""
+    """Parse the probabilities in a message, by name; invalid ones are omitted."""
     try:
         found = json.loads(text)
     except ValueError:

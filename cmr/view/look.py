@@ -1,8 +1,7 @@
-"""How the page looks beyond what viser draws: its title, a legend, a bar of time, and its shape on a phone.
+"""The page's look beyond viser's: title, legend, time bar, and layout on phones.
 
-Viser puts the HTML of a panel into the page as it is. So a style there holds for the whole page, elements with a fixed
-position lie over the scene, and an image that cannot be loaded runs the script that names the page
-and takes files that are dropped on it.
+Viser inserts the HTML of a panel unchanged. So its styles apply to the whole page, elements with fixed position overlay
+the scene, and an image that fails to load can run the script that labels inputs and accepts dropped files.
 """
 
 from collections.abc import Sequence
@@ -15,11 +14,11 @@ from cmr.view.opening import LARGEST_LOG, too_large
 from cmr.view.picture import BLUE, COLOURS, GREEN, GREY, PURPLE, RED, YELLOW, predicted, waypoints
 from cmr.view.stage import FENCE_COLOUR
 
-GO_TO = "go to"  # the label of the box into which a visitor types a time
+GO_TO = "go to"  # label of the input for a time
 TITLE = "CMR: real and virtual robots"
-PANEL = "388px"  # the width that viser gives to a large fixed panel
-NARROW = "35em"  # of the window, below which viser puts the panel at the bottom
-PANEL_SHARE = 0.36  # of the height of a window, which the panel at the bottom covers
+PANEL = "388px"  # width of viser's large fixed panel
+NARROW = "35em"  # window width below which viser puts the panel at the bottom
+PANEL_SHARE = 0.36  # share of the window's height covered by the bottom panel
 LEGEND = (
     (YELLOW, "real robot"),
     (BLUE, "virtual robot"),
@@ -86,12 +85,11 @@ STYLE = f"""
 """
 CLOSING = 1000.0  # ms
 BUSY = "Nothing was sent. Enter the token first, or wait until the other file is there; then drop this one again."
-# The first function names what viser's labels stand beside, for screen readers and for cmrJump, which jumps to a time:
-# React notices what is written into its boxes only by this detour. What is for the whole window comes once, though each
-# page that a visitor gets has this script. A file that is dropped goes into the input of viser's own upload.
-# Viser keeps keys from a visitor who types, and the box of a list keeps the focus after a choice: Esc has to be the
-# stop there, too, unless it closes the list. In doubt it stops: so does any Esc within CLOSING of one that closed
-# something.
+# The first function labels viser's inputs, for screen readers and for cmrJump, which jumps to a time: React notices
+# changes of its inputs only in this way. Handlers for the whole window are installed once, although each page has this
+# script. A dropped file goes into viser's own upload input. Viser ignores keys while a visitor types, and a list keeps
+# the focus after a choice, so Esc must also stop there, unless it closes the list. In doubt it stops, including any Esc
+# within CLOSING after one that closed something.
 SCRIPT = f"""
 document.title = '{TITLE}';
 document.querySelector('link[rel=icon]').href = this.dataset.icon;
@@ -155,14 +153,14 @@ if (!window.cmrIsThere) {{
 
 
 def page_look() -> str:
-    """Return what gives the page its title and style."""
+    """Return the HTML that sets the page's title and style."""
     script = tag("img", hidden="", alt="", src="data:,", data_icon=ICON, onerror=SCRIPT)
     heading = tag("h1", TITLE, class_="cmr-name")  # for screen readers
     return plain(joined(tag("style", Html(STYLE)), script, heading))
 
 
 def legend(state: ViewState, has_fence: bool) -> str:
-    """Return what the colours mean of what is in the scene now."""
+    """Return the legend for the current scene."""
     robots = state.present()
     shown = {colour for origin, colour in COLOURS.items() if (robots.origin == origin).any()}
     shown |= {GREY} if robots.silent.any() else set()

@@ -1,4 +1,4 @@
-"""Logs that visitors bring: what is taken, in words for those whose file is not, and where it is kept meanwhile."""
+"""Logs uploaded by visitors: limits, error messages, and temporary storage."""
 
 import shutil
 import tempfile
@@ -13,17 +13,17 @@ from cmr.recordings.events import HEADER, SYNC, EventReader
 LARGEST_LOG = 200_000_000  # bytes
 MOST_ARRIVING = 2 * LARGEST_LOG  # bytes of all visitors together
 MOST_OPENED = 4  # logs; the process plays them beside its own task
-LEFT_FREE = 100_000_000  # bytes of the disk that logs of visitors do not take
+LEFT_FREE = 100_000_000  # bytes of disk space left free
 LONGEST_NAME = 80  # characters that are shown
 CHUNK = 1 << 20  # bytes
 
 
 class RefusedLog(Exception):  # noqa: N818 - it is a finding, not a failure of the program
-    """A file that is not opened, with a sentence for the visitor that says why and what to do."""
+    """A file is refused, with a sentence for the visitor on why and what to do."""
 
 
 class OpenedLog(NamedTuple):
-    """A log that a visitor brought: its name there, and the file here."""
+    """An uploaded log: its original name, and its file here."""
 
     name: str
     path: Path
@@ -34,7 +34,9 @@ class OpenedLog(NamedTuple):
 
 
 def check_size(size: int, arriving: int) -> None:
-    """Raise RefusedLog for a file of `size` bytes that is too large, or too much beside what is `arriving` already."""
+    """Raise RefusedLog for a file of `size` bytes that is too large, alone or together with uploads that are
+    `arriving`.
+    """
     if size > LARGEST_LOG:
         raise RefusedLog(too_large())
     if size + arriving > MOST_ARRIVING:
@@ -47,7 +49,7 @@ def too_large() -> str:
 
 
 class LogFolder:
-    """Where logs of visitors are kept until they are closed; the folder goes with the process."""
+    """Temporary folder of uploaded logs, deleted with the process."""
 
     def __init__(self) -> None:
         self._folder = temporary_beside(Path(tempfile.gettempdir()) / "cmr-view")
@@ -55,24 +57,24 @@ class LogFolder:
         self._numbers = count()
 
     def check_room(self, size: int) -> None:
-        """Raise RefusedLog where the disk has no room for a file of `size` bytes."""
+        """Raise RefusedLog if the disk has no space for a file of `size` bytes."""
         if shutil.disk_usage(self._folder).free < size + LEFT_FREE:
             raise RefusedLog(
                 "The disk of the computer running cmr-view is nearly full. Free some space there, then try again."
             )
 
     def begin(self) -> BinaryIO:
-        """Open a file for a log that is arriving. Raises OSError where there can be none."""
+        """Create a file for an upload. Raises OSError."""
         return (self._folder / f"{next(self._numbers)}.lcm").open("xb")
 
     def drop(self, stream: BinaryIO) -> None:
-        """Delete a log of which not everything has come."""
-        with suppress(OSError):  # of a full disk, to which the rest of it could not be written
+        """Delete an incomplete upload."""
+        with suppress(OSError):  # of a full disk, on which buffered data cannot be written
             stream.close()
         Path(stream.name).unlink(missing_ok=True)
 
     def keep(self, name: str, stream: BinaryIO) -> OpenedLog:
-        """Keep a log that has come. Raises RefusedLog for what is none, OSError where it cannot be written."""
+        """Keep a complete upload. Raises RefusedLog if it is not a log, OSError if it cannot be written."""
         shown = Path(name).name[:LONGEST_NAME] or "log"
         log = OpenedLog(shown, Path(stream.name))
         try:
@@ -95,7 +97,7 @@ class LogFolder:
 
 
 def _is_crowded(path: Path) -> bool:
-    """Return whether there are more sync words than events have room for: the reader would look at each of them."""
+    """Return whether there are more sync words than events fit: each would cost the reader time."""
     words, size, tail = 0, 0, b""
     with path.open("rb") as stream:
         while chunk := stream.read(CHUNK):

@@ -1,4 +1,4 @@
-"""What the page can order on the bus: the emergency stop, its release, and a figure-eight."""
+"""Orders from the page on the bus: emergency stop, its release, and a figure-eight."""
 
 from cmr.bus.estop import EmergencyStop, StopButton
 from cmr.bus.message import Message
@@ -12,10 +12,11 @@ FIGURE_EIGHT = 0.7  # m from its crossing to each tip
 
 
 class Orders:
-    """Turns orders into messages. `handle` hears ESTOP and ESTOP_LATCH, `due` returns what is to be sent at each turn.
+    """Turns orders into messages. `handle` receives ESTOP and ESTOP_LATCH, `due` returns the messages to send at each
+    turn.
 
-    A stop is repeated until anybody releases it. `stopped` says whether the emergency stop is engaged, and `reason`
-    by whom and why. Drivers hold robots by it until they take its release, as `latched_reason` says.
+    A stop is repeated until anybody releases it. `stopped` is whether the emergency stop is engaged, and `reason` by
+    whom and why. Drivers hold robots until they accept its release; see `latched_reason`.
     """
 
     def __init__(self) -> None:
@@ -25,27 +26,27 @@ class Orders:
 
     @property
     def stopped(self) -> bool:
-        """Whether the emergency stop is asked for."""
+        """Whether an emergency stop is requested."""
         return self._button.stopped
 
     @property
     def reason(self) -> str:
-        """By whom it is asked for, and why."""
+        """Who requested it, and why."""
         return self._button.text
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take a message from the bus, our own among them."""
+        """Handle a message from the bus, including our own."""
         if isinstance(message, estop_latch_t):
             self._drivers.handle(utime, channel, message)
         self._button.handle(utime, channel, message)
 
     @property
     def latched_reason(self) -> str:
-        """By whom, why and since when drivers hold which robots; empty if none does."""
+        """Who stopped which robots, why and since when; empty if no driver holds one."""
         return self._drivers.latched_reason
 
     def must_stand(self, robot_id: int) -> bool:
-        """Return whether the emergency stop is engaged, or a robot's driver holds it still."""
+        """Return whether the emergency stop is engaged, or still held by a robot's driver."""
         return self.stopped or self._drivers.holds(robot_id)
 
     def stop(self, utime: int) -> None:
@@ -57,14 +58,14 @@ class Orders:
         self._button.release()
 
     def figure_eight(self, utime: int, robot_id: int, place: tuple[float, float, float]) -> None:
-        """Tell a robot to drive a figure-eight from where it is: x, y [m], theta [rad]."""
+        """Order a robot to drive a figure-eight from its current pose: x, y [m], theta [rad]."""
         from cmr.geometry.figures import figure_eight
 
         x, y = figure_eight(*place, FIGURE_EIGHT)
         self._outgoing.append((WAYPOINTS, robot_id, make(waypoints_t, utime=utime, robot_id=robot_id, x=x, y=y)))
 
     def due(self, utime: int) -> list[Outgoing]:
-        """Return what is to be sent now."""
+        """Return the messages to send now."""
         outgoing, self._outgoing = self._outgoing, []
         estop = self._button.due(utime)
         return outgoing if estop is None else [*outgoing, (ESTOP, None, estop)]

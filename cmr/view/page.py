@@ -1,4 +1,4 @@
-"""The panels of one visitor's page, and what only that visitor sees of the scene."""
+"""The panels of one visitor's page, and this visitor's own parts of the scene."""
 
 import math
 import time
@@ -28,26 +28,26 @@ from cmr.view.words import ESTIMATES
 
 BESIDE = '<a href="{}" target="_blank" style="display:block;padding:0 1em">{}</a>'
 READING_TIME = 8.0  # s for which a refusal is shown
-SETTLED = 1.0  # s after which a new page takes to where its camera is put
+SETTLED = 1.0  # s until a new page accepts its camera position
 RAY_WIDTH, RING_WIDTH = 0.006, 0.015  # m
 REFUSED = "Nothing was sent. Enter the token from the terminal running cmr-view, then try again."
 WRONG = "Nothing was sent. This is not the token in the terminal running cmr-view."
 WAIT = "Nothing was sent. Too many wrong tokens came from your address: the next is looked at in {:.0f} s."
-TYPED = 0.5  # s after which somebody who types a token has come to its end
+TYPED = 0.5  # s after the last keystroke until a typed token counts as complete
 TAB_NAMES = ("view", "robot", "plots", "processes", "bus", "calibration", "twins")
 
 
 def refuse(client: viser.ClientHandle, sentence: str) -> None:
-    """Say to a visitor why something is not done."""
+    """Tell a visitor why something is not done."""
     client.add_notification("Refused", sentence, color="red", auto_close_seconds=READING_TIME)
 
 
 class Surroundings(NamedTuple):
-    """What a page has besides what it shows.
+    """Further properties of a page.
 
-    `curve_windows` are the spans of time of its plots; `back_to` names what other visitors see, where this one sees a
-    log of his own; `has_robots` says whether there is a bus with robots that can be stopped, `has_fence` whether a
-    geofence is drawn, `beside` are path and title of further pages.
+    `curve_windows` are the time spans of its plots; `back_to` names the common view, if this visitor sees an own log;
+    `has_robots` says whether there is a bus with robots to stop, `has_fence` whether a geofence is drawn, `beside` are
+    path and title of additional pages.
     """
 
     curve_windows: tuple[str, ...]
@@ -58,7 +58,7 @@ class Surroundings(NamedTuple):
 
 
 class Page:
-    """What one visitor sees and may do. `show_scene` is to be called at each picture, `show_panels` now and then."""
+    """One visitor's page. Call `show_scene` for each picture, `show_panels` occasionally."""
 
     def __init__(
         self,
@@ -75,8 +75,8 @@ class Page:
         self._surroundings = surroundings
         self._camera = Camera(client)
         self._mode_changed = False
-        self._typed, self._tried = 0.0, ""  # when the token was last changed [s], and what was tried of it
-        self._close_question: Callable[[], None] | None = None  # of a dialog that is open over the page
+        self._typed, self._tried = 0.0, ""  # when the token last changed [s], and what was last tried
+        self._close_question: Callable[[], None] | None = None  # closes an open dialog
         self._overview_due: float | None = time.monotonic() + SETTLED
         gui = client.gui
         self._head = gui.add_html("")
@@ -97,12 +97,12 @@ class Page:
 
     @property
     def chosen(self) -> int:
-        """The robot that was chosen."""
+        """The chosen robot."""
         return int(self._robot.value)
 
     @property
     def plotted(self) -> list[FieldName]:
-        """The signals that the visitor plots."""
+        """The signals plotted by the visitor."""
         return self._plots.chosen
 
     def choose(self, robot_id: int) -> None:
@@ -110,7 +110,7 @@ class Page:
         write(self._robot, robot_id)
 
     def wish(self, what: str, value: object = None) -> None:
-        """Ask for something, if the visitor may."""
+        """Request something, if the visitor may."""
         self._try_token()
         if self.permission.asks(what):
             self._wishes.put(Wish(what, self.client.client_id, value))
@@ -124,7 +124,7 @@ class Page:
         refuse(self.client, sentence)
 
     def show_scene(self, state: ViewState, with_trails: bool) -> None:
-        """Draw what is this visitor's own."""
+        """Draw this visitor's own parts of the scene."""
         robots = state.present()
         if self._overview_due is not None and time.monotonic() >= self._overview_due:
             self._overview_due, self._mode_changed = None, True
@@ -141,7 +141,7 @@ class Page:
             self._rays.show(rays(state, self.chosen))
 
     def show_panels(self, showing: Showing, head: str) -> None:
-        """Bring the panels up to date; `head` is HTML for the top."""
+        """Update the panels; `head` is HTML for the top."""
         state = showing.state
         if time.monotonic() - self._typed >= TYPED:
             self._try_token()
@@ -228,7 +228,7 @@ class Page:
         self._typed = time.monotonic()
 
     def _try_token(self) -> None:
-        """Try what was typed, once: each letter on the way to the token would count as a wrong one."""
+        """Try the typed token once it is complete: otherwise each prefix would count as a wrong one."""
         text = self._token.value
         if not text or text == self._tried or self.permission.granted or self.permission.wait > 0.0:
             return
@@ -243,7 +243,7 @@ class Page:
             self._token.disabled = True
 
     def _ask_release(self) -> None:
-        """Ask whether the emergency stop is really to be released."""
+        """Ask for confirmation before releasing the emergency stop."""
         self._try_token()
         if not self.permission.granted:
             self.wish(RELEASE)  # which is refused
@@ -259,7 +259,7 @@ class Page:
         no.on_click(lambda _event: self._answer(None))
 
     def _answer(self, wished: str | None) -> None:
-        """Close the question; do what was wished, if it was not just to be closed."""
+        """Close the question; carry out the wish, if confirmed."""
         close, self._close_question = self._close_question, None
         if close is not None:
             close()
@@ -267,7 +267,7 @@ class Page:
             self.wish(wished)
 
     def _take_escape(self) -> None:
-        """Close the question that is open; otherwise stop the robots."""
+        """Close an open question; otherwise stop the robots."""
         if self._close_question is None:
             self.wish(STOP)
         else:

@@ -1,4 +1,4 @@
-"""A description of the scene, as arrays that any renderer can draw; it knows of none."""
+"""A renderer-independent description of the scene, as arrays."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -25,22 +25,22 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 YELLOW = rgb(REAL_COLOUR)
-BLUE = (70, 140, 245)  # on which black digits can be read
+BLUE = (70, 140, 245)  # black digits are legible on it
 RED = (214, 40, 40)
-GREEN = (0, 158, 115)  # people who confuse red and green can tell trails of these colours apart
-PURPLE, LILAC = (110, 40, 160), (190, 150, 220)  # where the likeliest robot would go, and where others would
-GREY = (180, 180, 210)  # of robots about which nothing has been heard for a moment
+GREEN = (0, 158, 115)  # distinguishable with red-green colour blindness
+PURPLE, LILAC = (110, 40, 160), (190, 150, 220)  # likeliest predicted path, and others
+GREY = (180, 180, 210)  # robots without recent messages
 COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
 TRAIL_COLOURS = {REAL: YELLOW, VIRTUAL: BLUE, TWIN: GREEN}
-MOST_LABELLED = 3000  # robots; with more than that only real ones have their ids on them
+MOST_LABELLED = 3000  # robots; with more only real ones are labelled
 LABEL_HEIGHT = shapes.CLEARANCE + shapes.HEIGHT + 0.002  # m
 TRAIL_HEIGHT, WAYPOINT_HEIGHT, RAY_HEIGHT = 0.006, 0.012, 0.05  # m
-PREDICTED_HEIGHT = LABEL_HEIGHT + 0.002  # m; over the robots, which would hide short paths
-RAY_COLOURS = (245, 235, 242), (214, 60, 170)  # at the sensor, where hundreds of rays meet, and where they end
+PREDICTED_HEIGHT = LABEL_HEIGHT + 0.002  # m; above the robots, which would hide short paths
+RAY_COLOURS = (245, 235, 242), (214, 60, 170)  # at the sensor, where hundreds of rays meet, and at their ends
 
 
 class Bodies(NamedTuple):
-    """Robots as things to draw: positions (n, 3) [m], quaternions (n, 4), colours (n, 3)."""
+    """Robots to draw: positions (n, 3) [m], quaternions (n, 4), colours (n, 3)."""
 
     position: Floats
     wxyz: Floats
@@ -56,10 +56,10 @@ class Lines(NamedTuple):
 
 @dataclass(frozen=True)
 class Picture:
-    """All that moves and every visitor sees.
+    """Everything that moves and is common to all visitors.
 
-    Solid robots with their ids, ghosts (twins), where each of the ten digits stands (n, 3) [m], waypoints, and the
-    paths that an investigation predicts.
+    Solid robots with their ids, ghosts (twins), positions of each of the ten digits (n, 3) [m], waypoints, and
+    predicted paths of investigations.
     """
 
     solid: Bodies
@@ -71,7 +71,7 @@ class Picture:
 
 
 def picture_of(state: ViewState) -> Picture:
-    """Return the scene as it is."""
+    """Return the current scene."""
     robots = state.present()
     is_twin = robots.origin == TWIN
     return Picture(
@@ -85,7 +85,7 @@ def picture_of(state: ViewState) -> Picture:
 
 
 def bodies(robots: Robots, chosen: NDArray[np.bool_]) -> Bodies:
-    """Return some of the robots as things to draw."""
+    """Return bodies to draw for some robots."""
     x, y, theta = robots.pose[:, chosen]
     colours = np.zeros((3, 3), np.uint8)
     for origin, colour in COLOURS.items():
@@ -96,14 +96,14 @@ def bodies(robots: Robots, chosen: NDArray[np.bool_]) -> Bodies:
 
 
 def digits(robots: Robots) -> tuple[Floats, ...]:
-    """Return for each digit from 0 to 9 where it stands, so that every robot but twins carries its id."""
+    """Return the positions of each digit from 0 to 9, so that every robot except twins carries its id."""
     labelled = robots.origin == REAL if len(robots.origin) > MOST_LABELLED else robots.origin != TWIN
     ids, (x, y, _) = robots.robot_id[labelled], robots.pose[:, labelled]
     counts = np.maximum(np.floor(np.log10(np.maximum(ids, 1) + 0.5)).astype(np.int64) + 1, 1)
     found: list[list[Floats]] = [[] for _ in range(10)]
     for place in range(int(counts.max(initial=0))):  # from the last digit on
         number = ids // 10**place % 10
-        # Centred over the robot: the last of k digits stands (k - 1) / 2 pitches to the right.
+        # Centred over the robot: the last of k digits is (k - 1) / 2 pitches to the right.
         across = x + ((counts - 1) / 2 - place) * shapes.DIGIT_PITCH
         for value in range(10):
             here = (number == value) & (counts > place)
@@ -112,7 +112,7 @@ def digits(robots: Robots) -> tuple[Floats, ...]:
 
 
 def trails(trail: Trail) -> Lines:
-    """Return paths that were driven, in the colours of those who drove."""
+    """Return trails in the colours of their robots."""
     colours = np.zeros((4, 3), np.uint8)
     for origin, colour in TRAIL_COLOURS.items():
         colours[origin] = colour
@@ -121,7 +121,7 @@ def trails(trail: Trail) -> Lines:
 
 
 def waypoints(state: ViewState, robots: Robots) -> Lines:
-    """Return the paths that robots were given, red, with a mark where each ends; of robots that have left, none."""
+    """Return the waypoints of robots, red, with a mark at each end; robots that have left have none."""
     parts = [np.empty((0, 2, 2))]
     there = set(robots.robot_id.tolist())
     for waypoints in (state.newest(WAYPOINTS, robot_id) for robot_id in state.latest[WAYPOINTS.name].keys() & there):
@@ -132,7 +132,7 @@ def waypoints(state: ViewState, robots: Robots) -> Lines:
 
 
 def predicted(state: ViewState, robots: Robots) -> Lines:
-    """Return where robots that are investigated may go: the paths of all that were predicted, the likeliest on top."""
+    """Return predicted paths of investigated robots, the likeliest on top."""
     there = set(robots.robot_id.tolist())
     ends, colours = [np.empty((0, 2, 3))], [np.empty((0, 2, 3), np.uint8)]
     for history in (state.investigations[robot_id] for robot_id in state.investigations.keys() & there):
@@ -153,7 +153,7 @@ def _paths(message: investigation_status_t) -> list[Floats]:
 
 
 def rays(state: ViewState, robot_id: int) -> Lines:
-    """Return what the range sensor of a robot saw last; nothing where it has none."""
+    """Return the last scan of a robot's range sensor; empty without one."""
     message, place = state.newest(RANGE_SCAN, robot_id), state.present().place(robot_id)
     if message is None or place is None:
         return _of_one_colour(np.empty((0, 2, 3)), RED)
@@ -165,7 +165,7 @@ def _ray_ends(scan: range_scan_t, place: tuple[float, float, float]) -> Floats:
     x, y, theta = place
     ranges = np.asarray(scan.ranges, float)
     angles = theta + scan.angle_first + scan.angle_step * np.arange(len(ranges))
-    hits = np.isfinite(ranges) & (ranges > 0.0)  # what sees nothing is not drawn: it would hide all else
+    hits = np.isfinite(ranges) & (ranges > 0.0)  # rays without a hit are not drawn: they would hide the rest
     far = np.stack([x + ranges[hits] * np.cos(angles[hits]), y + ranges[hits] * np.sin(angles[hits])], axis=1)
     return np.stack([np.broadcast_to((x, y), far.shape), far], axis=1)
 

@@ -1,4 +1,4 @@
-"""The part of a page that plots signals over time: any field of any channel, several at once."""
+"""The panel that plots signals over time: any field of any channel, several at once."""
 
 from collections.abc import Sequence
 
@@ -16,21 +16,21 @@ from cmr.view.data.robots import Floats
 from cmr.view.data.signals import Source
 from cmr.view.inputs import plain, write
 
-MOST_PLOTS = 6  # of one visitor, so that a page stays quick
-PIXELS = 600  # of a plot's width, at least; of more values the lowest and highest of each pixel are drawn
+MOST_PLOTS = 6  # per visitor, so that a page stays fast
+PIXELS = 600  # of a plot's width, at least; minima and maxima of each pixel are drawn
 HEIGHT = 150  # pixels
-LONGEST_LABEL = 18  # characters that fit beside a plot; the name is above it, too
+LONGEST_LABEL = 18  # characters that fit beside a plot; the full name is above it
 GAP_COLOUR, CURSOR_COLOUR = "#dee2e6", "#212529"
-BEYOND = 10.0  # times the height of a plot, above and below which nothing is seen
-ROOM = 0.25  # of the values' range that is free before the vertical axis is made to fit again
-BOTTOM = -1e9  # below all that is drawn, down to which gaps are filled
+BEYOND = 10.0  # plot heights above and below the visible range
+ROOM = 0.25  # of the range, free before the vertical axis is rescaled
+BOTTOM = -1e9  # below everything visible; gaps are filled down to it
 CHANNEL, SIGNAL, REMOVE = "choose a channel ...", "then a signal ...", "remove a plot ..."
 HINT = "Choose a channel and a signal to plot it over time."
 FULL = f"There are {MOST_PLOTS} plots; remove one before you add another."
 
 
 class Plots:
-    """Lets a visitor choose signals, and draws them."""
+    """Lets a visitor choose signals, and plots them."""
 
     def __init__(self, gui: viser.GuiApi, container: viser.GuiTabHandle, windows: Sequence[str]) -> None:
         self._gui, self._container = gui, container
@@ -50,7 +50,7 @@ class Plots:
         self._remove.on_update(self._take_remove)
 
     def show(self, curves: Curves, sources: Sequence[Source], now: int) -> None:
-        """Draw what was chosen as it is `now` [us], and offer `sources` to choose from."""
+        """Draw the selected signals at `now` [us], and offer `sources`."""
         self._offer(sources)
         chosen = list(self.chosen)
         for name in self._plots.keys() - set(chosen):
@@ -99,7 +99,7 @@ class Plots:
 
 
 class _Plot:
-    """One signal: its name with its last value, and its curve below."""
+    """One signal: its name with its value, and its curve below."""
 
     def __init__(self, gui: viser.GuiApi, name: FieldName) -> None:
         self._name, self._unit = name, unit_of(name)
@@ -138,7 +138,7 @@ class _Plot:
         self._chart.remove()
 
     def _fit(self, curve: Curve) -> tuple[float, float]:
-        """Return the range of the vertical axis; the axes are made again only where the curve no longer fits them."""
+        """Return the range of the vertical axis, rescaled only if the curve no longer fits."""
         values = curve.values[np.isfinite(curve.values)]
         low, high = value_range(values)
         if self._span is not None:
@@ -146,7 +146,7 @@ class _Plot:
             is_wide = known_high - known_low > 4.0 * (high - low)
             if (begin, end) == (curve.begin, curve.end) and known_low <= low and high <= known_high and not is_wide:
                 return known_low, known_high
-        room = ROOM * (high - low) if curve.cursor is None else 0.0  # live, the next values may be beyond
+        room = ROOM * (high - low) if curve.cursor is None else 0.0  # live, the next values may be outside
         low, high = low - room, high + room
         self._span = (curve.begin, curve.end, low, high)
         self._chart.scales = {
@@ -159,7 +159,7 @@ class _Plot:
 
 
 def title(name: FieldName, unit: str, curve: Curve) -> str:
-    """Return a signal's name with its value at the cursor, or its last one, as HTML; and what is missing."""
+    """Return a signal's name with its value at the cursor, or its last one, as HTML; and a note on missing data."""
     is_past = np.isfinite(curve.values)
     if curve.cursor is not None:
         is_past &= curve.seconds <= curve.cursor
@@ -170,15 +170,15 @@ def title(name: FieldName, unit: str, curve: Curve) -> str:
 
 
 def columns(curve: Curve, low: float, high: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return what the browser draws between `low` and `high`: times, values, where there are none, and the cursor.
+    """Return the browser's columns between `low` and `high`: times, values, gaps, and the cursor.
 
-    The last two are steps from far below to far above what is seen, so that only their rise, or the area below them,
-    is. So there is no NaN, across which the browser would draw a line.
+    The last two step from far below to far above the visible range, so that only their edges or areas are visible. This
+    avoids NaN, across which the browser would draw a line.
     """
     below, above = low - BEYOND * (high - low), high + BEYOND * (high - low)
     seconds, values = thinned(*broken_at_gaps(*_to_the_edges(curve)), PIXELS)
     is_gap = np.isnan(values)
-    # At the edges of a gap two points of one time, so that it begins and ends with a step.
+    # At the edges of a gap two points share a time, so that it begins and ends with a step.
     edges = np.flatnonzero(is_gap[1:] != is_gap[:-1])
     at = np.where(is_gap[edges], edges + 1, edges)
     seconds, values = np.insert(seconds, edges + 1, seconds[at]), np.insert(values, edges + 1, values[at])
@@ -190,13 +190,13 @@ def columns(curve: Curve, low: float, high: float) -> tuple[Floats, Floats, Floa
     cursor = min(max(curve.cursor, curve.begin), curve.end)
     place = int(np.searchsorted(seconds, cursor))
     here = (cursor, float(np.interp(cursor, seconds, values)), gaps[max(place - 1, 0)])
-    # Two points of one time, between which the cursor rises; the curve goes on through them.
+    # Two points at one time, between which the cursor rises; the curve continues through them.
     seconds, values, gaps = (np.insert(c, place, [h, h]) for c, h in zip((seconds, values, gaps), here, strict=True))
     return seconds, values, gaps, np.where(np.arange(len(seconds)) > place, above, below)
 
 
 def _to_the_edges(curve: Curve) -> tuple[Floats, Floats]:
-    """Return a curve with NaN for what is no number, that goes on to both edges of its window."""
+    """Return a curve with NaN for invalid values, extended to both edges of its window."""
     values = np.where(np.isfinite(curve.values), curve.values, np.nan)
     seconds = curve.seconds
     if seconds[0] > curve.begin:

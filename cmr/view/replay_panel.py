@@ -1,4 +1,4 @@
-"""The part of a page that plays a log: where it is, what happened when, speed and pause."""
+"""The panel that plays a log: position, events, speed and pause."""
 
 import math
 import re
@@ -17,12 +17,12 @@ from cmr.view.wishes import JUMP, PAUSE, SPEED
 SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
 STEP = 0.1  # s
 STEP_BY_KEY = 5.0  # s
-HANDS_OFF = 2.0  # s after a visitor moved the slider, or typed beside it, in which it is left to him
-TYPED = 0.7  # s after the last letter of a time; then it is complete
-MARKS_APART = 3.0  # s; with each news of them the slider is made again
-MOST_ON_SLIDER = 12  # marks; with more than that they would hide one another
-LABELS_APART = 0.3  # of the slider's length; the labels of nearer marks would lie over one another
-WORTH = ("stop", "calibrated", "failed", "diagnosis", "released", "parameters")  # labelling, first to last
+HANDS_OFF = 2.0  # s after a visitor used the slider or its box, during which it is not updated
+TYPED = 0.7  # s after the last keystroke until a time counts as complete
+MARKS_APART = 3.0  # s between updates of marks, which recreate the slider
+MOST_ON_SLIDER = 12  # marks; more would overlap
+LABELS_APART = 0.3  # of the slider's length; labels of closer marks would overlap
+WORTH = ("stop", "calibrated", "failed", "diagnosis", "released", "parameters")  # priority of labels, first to last
 TIME_PART = re.compile(r"[0-9]{1,9}(\.[0-9]*)?")
 CHOOSE = "jump to an event ..."
 
@@ -30,23 +30,23 @@ Asking = Callable[..., None]
 
 
 class ReplayPanel:
-    """Shows where a playback is, and passes on wishes to be elsewhere."""
+    """Shows the position of a playback, and passes on requests to change it."""
 
     def __init__(self, playback: Playback) -> None:
         self._playback = playback
         self._marks = 0
         self._marks_due = 0.0
         self._touched = self._typed = 0.0
-        self._wanted: float | None = None  # s; the time that is being typed
+        self._wanted: float | None = None  # s; the time being typed
 
     def add(self, gui: viser.GuiApi, ask: Asking) -> None:
-        """Add it to a page; `ask(what, value)` passes on wishes."""
+        """Add it to a page; `ask(what, value)` passes on requests."""
         self._gui, self._ask = gui, ask
         self._bar = gui.add_html("")
         self._folder = gui.add_folder("replay")
         with self._folder:
             self._slider = self._new_slider(gui, ())
-            # Nothing is ever written into this box, unlike into the one at the slider, which shows where the log is.
+            # This box is never written to, unlike the one at the slider, which shows the position.
             self._time = gui.add_text(GO_TO, "", hint="a time: seconds, or minutes:seconds")
             self._pause = gui.add_button("pause")
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
@@ -68,7 +68,7 @@ class ReplayPanel:
         return lambda _event: self._ask(JUMP, self._playback.position + int(seconds * MICROSECONDS))
 
     def show(self) -> None:
-        """Bring it up to date."""
+        """Update it."""
         playback = self._playback
         if self._wanted is not None and time.monotonic() - self._typed >= TYPED:
             self._ask(JUMP, playback.index.moment(self._wanted))
@@ -91,7 +91,7 @@ class ReplayPanel:
         self._marks = len(marks)
         step = -(-len(marks) // MOST_ON_SLIDER)
         self._slider.remove()
-        with self._folder:  # viser lets nobody change the marks of a slider
+        with self._folder:  # viser cannot change the marks of an existing slider
             self._slider = self._new_slider(self._gui, marks[::step])
         self._events.options = (CHOOSE, *(self._name(number, mark) for number, mark in enumerate(marks)))
 
@@ -128,13 +128,13 @@ class ReplayPanel:
         self._ask(JUMP, self._playback.index.marks[number].utime)
 
     def _end(self) -> float:
-        """Return where the slider ends [s]: in whole steps, which it shows."""
+        """Return the end of the slider [s], in whole steps."""
         index = self._playback.index
         return round(math.ceil(max(index.seconds(index.end), STEP) / STEP) * STEP, 1)
 
 
 def seconds_of(text: str) -> float | None:
-    """Return what a time says [s]: 90, 1:30 or 0:01:30.5; None where it is none."""
+    """Parse a time [s]: 90, 1:30 or 0:01:30.5; None if it is invalid."""
     seconds = 0.0
     for part in text.strip().split(":"):
         if TIME_PART.fullmatch(part) is None:
@@ -144,7 +144,7 @@ def seconds_of(text: str) -> float | None:
 
 
 def labelled(marks: Sequence[tuple[float, str]], length: float) -> tuple[float | tuple[float, str], ...]:
-    """Return marks on a slider of this length, with those words that have room, the more important ones first."""
+    """Return marks on a slider of this length, with labels where they fit, by priority."""
     chosen: list[tuple[float, str]] = []
     for mark in sorted(marks, key=lambda mark: WORTH.index(mark[1])):
         if all(abs(mark[0] - other) >= LABELS_APART * length for other, _ in chosen):

@@ -1,7 +1,7 @@
-"""The web server: its visitors, the queue of what they wish, and the logs that they open for themselves.
+"""The web server: its visitors, the queue of their requests, and their own logs.
 
-A log that a visitor opens is that visitor's alone: for everybody else the page goes on as it was, whatever is in the
-log. The emergency stop of a live page works meanwhile.
+A log that a visitor opens is visible only to that visitor, and does not affect others, whatever it contains. The
+emergency stop of a live page keeps working.
 """
 
 import asyncio
@@ -35,23 +35,23 @@ MakeBeside = Callable[[str, Guesses], Beside]  # of the token
 
 TRAILS_EVERY = 0.5  # s
 PANELS_EVERY = 0.5  # s
-SHARE_OF_OPENED = 0.1  # of the time in which the log of one visitor is read; there are MOST_OPENED
+SHARE_OF_OPENED = 0.1  # of the time for reading one visitor's log; there are MOST_OPENED
 
 
 class _Server(viser.ViserServer):
-    """Viser's server, which nobody can make reachable from the internet."""
+    """Viser's server without the option to expose it on the internet."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002 - the name is viser's
-        """Do not open the tunnel that any visitor could ask for."""
+        """Refuse to open the tunnel that any visitor could request."""
         return None
 
 
 class PageServer:
     """Serves pages at an address; if the port is taken, at the next free one.
 
-    All visitors see `showing` in a `room` until they open a log. Their wishes go into `wishes`; only those come that
-    each visitor is allowed, with the `token`. Pages `beside` are served, too; what makes them is given what counts
-    guesses of the token. Raises OSError where it cannot serve.
+    All visitors see `showing` in a `room` until they open a log. Requests that a visitor may make with the `token` go
+    into `wishes`. Additional pages `beside` are served, too; their makers get the counter of token guesses. Raises
+    OSError if it cannot serve.
     """
 
     def __init__(
@@ -68,9 +68,9 @@ class PageServer:
         self._trails_due = self._panels_due = 0.0
         pages = [make(token, self._guesses) for make in beside]
         self._beside = tuple((page.page, page.title) for page in pages)
-        # A visitor who leaves while something is sent to him is no news.
+        # A visitor leaving during a transmission is not worth a warning.
         warnings.filterwarnings("ignore", ".* on a closed connection", UserWarning)
-        # Its banner is not shown: where the page is, is said by the process.
+        # The process itself prints the address.
         with redirect_stdout(io.StringIO()), guarding(Door(address, self.refusals), pages):
             self._server = _Server(address.host, address.port, "cmr-view", verbose=False)
         self.url = address.url(self._server.get_port())
@@ -83,20 +83,20 @@ class PageServer:
         self._server.on_client_disconnect(lambda client: self.wishes.put(Wish(LEAVE, client.client_id)))
 
     def wished(self, utime: int) -> list[Wish]:
-        """Let visitors come, go, and have logs of their own; return what else they wish, `utime` [us]."""
+        """Handle visitors that come, go, and use own logs; return the other requests, `utime` [us]."""
         result: list[Wish] = []
         while True:
             try:
                 wish = self.wishes.get_nowait()
             except Empty:
-                if result:  # what comes of it is to be seen at once
+                if result:  # so that the result is visible at once
                     self._trails_due = self._panels_due = 0.0
                 return result
             if not self._fulfil(wish, utime):
                 result.append(wish)
 
     def show(self, seconds: float) -> None:
-        """Draw the moment on all pages; let `seconds` pass in the logs of single visitors."""
+        """Draw all pages; advance the logs of single visitors by `seconds`."""
         now = time.monotonic()
         with_trails, with_panels = now >= self._trails_due, now >= self._panels_due
         self._trails_due = now + TRAILS_EVERY if with_trails else self._trails_due
@@ -114,7 +114,7 @@ class PageServer:
         self._logs.clean()
 
     def _fulfil(self, wish: Wish, utime: int) -> bool:
-        """Do what concerns one visitor only; return whether that was it."""
+        """Fulfil requests that concern one visitor only; return whether it was one."""
         visit = self.visits.get(wish.visitor)
         if wish.what == COME:
             self._welcome(wish.value)
@@ -193,7 +193,7 @@ class PageServer:
         self._show_to(visit.visitor, self._showing, None)
 
     def _draw(self, visit: Visit, common: Picture | None, seconds: float, with_trails: bool, with_panels: bool) -> None:
-        """Draw what one visitor sees: what is common to all, or the visitor's own log, which plays on."""
+        """Draw one visitor's page: the common view, or the visitor's own log, advanced."""
         head, picture = visit.showing.head(), common
         if visit.log is not None:
             visit.showing.advance(seconds)
@@ -202,7 +202,7 @@ class PageServer:
             visit.show(picture, head, with_trails, with_panels)
 
     def _do_for(self, visit: Visit, act: Callable[[Visit], None]) -> None:
-        """Do something for one visitor; if it goes wrong, that visitor's own log is closed, or else the page."""
+        """Do something for one visitor; on failure, close that visitor's own log, or else the page."""
         try:
             act(visit)
         except RuntimeError:  # viser: the visitor has just left
@@ -211,13 +211,13 @@ class PageServer:
             if visit.log is None:
                 self._dismiss(visit, error)
                 return
-            self._close(visit)  # whatever is in a log, the pages of the others go on
+            self._close(visit)  # whatever a log contains, other pages continue
             changed = self.visits.get(visit.visitor.client.client_id)
             if changed is not None:
                 changed.page.refuse(f"{visit.log.name} cannot be played: {error}")
 
     def _dismiss(self, visit: Visit, error: Exception) -> None:
-        """Close the connection of a visitor whose page cannot be drawn; the browser asks for a new page by itself."""
+        """Close the connection of a visitor whose page cannot be drawn; the browser reconnects by itself."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}:{place.lineno}"
         visitor = visit.visitor.client.client_id
@@ -235,7 +235,7 @@ class PageServer:
         return self._server._websock_server._live_connections.get(visitor)
 
     def _want_curves(self) -> None:
-        """Let everything that is shown keep the signals that its visitors plot."""
+        """Tell everything shown which signals its visitors plot."""
         showings: dict[int, tuple[Showing, list[FieldName]]] = {id(self._showing): (self._showing, [])}
         for visit in self.visits.values():
             showings.setdefault(id(visit.showing), (visit.showing, []))[1].extend(visit.page.plotted)

@@ -1,4 +1,4 @@
-"""What robots, digits and circles look like: vertices and faces, in metres, and rotations about the vertical."""
+"""Shapes of robots, digits and circles: vertices and faces, in metres, and rotations about the vertical."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Mesh = tuple[Floats, NDArray[np.int64]]  # vertices (v, 3) and faces (f, 3)
 
-LENGTH, WIDTH, HEIGHT = 0.20, 0.15, 0.07  # m, of a robot that is drawn; its size is given nowhere
+LENGTH, WIDTH, HEIGHT = 0.20, 0.15, 0.07  # m, of a drawn robot; its true size is unknown
 NOSE = 0.05  # m of the length that taper to the front
 CLEARANCE = 0.015  # m under the body
 WHEEL_LENGTH, WHEEL_WIDTH = 0.07, 0.03  # m
 DIGIT_HEIGHT, DIGIT_WIDTH, STROKE = 0.075, 0.034, 0.009  # m
 DIGIT_PITCH = 0.058  # m from digit to digit
-# The bars of a seven-segment digit: where they lie, in half widths and half heights, and whether they are upright.
+# Segments of a seven-segment digit: position in half widths and half heights, and whether vertical.
 BARS = {"a": (0, 2, False), "b": (1, 1, True), "c": (1, -1, True), "d": (0, -2, False)}
 BARS |= {"e": (-1, -1, True), "f": (-1, 1, True), "g": (0, 0, False)}
 LIT = ("abcdef", "bc", "abged", "abgcd", "fgbc", "afgcd", "afgedc", "abc", "abcdefg", "abcdfg")  # by digit
@@ -29,7 +29,7 @@ def robot() -> Mesh:
 
 
 def plain_robot() -> Mesh:
-    """Return the top of a robot's body alone: of thousands no more is seen, and they are drawn much faster."""
+    """Return only the top of a robot's body: with thousands, no more is visible, and they draw much faster."""
     corners = [np.array((x, y, CLEARANCE + HEIGHT)) for x, y in _outline()]
     return np.array(corners), np.array([(0, k, k + 1) for k in range(1, len(corners) - 1)])
 
@@ -108,7 +108,7 @@ def _box(x: float, y: float, length: float, width: float, bottom: float, top: fl
 
 
 def _patch(x: float, y: float, length: float, width: float) -> Mesh:
-    """Return a flat rectangle that is seen from above: thousands of digits are drawn."""
+    """Return a flat rectangle visible from above: thousands of digits are drawn."""
     corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     vertices = np.array([(x + i * length / 2, y + j * width / 2, 0.0) for i, j in corners])
     return vertices, np.array([(0, 1, 2), (0, 2, 3)])

@@ -1,4 +1,4 @@
-"""What a page shows and how wishes are fulfilled: the live world, or a log that is played."""
+"""The content of a page and its reactions to requests: the live world, or a log being played."""
 
 from pathlib import Path
 from typing import Protocol
@@ -18,14 +18,14 @@ from cmr.view.orders import Orders
 from cmr.view.replay_panel import ReplayPanel
 from cmr.view.wishes import FIGURE_EIGHT, JUMP, PAUSE, RELEASE, SPEED, STOP, Wish
 
-SHARE_FOR_INDEX = 0.5  # of the time in which a log is read to the end, while its page is already there
+SHARE_FOR_INDEX = 0.5  # of the time, for indexing a log while its page is already shown
 RED, GREEN = "#d62828", "inherit"
 
 
 class Showing(Protocol):
-    """What `cmr-view` runs: `state` is shown, `orders` go to the bus, `panel` makes what a page has besides.
+    """The content of `cmr-view`: `state` is shown, `orders` go to the bus, `panel` makes additional controls.
 
-    `name` is what visitors call it.
+    `name` is its name for visitors.
     """
 
     orders: Orders
@@ -33,23 +33,23 @@ class Showing(Protocol):
 
     @property
     def curves(self) -> Curves:
-        """The signals that visitors plot."""
+        """The signals plotted by visitors."""
 
     @property
     def state(self) -> ViewState:
-        """What is shown now."""
+        """The current state."""
 
     def panel(self) -> ReplayPanel | None:
-        """Return what a new page has for it."""
+        """Return the additional controls of a new page."""
 
     def sources(self) -> list[Source]:
-        """Return what has signals to plot."""
+        """Return the sources of signals."""
 
     def advance(self, seconds: float) -> None:
         """Let time pass."""
 
     def fulfil(self, wish: Wish, utime: int) -> None:
-        """Do what a visitor wishes, who may; `utime` is the time of day [us]."""
+        """Fulfil a permitted request; `utime` is the time of day [us]."""
 
     def head(self) -> str:
         """Return the line at the top of the page, as HTML."""
@@ -71,20 +71,20 @@ class LiveShowing:
         self._ear = Ear(url, self._intake)
 
     def panel(self) -> None:
-        """There is nothing besides."""
+        """Return no additional controls."""
 
     def sources(self) -> list[Source]:
-        """Return the channels that are heard, without those of robots that have left."""
+        """Return the active channels, without those of robots that have left."""
         return sources(self.state.heard_channels(), self.state.present(), self.state.array_lengths())
 
     def advance(self, _seconds: float) -> None:
-        """Take what was said."""
+        """Process received messages."""
         self._ear.listen()
         self._intake.flush()
         self.state.advance(now_utime())
 
     def fulfil(self, wish: Wish, utime: int) -> None:
-        """Do what a visitor wishes."""
+        """Fulfil a request."""
         _stop_or_release(self.orders, wish, utime)
         if wish.what == FIGURE_EIGHT:
             place = self.state.present().fresh().place(wish.value)
@@ -101,7 +101,7 @@ class LiveShowing:
 
 
 class LogShowing:
-    """The log in a file, of which `share` of the time is spent on reading it to the end. Raises OSError."""
+    """The log in a file, with a `share` of the time spent on indexing it. Raises OSError."""
 
     def __init__(self, path: Path, name: str = "", share: float = SHARE_FOR_INDEX) -> None:
         self.orders = Orders()
@@ -112,7 +112,7 @@ class LogShowing:
 
     @property
     def state(self) -> ViewState:
-        """What is shown now."""
+        """The current state."""
         return self._playback.state
 
     def panel(self) -> ReplayPanel:
@@ -120,11 +120,11 @@ class LogShowing:
         return ReplayPanel(self._playback)
 
     def sources(self) -> list[Source]:
-        """Return the channels of the log, as far as it has been read, and the robots that are there now."""
+        """Return the log's channels so far, and the robots present now."""
         return sources(self._playback.index.places, self.state.present(), self.state.array_lengths())
 
     def advance(self, seconds: float) -> None:
-        """Play on, and read on."""
+        """Play on, and continue indexing."""
         index = self._playback.index
         reading = self._share * seconds / (1 + (self.curves.pending and not index.complete))
         index.build(reading)
@@ -132,7 +132,7 @@ class LogShowing:
         self._playback.play(seconds)
 
     def fulfil(self, wish: Wish, utime: int) -> None:
-        """Do what a visitor wishes."""
+        """Fulfil a request."""
         _stop_or_release(self.orders, wish, utime)
         if wish.what == PAUSE:
             self._pause()
@@ -142,7 +142,7 @@ class LogShowing:
             self._playback.jump(wish.value)
 
     def head(self) -> str:
-        """Return where the log is and which robots are there."""
+        """Return the log's position and its robots."""
         playback = self._playback
         known = "" if playback.index.complete else f" · {100 * playback.index.progress:.0f} % read"
         known += ", not yet what happened before this" if playback.is_guess else ""
@@ -154,7 +154,7 @@ class LogShowing:
         return "".join(lines) + stop_line(self.orders)
 
     def _damage(self) -> str:
-        """Return how much of the log is no intact event, as far as it has been read; empty if all is well."""
+        """Return how much of the log is damaged, as far as it has been read; empty if nothing is."""
         index, reader = self._playback.index, self._playback.index.reader
         if index.complete and not index.places:
             return f"No intact event in {reader.size} bytes. Is it an event log, as lcm-logger writes it?"
@@ -162,7 +162,7 @@ class LogShowing:
         return f"{damaged} of {reader.size} bytes are damaged; the intact events are shown." if damaged else ""
 
     def message(self) -> str:
-        """Return what is played."""
+        """Return what is being played."""
         return f"Plays {self.name}."
 
     def _pause(self) -> None:
@@ -174,7 +174,7 @@ class LogShowing:
 
 
 def crowd(state: ViewState) -> str:
-    """Return how many robots there are of each kind, and of how many of them nothing is heard at the moment."""
+    """Return the number of robots of each kind, and of silent ones."""
     robots = state.present()
     real, virtual, twins = ((robots.origin == origin).sum() for origin in (REAL, VIRTUAL, TWIN))
     counts = f"{real} real, {virtual} virtual, {twins} {'twin' if twins == 1 else 'twins'}"
@@ -182,7 +182,7 @@ def crowd(state: ViewState) -> str:
 
 
 def stop_line(orders: Orders) -> str:
-    """Return, as HTML, that the emergency stop is engaged, and that drivers hold robots by it, as far as that is so."""
+    """Return HTML on an engaged emergency stop, and on robots held by drivers, if any."""
     engaged = words.sentence(f"EMERGENCY STOP engaged by {orders.reason}", RED) if orders.stopped else ""
     latched = f"EMERGENCY STOP in force until it is reset, engaged by {orders.latched_reason}"
     return engaged + (words.sentence(latched, RED) if orders.latched_reason else "")

@@ -1,4 +1,4 @@
-"""The scene that all visitors see, drawn with viser."""
+"""The scene common to all visitors, drawn with viser."""
 
 from collections.abc import Callable
 
@@ -9,23 +9,23 @@ from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.view import shapes
 from cmr.view.picture import WAYPOINT_HEIGHT, Bodies, Lines, Picture
 
-MANY = 2000  # things of a kind; more of them are drawn plainly
+MANY = 2000  # objects of a kind; more are drawn in simplified shape
 GHOST_OPACITY = 0.35
 LABEL_COLOUR = (20, 20, 20)
 OBSTACLE_COLOUR = (120, 120, 125)
-OBSTACLE_HEIGHT = 0.12  # m that is drawn; they reach higher
+OBSTACLE_HEIGHT = 0.12  # m, as drawn; they are taller
 FENCE_COLOUR = (0, 0, 0)
 PREDICTED_WIDTH = 0.012  # m
-TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.02, 0.01, 0.03  # m; trails can be seen under the way they follow
+TRAIL_WIDTH, WAYPOINT_WIDTH, FENCE_WIDTH = 0.02, 0.01, 0.03  # m; trails are visible under waypoints
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-# Viser takes colours of instances and of single lines for amounts of light, those of everything else for sRGB.
+# Viser interprets colours of instances and single lines as linear, all others as sRGB.
 LIGHT = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
 
 
 class Instances:
-    """Many things of one shape; made again when their number changes, moved otherwise.
+    """Many objects of one shape; recreated when their number changes, otherwise moved.
 
-    Where there are very many, they have the `plain` shape, if one is given.
+    Very many use the `plain` shape, if given.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Instances:
         self._handle.batched_colors = LIGHT[bodies.colour]
 
     def on_click(self, call: Callable[[int, int], None]) -> None:
-        """Call with the visitor's id and the number of the thing that was clicked."""
+        """Call back with the visitor's id and the index of the clicked object."""
         self._on_click = call
 
     def _make(self, bodies: Bodies) -> None:
@@ -94,7 +94,7 @@ class LineSet:
         self._handle: viser.LineSegmentsHandle | None = None
 
     def show(self, lines: Lines) -> None:
-        """Draw these in place of the ones before."""
+        """Draw these, replacing the previous ones."""
         if self._shown is not None and np.array_equal(self._shown.ends, lines.ends):
             return
         self._shown = lines
@@ -111,7 +111,7 @@ class Stage:
     """Floor, robots with their ids, ghosts, waypoints, geofence and obstacles."""
 
     def __init__(self, scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | None) -> None:
-        scene.configure_environment_map(None)  # its reflections would pale the colours
+        scene.configure_environment_map(None)  # its reflections would wash out the colours
         scene.configure_default_lights(cast_shadow=False)
         scene.add_light_ambient("/light", intensity=1.5)  # so that no side of a robot is black
         scene.add_grid(
@@ -142,7 +142,7 @@ def _upright(places: shapes.Floats, colour: tuple[int, int, int]) -> Bodies:
 
 
 def _add_room(scene: viser.SceneApi, obstacles: Obstacles, geofence: Geofence | None) -> None:
-    """Draw what does not move."""
+    """Draw the static objects."""
     for k, (x, y, radius) in enumerate(obstacles.discs.T.tolist()):
         vertices, faces = shapes.cylinder(radius, OBSTACLE_HEIGHT)
         scene.add_mesh_simple(

@@ -1,7 +1,6 @@
-"""Files that a visitor sends to the page: they go to the disk part by part, within bounds.
+"""Files uploaded by visitors: written to disk part by part, within limits.
 
-Viser itself takes files of any size from anybody, and holds them in memory. So its handlers of a visitor's transfers
-are replaced.
+Viser itself accepts files of any size from anybody, in memory. So its handlers of uploads are replaced.
 """
 
 import time
@@ -17,14 +16,14 @@ from cmr.view.inputs import replace_handler
 from cmr.view.opening import LogFolder, OpenedLog, RefusedLog
 
 DROP = "Drop an event log, such as run.lcm, anywhere on this page. It is played for you alone."
-LAST = 1e18  # in the order of what is on a page, which otherwise is that of time
-SILENCE = 30.0  # s after which a file of which nothing more comes is given up
+LAST = 1e18  # position on a page, which is otherwise by time
+SILENCE = 30.0  # s without data after which an upload is given up
 Check = Callable[[int], None]
 Take = Callable[[OpenedLog], None]
 
 
 class _Transfer(NamedTuple):
-    """A file that is arriving, in parts [bytes] that have to come in their order; `received` of them have."""
+    """An upload in progress, in parts [bytes] that must arrive in order; `received` of them have."""
 
     start: _messages.FileTransferStartUpload
     stream: BinaryIO
@@ -33,11 +32,11 @@ class _Transfer(NamedTuple):
 
 
 class Upload:
-    """The folder of a page with which its visitor sends a file; a file that is dropped on the page comes here, too.
+    """The upload folder of a page; files dropped on the page also arrive here.
 
-    It stays when the rest of the page changes, as the browser shows with it how much has been sent. `check(size)`
-    raises RefusedLog where a file of this size [bytes] may not be sent; `take(log)` has a log that has come, in `logs`;
-    `refuse(sentence)` says why none is taken. They are called by viser's threads.
+    It stays when the rest of the page changes, because the browser shows the progress with it. `check(size)` raises
+    RefusedLog for a file size [bytes] that is not allowed; `take(log)` gets a complete log, in `logs`;
+    `refuse(sentence)` reports a refusal. They are called from viser's threads.
     """
 
     def __init__(
@@ -54,19 +53,19 @@ class Upload:
 
     @property
     def arriving(self) -> int:
-        """How many bytes the visitor is about to send."""
+        """The number of bytes that the visitor is sending."""
         transfer = self._transfer
         if transfer is None or time.monotonic() - transfer.heard > SILENCE:
             return 0
         return transfer.start.size_bytes
 
     def allow(self, allowed: bool) -> None:
-        """Let the visitor use the button, or not; `check` refuses what comes nevertheless."""
+        """Enable or disable the button; `check` refuses anything sent anyway."""
         if self.button.disabled == allowed:
             self.button.disabled = not allowed
 
     def end(self) -> None:
-        """Forget a file of which not everything has come."""
+        """Discard an incomplete upload."""
         transfer, self._transfer = self._transfer, None
         if transfer is not None:
             self._logs.drop(transfer.stream)
@@ -91,7 +90,7 @@ class Upload:
         is_last = transfer.received + 1 == start.part_count
         fits = done == start.size_bytes if is_last else done < start.size_bytes
         if message.part_index != transfer.received or not message.content or not fits:
-            self.end()  # that is not how a page sends a file
+            self.end()  # not how a page sends a file
             return
         try:
             transfer.stream.write(message.content)
@@ -104,7 +103,7 @@ class Upload:
             self._finish(self._transfer)
 
     def _finish(self, transfer: _Transfer) -> None:
-        """Have a file looked into by another thread: it takes a moment, and the server serves others meanwhile."""
+        """Check a file in another thread, because it takes a moment."""
         self._transfer = None
         self._gui._thread_executor.submit(self._arrived, transfer)
 
@@ -117,7 +116,7 @@ class Upload:
     def _give_up(self, start: _messages.FileTransferStartUpload, sentence: str) -> None:
         self.end()
         self._refuse(sentence)
-        self._acknowledge(start, start.size_bytes)  # the browser then ends its display, and has its button again
+        self._acknowledge(start, start.size_bytes)  # the browser then ends its progress display
 
     def _acknowledge(self, start: _messages.FileTransferStartUpload, done: int) -> None:
         self._gui._websock_interface.queue_message(
@@ -137,7 +136,7 @@ def _sentence(refused: Exception) -> str:
 
 
 def clear(client: viser.ClientHandle, kept: viser.GuiFolderHandle) -> None:
-    """Take everything from a visitor's page but one folder, and everything from the scene."""
+    """Remove everything from a visitor's page except one folder, and everything from the scene."""
     for handle in list(client.gui._container_handle_from_uuid["root"]._children.values()):
         if handle is not kept:
             handle.remove()

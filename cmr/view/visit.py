@@ -1,4 +1,4 @@
-"""One visitor: a page and a scene of their own, and what they show: what all see, or a log that the visitor opened."""
+"""One visitor: an own page and scene, showing the common view or the visitor's own log."""
 
 from typing import NamedTuple
 
@@ -15,17 +15,17 @@ from cmr.view.wishes import CLICK, OPEN, Permission, Wish, Wishes
 
 
 class Room(NamedTuple):
-    """What stands in the scene."""
+    """The fixed contents of the scene."""
 
     obstacles: Obstacles
     geofence: Geofence | None
 
 
-NO_ROOM = Room(Obstacles.none(), None)  # of a log that a visitor opens nobody says what stood there
+NO_ROOM = Room(Obstacles.none(), None)  # unknown for an uploaded log
 
 
 class Visitor(NamedTuple):
-    """A visitor: the browser, what it may do, and how it sends files. They last as long as the connection."""
+    """A visitor: browser, permissions, and uploads. Lasts as long as the connection."""
 
     client: viser.ClientHandle
     permission: Permission
@@ -33,7 +33,7 @@ class Visitor(NamedTuple):
 
 
 class Visit:
-    """A visitor with what is shown. Raises RuntimeError, as viser does, where the visitor has just left."""
+    """A visitor with the content shown. Raises RuntimeError, as viser does, if the visitor has just left."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Visit:
         self._picture: Picture | None = None
 
     def show(self, picture: Picture, head: str, with_trails: bool, with_panels: bool) -> None:
-        """Draw the moment of what is shown; panels and trails less often."""
+        """Draw the current content; panels and trails less often."""
         self._picture = picture
         self._stage.show(picture)
         self.page.show_scene(self.showing.state, with_trails)
@@ -65,6 +65,6 @@ class Visit:
                 self._replay.show()
 
     def choose(self, place: int) -> None:
-        """Choose the robot that was clicked, by its place among those that were drawn last."""
+        """Choose the clicked robot, by its index in the last picture."""
         if self._picture is not None and 0 <= place < len(self._picture.solid_ids):
             self.page.choose(int(self._picture.solid_ids[place]))

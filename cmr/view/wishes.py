@@ -1,4 +1,4 @@
-"""What visitors ask for: put into a queue by the page's own threads, fulfilled by the process between two pictures."""
+"""Requests of visitors: queued by the page's threads, fulfilled by the process between pictures."""
 
 import hmac
 from queue import SimpleQueue
@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 
 from cmr.view.entrance.guesses import Guesses
 
-COME, LEAVE, CLICK = "come", "leave", "click"  # of a visitor: what needs no token
+COME, LEAVE, CLICK = "come", "leave", "click"  # of a visitor: no token needed
 STOP, RELEASE, FIGURE_EIGHT = "stop", "release", "figure-eight"
 PAUSE, SPEED, JUMP = "pause", "speed", "jump"
-OPEN, CLOSE = "open", "close"  # a log of the visitor's own, for that visitor alone
-HARMLESS = (STOP, PAUSE, SPEED, JUMP, OPEN, CLOSE)  # needs no token on the computer that serves the page
+OPEN, CLOSE = "open", "close"  # an uploaded log, for that visitor alone
+HARMLESS = (STOP, PAUSE, SPEED, JUMP, OPEN, CLOSE)  # need no token on the computer that serves the page
 
 
 class Wish(NamedTuple):
-    """What is wished, by whom, and its object: a robot id, a speed, a moment [us], a place in a list, or a log."""
+    """A request: its kind, its visitor, and its object: a robot id, a speed, a time [us], an index, or a log."""
 
     what: str
     visitor: int
@@ -25,11 +25,11 @@ Wishes = SimpleQueue[Wish]
 
 
 class Permission:
-    """Whether one visitor has entered the token, without which nothing that he wishes is done.
+    """Whether one visitor has entered the token, which is required for requests.
 
-    With `on_this_computer` the page is served to this computer alone: then everybody may stop the robots, and open and
-    play a log, without the token. `refused` counts what was wished without permission. `guesses` slows down visitors
-    who try wrong tokens from this `address`.
+    With `on_this_computer` the page is served only to this computer: then anybody may stop the robots, and open and
+    play a log, without the token. `refused` counts refused requests. `guesses` slows down visitors who try wrong tokens
+    from this `address`.
     """
 
     def __init__(
@@ -43,18 +43,18 @@ class Permission:
 
     @property
     def wait(self) -> float:
-        """How long no token of this visitor is looked at, after too many wrong ones [s]."""
+        """The waiting time before this visitor's next token is checked, after too many wrong ones [s]."""
         return self._guesses.wait(self._address)
 
     def try_token(self, text: str) -> bool:
-        """Take what a visitor has typed; return whether it is the token. It is not looked at where he has to wait."""
+        """Check a typed token; return whether it is right. Nothing is checked during a waiting time."""
         if not self.granted and self.wait <= 0.0:
             self.granted = hmac.compare_digest(text.strip().encode(errors="replace"), self._token)
             self._guesses.count(self._address, self.granted)
         return self.granted
 
     def asks(self, what: str) -> bool:
-        """Return whether the visitor may have `what` he wishes now."""
+        """Return whether the visitor may request `what` now, counting refusals."""
         allowed = self.allows(what)
         self.refused += not allowed
         return allowed

@@ -1,4 +1,4 @@
-"""The panels' contents as HTML: tables and sentences. Whatever comes from the bus is escaped."""
+"""The panels' contents as HTML: tables and sentences. Everything from the bus is escaped."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -23,8 +23,8 @@ from cmr.view.data.state import ViewState
 from cmr.view.drawing import bar, distance, paths_drawing
 from cmr.view.inputs import plain
 
-SILENT = 3.0  # s without a report after which a process is said to be silent
-CONFIDENCE = 1.96  # standard deviations to each side that hold the truth in 95 of 100 cases
+SILENT = 3.0  # s without a report after which a process counts as silent
+CONFIDENCE = 1.96  # standard deviations on either side of a 95 % interval
 STYLE = "font-size:11px;line-height:1.3;padding:2px 12px;overflow-x:auto"
 KEEP = "white-space:nowrap"
 CELL = "padding:1px 5px 1px 0;vertical-align:top;text-align:left"
@@ -51,7 +51,7 @@ CALIBRATION_STATES = {
     calibration_status_t.FAILED: "failed",
 }
 ESTIMATED = ("k2_over_k3", "k1", "base_width")  # the parameters that a calibration_status_t has
-# Those that may be shown, with unit: robots with a velocity controller have the middle two in place of the first.
+# Parameters to show, with units: robots with a velocity controller have the middle two instead of the first.
 ESTIMATES = (
     ("k2_over_k3", "rad/s²"),
     ("k1", "s/rad"),
@@ -63,7 +63,7 @@ MEANINGS = {name: parameter.meaning for name, parameter in {**DEFINITIONS, **CON
 
 
 def command_words(command: Command) -> str:
-    """Return what a command asks for, with units."""
+    """Describe a command, with units."""
     if isinstance(command, motor_command_t):
         return f"left {command.left:+.2f}, right {command.right:+.2f} duty"
     if isinstance(command, wheel_speed_command_t):
@@ -72,7 +72,7 @@ def command_words(command: Command) -> str:
 
 
 def status_words(status: int) -> str:
-    """Return what the status bits of a motor_feedback_t say, in plain language."""
+    """Describe the status bits of a motor_feedback_t."""
     words = [word for bit, word in STATUS_WORDS.items() if status & bit]
     unknown = status & ~sum(STATUS_WORDS)
     words += [f"unknown status {unknown:#x}"] if unknown else []
@@ -80,7 +80,7 @@ def status_words(status: int) -> str:
 
 
 def processes(state: ViewState) -> str:
-    """Return the table of processes, with what each says below it."""
+    """Return the table of processes, with the message of each below it."""
     rows: list[tuple[object, ...]] = []
     for (name, host, pid), reported in sorted(state.processes.items()):
         message, age = reported.message, (state.now - reported.utime) / 1e6
@@ -108,7 +108,7 @@ def bus(state: ViewState) -> str:
 
 
 def robot(state: ViewState, robot_id: int) -> str:
-    """Return what is known of one robot."""
+    """Return a table about one robot."""
     robots = state.present()
     rows: list[tuple[object, ...]] = []
     for origin, name in ((REAL, "real"), (VIRTUAL, "virtual"), (TWIN, "twin")):
@@ -126,7 +126,7 @@ def robot(state: ViewState, robot_id: int) -> str:
 
 
 def _reported(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
-    """Yield what a robot's own channels say."""
+    """Yield rows from a robot's own channels."""
     for stream in COMMANDS_OF.values():
         command = state.newest(stream, robot_id)
         if command is not None:
@@ -154,7 +154,7 @@ def _reported(state: ViewState, robot_id: int) -> Iterable[tuple[object, ...]]:
 
 @lru_cache(maxsize=64)
 def parameter_values(text: str) -> str:
-    """Return what a parameter file says of the parameters that all robots of its kind have; empty if unreadable."""
+    """Return the parameters common to all robots of its kind from a parameter file; empty if unreadable."""
     known, definitions = _parsed(text), {**DEFINITIONS, **CONTROLLER_DEFINITIONS}
     names = [name for name in definitions if known is not None and known.has(name)]
     return ", ".join(f"{name} {known.value(name):.4g} {definitions[name].unit}" for name in names if known)
@@ -169,7 +169,7 @@ def _parsed(text: str) -> ParameterFile | None:
 
 
 def controller_of(state: ViewState, robot_id: int) -> VelocityController | None:
-    """Return the velocity controller of a robot, by its parameters; None for one that takes duties, or is not known."""
+    """Return the velocity controller of a robot, by its parameters; None if it takes duties or is unknown."""
     announced = state.newest(PARAMETERS, robot_id)
     known = None if announced is None else _parsed(announced.yaml)
     try:
@@ -186,7 +186,7 @@ class Estimate(NamedTuple):
 
 
 def estimated(message: calibration_status_t, controller: VelocityController | None) -> dict[str, Estimate]:
-    """Return what a calibration_status_t says of the parameters that are known, by the names of the robot's file."""
+    """Return the known parameters of a calibration_status_t, by the names of the robot's file."""
     values = {name: getattr(message, name) for name in ESTIMATED if math.isfinite(getattr(message, name))}
     stds = {name: getattr(message, f"{name}_std") for name in values}
     if controller is not None and {"k2_over_k3", "k1"} <= set(values):
@@ -198,13 +198,13 @@ def estimated(message: calibration_status_t, controller: VelocityController | No
 
 
 def _ago(state: ViewState, stream: Stream[Message], robot_id: int) -> str:
-    """Return how old what a robot said last on a stream is, in words; empty where it is fresh."""
+    """Return the age of a robot's last message on a stream, in words; empty if it is fresh."""
     age = (state.now - state.latest[stream.name][robot_id].utime) / 1e6
     return f" {age:.0f} s ago" if age > SILENT else ""
 
 
 def calibration(message: calibration_status_t, controller: VelocityController | None = None) -> str:
-    """Return what a calibration_status_t says, of a robot that has this velocity controller."""
+    """Describe a calibration_status_t, for a robot with this velocity controller."""
     rows: list[tuple[object, ...]] = [("state", CALIBRATION_STATES.get(message.state, message.state))]
     known = estimated(message, controller)
     own = (*(("response_time", "speed_scale") if controller else ESTIMATED[:2]), ESTIMATED[2])
@@ -225,7 +225,7 @@ def calibration(message: calibration_status_t, controller: VelocityController | 
 
 
 def drives(state: ViewState, robot_id: int) -> str:
-    """Return a drawing of where robot and twin went on the drive of the calibration, and on the one after it."""
+    """Draw the paths of robot and twin on the calibration's drive, and on the one after it."""
     before, after = state.drives.of(robot_id)
     history = state.calibrations.get(robot_id)
     is_done = history is not None and history[-1].message.state == calibration_status_t.DONE
@@ -234,7 +234,7 @@ def drives(state: ViewState, robot_id: int) -> str:
 
 
 def twins(state: ViewState) -> str:
-    """Return how far robots are from their twins, with what the live diagnosis says."""
+    """Return the distances of robots from their twins, with the message of the live diagnosis."""
     rows = []
     for robot_id, distances in sorted(state.divergence.items()):
         last = distances[-1][1]
@@ -245,7 +245,7 @@ def twins(state: ViewState) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table; a row of one (key, text) pair is a remark that goes over all columns."""
+    """Return a table; a row of one (key, text) pair is a remark across all columns."""
     lines = [tag("tr", *(tag("th", name, style=f"{CELL};{KEEP}") for name in head))]
     for row in rows:
         if len(row) == 1 and isinstance(row[0], tuple):

@@ -1,5 +1,5 @@
-"""The world: all robots, real ones as estimated and virtual ones as simulated, and what they decide to do.
+"""The world: all robots, real ones as estimated and virtual ones as simulated, and their behaviours.
 
-`view` is what a robot knows of the world, `behaviours` decide from it, `estimator` fuses the sensors of a real
-robot, `fleet` simulates virtual robots and twins, `world` holds them together, `pilot` drives a real robot.
+`view` is a robot's knowledge of the world, `behaviours` decide from it, `estimator` fuses the sensors of a real robot,
+`fleet` simulates virtual robots and twins, `world` combines them, `pilot` drives a real robot.
 """

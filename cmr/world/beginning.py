@@ -1,4 +1,4 @@
-"""When robots of a run begin: together, once the program that leads the run says that all are ready."""
+"""Synchronised start: robots of a run begin together, when the leading program reports that all are ready."""
 
 from cmr.bus.message import Message
 from cmr.msg import process_status_t
@@ -7,9 +7,10 @@ BEGUN = (process_status_t.RUNNING, process_status_t.DEGRADED)
 
 
 class Beginning:
-    """Whether robots may begin: from when `leader`, such as cmr-run, is ready by PROCESS_STATUS; at once without one.
+    """Whether robots may begin: once PROCESS_STATUS says that `leader`, such as cmr-run, is ready; at once without a
+    leader.
 
-    A process that is started again during the run hears it within a second, as every process reports that often.
+    A process restarted during the run learns it within a second, since every process reports once a second.
     """
 
     def __init__(self, leader: str) -> None:
@@ -17,6 +18,6 @@ class Beginning:
         self._leader = leader
 
     def handle(self, _utime: int, _channel: str, message: Message) -> None:
-        """Take a process_status_t; other messages are passed over."""
+        """Handle a process_status_t; ignore other messages."""
         if isinstance(message, process_status_t) and message.process == self._leader and message.state in BEGUN:
             self.begun = True

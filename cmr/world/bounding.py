@@ -1,4 +1,4 @@
-"""Duties as robots can take them."""
+"""Limit duties to the range that robots accept."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,7 +9,7 @@ robot_loops = LazyModule("cmr.world.robot_loops")
 
 
 def bounded(duties: ArrayLike) -> NDArray[np.float64]:
-    """Return duties (n, 2) clipped to [-1, 1]; a robot of which one is no number stands."""
+    """Return duties (n, 2) clipped to [-1, 1]; a robot with a NaN gets 0."""
     sides = np.ascontiguousarray(np.asarray(duties, dtype=float).T)
     within = np.empty(sides.shape)
     robot_loops.bound(sides, within)

@@ -1,10 +1,10 @@
-"""Commands as a robot obeys them: the newest one counts, for half a second, of whichever kind it is."""
+"""Commands in force: the newest one of any kind counts, for half a second."""
 
 import math
 
 from cmr.bus.streams import COMMAND_LIFETIME
 
-OTHER_CLOCK = 2 * COMMAND_LIFETIME  # us; what is older than the last command by more is of another clock
+OTHER_CLOCK = 2 * COMMAND_LIFETIME  # us; a command older than the last one by more comes from another clock
 
 
 class CommandMemory:
@@ -14,10 +14,10 @@ class CommandMemory:
         self._command = (0, 0.0, 0.0)
 
     def take(self, utime: int, left: float, right: float) -> None:
-        """Take a command decided at `utime` [us].
+        """Store a command decided at `utime` [us].
 
-        One that is no number, or a little older than the last, is passed over; one that is much older comes from
-        another clock, and counts.
+        A command that is NaN or slightly older than the last is ignored; a much older one comes from another clock and
+        is accepted.
         """
         in_order = not 0 < self._command[0] - utime <= OTHER_CLOCK
         if in_order and math.isfinite(left) and math.isfinite(right):

@@ -1,4 +1,4 @@
-"""Compare, drive by drive, where a real robot went and where its twin went, from the log of a run."""
+"""Compare the paths of a real robot and its twin, drive by drive, from the log of a run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from cmr.report.paths import draw_paths
 from cmr.world.view import WorldView
 from cmr.world.world import REST_BEFORE_DRIVE
 
-SETTLING = 100_000  # us after the first command until the twin, put to its robot, is surely on the bus
+SETTLING = 100_000  # us after the first command, by which the twin, placed at its robot, has surely been published
 SHORTEST_DRIVE = 2_000_000  # us
 TITLES = ("before calibration", "after calibration")
 
@@ -35,7 +35,9 @@ class Drive:
 
 
 def drives_of(log: Path, robot_id: int) -> list[Drive]:
-    """Return the drives of a robot in an event log: spans of commands between rests, where pose and twin are known."""
+    """Return the drives of a robot in an event log: intervals of commands between rests for which pose and twin are
+    known.
+    """
     driven: list[int] = []
     poses: list[tuple[int, float, float]] = []
     twins: list[tuple[int, float, float]] = []

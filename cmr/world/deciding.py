@@ -1,4 +1,4 @@
-"""Who decides for which simulated robots: groups that share a behaviour, robots with one of their own, twins."""
+"""Assign simulated robots to whoever decides for them: shared behaviours, own behaviours, or twins' commands."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -12,14 +12,14 @@ from cmr.world.behaviours import AnyBehaviour, Behaviour, TeamBehaviour
 from cmr.world.behaviours.team import Duties, Indices, duties_of, stacked
 from cmr.world.view import TWIN, Robot, Robots, WorldView, numbers_of
 
-LARGEST_TURN = 2_000  # robots, each with a behaviour of its own, that decide in one step
+LARGEST_TURN = 2_000  # robots with behaviours of their own that decide in one step
 
 Commanded = Callable[[int, int], tuple[float, float]]  # the duties of a real robot by its id and the time [us]
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Robots that share a behaviour: where they are among all, who they are, and their parameters as arrays."""
+    """Robots that share a behaviour: their indices among all, their ids, and their parameters as arrays."""
 
     behaviour: TeamBehaviour
     index: Indices | slice
@@ -36,8 +36,8 @@ class _Group:
 class Deciding:
     """Decides for these robots, in this order, as long as they and their parameters are the same.
 
-    `behaviours` and `parameters` are those of virtual robots by id; twins do what `commanded` says of their robots.
-    Duties of those whose turn comes later stay, from `before` on.
+    `behaviours` and `parameters` are those of virtual robots by id; twins use the duties that `commanded` returns for
+    their robots. Robots that do not decide in this step keep their duties, initially those of `before`.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Deciding:
     ) -> None:
         self.robot_id = robots.robot_id
         self._commanded = commanded
-        self._duties: Duties = np.zeros((2, len(robots.robot_id))).T  # the sides apart, as `bounded` takes them
+        self._duties: Duties = np.zeros((2, len(robots.robot_id))).T  # stored by side, as `bounded` expects
         if before is not None:
             kept = min(len(before._duties), len(self._duties))
             self._duties[:kept] = before._duties[:kept]
@@ -68,7 +68,7 @@ class Deciding:
         self._groups = [_group(behaviour, index, robots, parameters) for behaviour, index in members.values()]
 
     def duties(self, utime: int, step: int, robots: Robots, world: WorldView) -> Duties:
-        """Return the duties of all robots at `utime` [us], the number `step` of all steps."""
+        """Return the duties of all robots at `utime` [us], in the step with number `step`."""
         for group in self._groups:
             me = robots if group.everybody else _some(group, robots)
             self._duties[group.index] = duties_of(group.behaviour, utime, me, world, group.parameters)

@@ -1,11 +1,10 @@
 """The state of a real robot, fused from wheel speeds, gyro and external pose.
 
-An extended Kalman filter over (x, y, theta): wheels and gyro carry it on, poses correct it. A pose that arrives late
-is compared with where the robot was when it was measured. Source: Thrun, Burgard, Fox, Probabilistic Robotics,
-chapters 5.4 and 7.
+An extended Kalman filter over (x, y, theta): wheels and gyro predict, poses correct. A delayed pose is compared with
+the estimate for the time of its measurement. Source: Thrun, Burgard, Fox, Probabilistic Robotics, chapters 5.4 and 7.
 
-A pose too far from where the robot can be is not used. Where poses agree with one another for a second instead, the
-robot was put elsewhere, and the estimate is reset to them; PX4's EKF2 does likewise. `reset` says so.
+A pose outside the gate is not used. If such poses agree with each other for a second, the robot was moved by hand, and
+the estimate is reset to them, as in PX4's EKF2. `reset` records it.
 """
 
 import math
@@ -26,23 +25,23 @@ Floats: TypeAlias = NDArray[np.float64]
 POSE_STD = (0.01, 0.01, 0.02)  # m, m, rad: motion capture or lidar SLAM
 SLIP_STD = 0.03  # m per square root of metre travelled
 TURN_STD = {"gyro": 0.01, "wheels": 0.1}  # rad per square root of second with a gyro; of radian turned without one
-REST_STD = 1e-4  # m or rad per square root of second: keeps the filter willing to learn at rest
-GYRO_LIFETIME = 100_000  # us; after this long without a reading turns are taken from the wheels
-LONGEST_STEP = 0.2  # s; over a longer gap in the feedback nothing is assumed about the motion
-CLOCK_STEP = 1.0  # s; stamps further back than this are no late message but another clock
-PATIENCE = 500_000  # us for which a robot's first pose is waited for; one without any begins at the origin
-HISTORY = 1_000_000  # us within which late poses still find where the robot was
+REST_STD = 1e-4  # m or rad per square root of second: keeps the covariance from collapsing at rest
+GYRO_LIFETIME = 100_000  # us; without a reading for this long, yaw comes from the wheels
+LONGEST_STEP = 0.2  # s; no motion is assumed over a longer gap in the feedback
+CLOCK_STEP = 1.0  # s; a stamp further back comes from another clock, not from a late message
+PATIENCE = 500_000  # us to wait for a robot's first pose; without one it starts at the origin
+HISTORY = 1_000_000  # us of past estimates kept for late poses
 ACCELERATION_SMOOTHING = 0.05  # s; time constant of the smoothed wheel acceleration
-# Of a robot whose wheels say nothing: how fast it may move [m/s, m/s, rad/s].
+# Process noise of a robot without wheel feedback: how fast it may move [m/s, m/s, rad/s].
 UNSEEN = (1.0, 1.0, 2.0)
-# Poses are not used that are so many standard deviations away, of the estimate, of trackers worse than POSE_STD, and of
-# a model that is wrong by a share of what was driven and turned since a pose was used. The tracked point may be as far
-# from the centre of rotation [m].
+# Gate in standard deviations, which include the estimate's, those of trackers worse than POSE_STD, and a model error
+# proportional to distance and rotation since the last pose used. The tracked point may be this far from the centre of
+# rotation [m].
 GATE = 5.0
 GATE_STD = (0.03, 0.03, 0.06)  # m, m, rad
 MODEL_ERROR = 0.3
 OFF_CENTRE = 0.2
-RESET_AFTER = 1_000_000  # us for which poses agree with one another, and not with the estimate
+RESET_AFTER = 1_000_000  # us for which poses must agree with each other but not with the estimate
 FEWEST_FOR_RESET = 3
 POSE_VARIANCE, GATE_VARIANCE, UNSEEN_VARIANCE = (np.diag(np.square(stds)) for stds in (POSE_STD, GATE_STD, UNSEEN))
 IDENTITY = np.eye(3)
@@ -50,16 +49,16 @@ FAR, REPEATED = "far from where the robot can be", "not newer than the last one"
 
 
 class Reset(NamedTuple):
-    """A new beginning of the estimate, at a pose stamped `utime` [us], `distance` [m] from where it was."""
+    """A reset of the estimate to a pose stamped `utime` [us], `distance` [m] from the previous estimate."""
 
     utime: int
     distance: float
 
 
 class _Elsewhere(NamedTuple):
-    """Poses that agree with one another but not with the estimate, from `since` [us] on.
+    """A series of poses since `since` [us] that agree with each other but not with the estimate.
 
-    `measured` is the last one, `estimated` where the robot was then by the estimate.
+    `measured` is the last one, `estimated` the estimate for the same time.
     """
 
     since: int
@@ -71,8 +70,8 @@ class _Elsewhere(NamedTuple):
 class Estimator:
     """The estimate of one real robot; feed it messages by `handle`, read `utime` and `state`.
 
-    `parameters` may change at any time; the pose does not jump, but at a `reset`. `located` is whether a pose has been
-    seen: without one the world's origin is where the robot started.
+    `parameters` may change at any time; the pose jumps only at a `reset`. `located` is whether a pose has been
+    received: without one, the robot's start is the world's origin.
     """
 
     def __init__(self, robot_id: int) -> None:
@@ -88,13 +87,13 @@ class Estimator:
         self._yaw_rate = 0.0
         self._gyro_utime = 0
         self._feedback_utime = 0
-        # Where the robot was, less all corrections until then: what was wrong lately was wrong before by as much.
+        # Past poses without the corrections up to then: a recent error is assumed to have been the same before.
         self._history: deque[tuple[int, Floats]] = deque()
         self._corrected: Floats = np.zeros(3)
         self.reset: Reset | None = None  # the last one
         self._poses_used: deque[int] = deque()
-        self._alone_since: int | None = None  # stamp of the first pose since the wheels were heard
-        self._unsure = (0.0, 0.0)  # m, rad by which a wrong model may mislead since a pose was used
+        self._alone_since: int | None = None  # stamp of the first pose since the last wheel feedback
+        self._unsure = (0.0, 0.0)  # m, rad of possible model error since the last pose used
         self._elsewhere: _Elsewhere | None = None
 
     @property
@@ -105,11 +104,11 @@ class Estimator:
 
     @property
     def known(self) -> bool:
-        """Whether the estimate may be shown: a pose has been seen, or waited for long enough."""
+        """Whether the estimate may be shown: a pose was received, or the wait for one is over."""
         return self.located or (self._first_utime is not None and self.utime - self._first_utime >= PATIENCE)
 
     def handle(self, _utime: int, channel: str, message: Message) -> str:
-        """Take MOTOR_FEEDBACK_N, GYRO_N or POSE_N of this robot; return why it was not used, empty if it was."""
+        """Handle MOTOR_FEEDBACK_N, GYRO_N or POSE_N of this robot; return why it was not used, empty if it was."""
         _, robot_id = identify(channel) or (None, None)
         if robot_id != self.robot_id:
             return ""
@@ -126,11 +125,11 @@ class Estimator:
         return ""
 
     def _roll(self, message: motor_feedback_t) -> str:
-        """Carry the estimate on by what the wheels have done since the last feedback."""
+        """Predict the estimate from the wheel motion since the last feedback."""
         self._first_utime = min(message.utime, self._first_utime or message.utime)
         dt = (message.utime - self._feedback_utime) * 1e-6
         if dt < -CLOCK_STEP:
-            # The robot's clock was set back, or one stamp was wrong: go on from here.
+            # The robot's clock was set back, or one stamp was wrong: continue from here.
             self._feedback_utime = self.utime = message.utime
             self._history.clear()
             return ""
@@ -171,7 +170,7 @@ class Estimator:
             self._history.popleft()
 
     def _correct(self, message: pose_xyt_t) -> str:
-        """Correct the estimate by a measured pose, if the robot can be there."""
+        """Correct the estimate with a measured pose, if it is within the gate."""
         if not math.isfinite(message.x + message.y + message.theta):
             return "not finite"
         if message.utime in self._poses_used:
@@ -198,22 +197,22 @@ class Estimator:
         return ""
 
     def _can_be(self, error: Floats, covariance: Floats) -> bool:
-        """Return whether a pose that is off by `error` [m, m, rad] is within the gate."""
+        """Return whether a pose with this error [m, m, rad] is within the gate."""
         dx, dy, angle = error.tolist()
         if math.hypot(dx, dy) <= GATE_STD[0] and abs(angle) <= GATE_STD[2]:
-            return True  # most are, and this is quicker
+            return True  # the usual case, decided quickly
         aside, turned = self._unsure
         return _is_near(error, covariance + GATE_VARIANCE + np.diag(np.square([aside, aside, turned])))
 
     def _begin_at(self, measured: Floats, utime: int) -> None:
-        """Let the estimate begin at a measured pose, whatever was before."""
+        """Reset the estimate to a measured pose."""
         self._pose = np.array([measured[0], measured[1], wrap(measured[2])])
         self._covariance = POSE_VARIANCE
         self._history.clear()
         self._note_used(utime)
 
     def _note_used(self, utime: int) -> None:
-        """Note that a pose was used: the estimate is sure again, and the same pose is no news."""
+        """Record that a pose was used: model error starts from zero, and a repeat of the pose is ignored."""
         self._unsure = (0.0, 0.0)
         self._elsewhere = None
         self._poses_used.append(utime)
@@ -221,7 +220,7 @@ class Estimator:
             self._poses_used.popleft()
 
     def _unseen(self, utime: int) -> float:
-        """Return for how long [s] until `utime` only poses of the robot were heard, since the last one."""
+        """Return the time [s] from the last used pose to `utime` if only poses, and no wheel feedback, arrived."""
         alone_since = utime if self._alone_since is None else self._alone_since
         self._alone_since = min(alone_since, utime)
         if utime - alone_since <= LONGEST_STEP * 1e6:
@@ -230,7 +229,9 @@ class Estimator:
         return max(utime - seen, 0) * 1e-6
 
     def _still_far(self, utime: int, measured: Floats, estimated: Floats, unseen: float) -> bool:
-        """Note a pose that is far away; where such poses agree for long enough, reset the estimate and return False."""
+        """Record a pose outside the gate; if such poses have agreed for long enough, reset the estimate and return
+        False.
+        """
         now = _Elsewhere(utime, 1, measured, estimated)
         before = self._elsewhere
         if before is not None and utime > before.since:
@@ -245,7 +246,7 @@ class Estimator:
         return False
 
     def _pose_at(self, utime: int) -> Floats:
-        """Return where the robot was, by today's knowledge, at `utime`."""
+        """Return the current best estimate of the robot's pose at `utime`."""
         for time, pose in reversed(self._history):
             if time <= utime:
                 return pose + self._corrected
@@ -253,7 +254,7 @@ class Estimator:
 
 
 def _difference(pose: Floats, other: Floats) -> Floats:
-    """Return how far a pose is from another [m, m, rad; world frame]."""
+    """Return the difference of two poses [m, m, rad; world frame]."""
     apart = pose - other
     apart[2] = wrap(apart[2])
     return apart
@@ -265,7 +266,7 @@ def _is_near(error: Floats, covariance: Floats) -> bool:
 
 
 def _seen_from(pose: Floats, later: Floats) -> Floats:
-    """Return a later pose as seen from a pose, in its own frame."""
+    """Return a later pose in the frame of an earlier one."""
     dx, dy, angle = _difference(later, pose)
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     return np.array([cos * dx + sin * dy, cos * dy - sin * dx, angle])

@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from cmr.world.interaction.contacts import Contacts
 
 STEP = 10_000  # us; one step of the simulation
-EARLY = STEP // 2  # us; turns come a little sooner or later, and each is to make its one step
-FURTHEST_BEHIND = 1_000_000  # us; a simulator held up for longer, or whose clock was set, skips the rest
+EARLY = STEP // 2  # us; turns vary slightly in time, and each should make exactly one step
+FURTHEST_BEHIND = 1_000_000  # us; a simulator delayed by more, or whose clock was set, skips the rest
 
 Key = tuple[int, int]  # robot id and origin
 
 
 class Fleet:
-    """The simulated robots of a world, known by (robot id, origin); `utime` is the moment for which states hold.
+    """The simulated robots of a world, known by (robot id, origin); `utime` is the time of their states.
 
-    Virtual robots meet one another, `obstacles` and `standing`: robots that cannot be pushed, (3, m) with rows x, y and
-    radius [m]. `radius` has the radii [m] of those by id that are not as large as their base width makes one expect.
-    Twins meet nobody.
+    Virtual robots collide with one another, with `obstacles` and with `standing`, robots that cannot be pushed, (3, m)
+    with rows x, y and radius [m]. `radius` has the radii [m], by id, of robots whose size does not follow from their
+    base width. Twins collide with nothing.
     """
 
     def __init__(self, obstacles: Obstacles | None = None, radius: Mapping[int, float] = MappingProxyType({})) -> None:
@@ -43,7 +43,7 @@ class Fleet:
         self._wheel_radius: Floats = np.zeros(0)
         self._index: dict[Key, int] = {}
         self._robots = Robots.of([])
-        self._moved = False  # since `_robots` was noted
+        self._moved = False  # since `_robots` was updated
 
     @cached_property
     def _model(self) -> "Model":
@@ -53,7 +53,7 @@ class Fleet:
 
     @cached_property
     def _contacts(self) -> "Contacts":
-        from cmr.world.interaction.contacts import Contacts  # the same
+        from cmr.world.interaction.contacts import Contacts  # also imports Numba
 
         return Contacts(self._obstacles)
 
@@ -61,7 +61,7 @@ class Fleet:
         return key in self._index
 
     def place(self, keys: Sequence[Key], state: RobotState, parameters: RobotParameters) -> None:
-        """Add robots, all of them new, at states that are arrays; or put one that is there into another state."""
+        """Add robots, all of them new, at states that are arrays; or set the state of one existing robot."""
         if keys[0] in self._index:
             index = self._indices(keys)
             self._model.set_parameters(index, parameters)
@@ -74,22 +74,22 @@ class Fleet:
         self._measure()
 
     def set_parameters(self, keys: Sequence[Key], parameters: RobotParameters) -> None:
-        """Let robots move by other parameters from now on; their states stay."""
+        """Change the parameters of robots; their states stay."""
         self._take_note()
         self._model.set_parameters(self._indices(keys), parameters)
         self._measure()
 
     def command(self, first: int, duties: ArrayLike) -> None:
-        """Drive robots with these duties (n, 2) from now on: those from index `first` on in the order of `robots`.
+        """Set the duties (n, 2) of the robots from index `first` on, in the order of `robots`.
 
-        Duties are clipped to [-1, 1]; a robot of which one is no number stands.
+        Duties are clipped to [-1, 1]; a robot with a NaN gets 0.
         """
         within = bounded(duties)
         self._take_note()
         self._model.command(slice(first, first + len(within)), within[:, 0], within[:, 1])
 
     def advance(self, utime: int) -> bool:
-        """Let one step pass if it is due by `utime`, or in less than half a step; return whether it did."""
+        """Simulate one step if it is due by `utime` or in less than half a step; return whether it was made."""
         if abs(utime - self.utime) > FURTHEST_BEHIND:
             self.utime = utime - STEP
         if self.utime + STEP > utime + EARLY:
@@ -102,28 +102,28 @@ class Fleet:
         return True
 
     def robots(self) -> Robots:
-        """Return all robots as they were after the last step; other commands and parameters show after the next."""
+        """Return the states of all robots after the last step."""
         self._take_note()
         return self._robots
 
     @property
     def radius(self) -> Floats:
-        """How large robots are [m], in the order of `robots`; 0 for twins."""
+        """The radii of robots [m], in the order of `robots`; 0 for twins."""
         return self._radius
 
     def _take_note(self) -> None:
-        """Keep the states after the last step, unless that is done: they are read only where somebody wants them."""
+        """Read the states after the last step if needed; they are read only on demand."""
         if self._moved:
             self._robots = Robots(self._robots.robot_id, self._robots.origin, self._model.states())
             self._moved = False
 
     def _meet(self) -> None:
-        """Part robots that have come too near to one another, or to what stands in their way."""
+        """Separate robots that overlap with each other or with obstacles."""
         if self._contacts.resolve(self._model.bodies(), self._radius, self._wheel_radius, self.standing):
             self._model.take_back(self._contacts.touched.astype(bool))
 
     def _measure(self) -> None:
-        """Find out how large robots and wheels are; a radius of 0 stands for twins."""
+        """Update the radii of robots and wheels; twins have a radius of 0."""
         self._wheel_radius = self._model.parameter("wheel_radius")
         radius = body_radius(self._model.parameter("base_width"))
         for (robot_id, origin), index in self._index.items():

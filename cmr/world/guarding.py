@@ -1,4 +1,4 @@
-"""What keeps a robot from harm whatever its behaviour says: its geofence, its poses, and robots in its way."""
+"""Safety guards independent of the behaviour: geofence, missing poses, and robots in the way."""
 
 import math
 from typing import NamedTuple
@@ -12,30 +12,32 @@ from cmr.msg import pose_xyt_t
 from cmr.world.view import Robot, WorldView
 
 MARGIN = 0.3  # m from the geofence's border at which a robot is stopped
-STOPPING = 0.3  # s of driving on until a robot stands: what a pilot sees is old, and motors take their time
+STOPPING = 0.3  # s until a robot stops: the pilot's data is delayed, and so are the motors
 OLDEST_POSE = 500_000  # us
-DOUBTFUL = 0.5  # m from the estimate; the estimator uses poses that are nearer than about that
-DOUBTED = 500_000  # us for which a robot stands after a doubtful pose; if they come for longer, it left for good
-STANDING = 0.01  # m/s; slower than this, a robot stands
+DOUBTFUL = 0.5  # m from the estimate; the estimator uses poses nearer than about this
+# us for which a robot stops after a doubtful pose; if such poses go on for longer, it has left the geofence
+DOUBTED = 500_000
+STANDING = 0.01  # m/s; slower counts as standing
 
 
 class FenceGuard:
     """Stops a robot that gets nearer than `margin` [m] to the border of its geofence, or would soon be outside.
 
-    `left` is then a sentence; it stays for good, as a robot that somebody carries back must not drive on in the hands.
-    A pose outside that is far from the estimate is doubtful: one glitch of a tracker is no leaving. The robot stands at
-    once all the same, for half a second after the last one. Where such poses come for longer, without one between that
-    is inside and near the estimate, the estimate is wrong and not the tracker, and the robot stands for good.
+    `left` is then a sentence. The stop is permanent, because a robot that somebody carries back must not start driving
+    in their hands. A pose outside the fence that is far from the estimate is doubtful, possibly a tracker glitch. The
+    robot stops at once, until half a second after the last such pose. If they go on for longer, without a pose inside
+    and near the estimate between them, then the estimate is wrong, not the tracker, and the stop is permanent.
     """
 
     def __init__(self, robot_id: int, geofence: Geofence, margin: float = MARGIN, program: str = "cmr-pilot") -> None:
         self.left = ""
-        self.kept: tuple[float, float] | None = None  # distance of the last place from the border, and the margin [m]
+        # Distance of the last position from the border, and the margin [m]
+        self.kept: tuple[float, float] | None = None
         self._robot_id, self._geofence, self._margin, self._program = robot_id, geofence, margin, program
         self._doubts: _Doubts | None = None
 
     def look(self, x: float, y: float, going: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Look at where the robot is [m; world frame] and how it moves [m/s]."""
+        """Check the robot's position [m; world frame] and velocity [m/s]."""
         away = float(self._geofence.distance(x, y))
         self.kept = away, self._margin
         if self.left or self._holds(x, y, going):
@@ -49,9 +51,9 @@ class FenceGuard:
         )
 
     def look_at_pose(self, x: float, y: float, estimated: tuple[float, float] | None, now: int) -> None:
-        """Look at a pose [m] that came at `now` [us], with where the robot was by the estimate; None if there is none.
+        """Check a pose [m] received at `now` [us] against the estimated position, None if there is no estimate.
 
-        Each pose is to be looked at once.
+        Call it once per pose.
         """
         doubtful = estimated is None or math.dist((x, y), estimated) > DOUBTFUL
         if not doubtful:
@@ -64,7 +66,7 @@ class FenceGuard:
                 self.look(x, y)
 
     def doubt(self, now: int) -> str:
-        """Return what the robot waits for at `now` [us] after a doubtful pose; empty where there was none lately."""
+        """Return what the robot waits for at `now` [us] after a doubtful pose; empty without a recent one."""
         if self._doubts is None or abs(now - self._doubts.last) > DOUBTED:
             return ""
         x, y = self._doubts.place
@@ -74,16 +76,16 @@ class FenceGuard:
         )
 
     def _holds(self, x: float, y: float, going: tuple[float, float] = (0.0, 0.0)) -> bool:
-        """Return whether a place is far enough inside, and will be."""
+        """Return whether a position is far enough inside and will stay so."""
         soon = (x + STOPPING * going[0], y + STOPPING * going[1])
         far_enough = bool(self._geofence.contains(x, y)) and float(self._geofence.distance(x, y)) >= self._margin
         return far_enough and bool(self._geofence.contains(*soon))
 
 
 class _Doubts(NamedTuple):
-    """Doubtful poses outside: when the first and the last came [us], and where the last was [m].
+    """Doubtful poses outside: times of the first and the last [us], and the last position [m].
 
-    `since` is None once a good pose came: the next doubtful one is a first one again.
+    `since` is None after a good pose, so the next doubtful one starts a new series.
     """
 
     since: int | None
@@ -92,9 +94,9 @@ class _Doubts(NamedTuple):
 
 
 class PoseGuard:
-    """Knows whether poses of the robot come (POSE_N): `missing` says what is wrong with them.
+    """Monitors the robot's poses (POSE_N): `missing` says what is wrong with them.
 
-    Robots that never had poses do without, unless `needed`. Robots that had them once need them.
+    A robot that never had poses may drive without, unless `needed`. A robot that had them once needs them.
     """
 
     def __init__(self, robot_id: int, *, needed: bool) -> None:
@@ -109,9 +111,9 @@ class PoseGuard:
         return self._stamp is not None
 
     def take(self, message: pose_xyt_t, now: int) -> bool:
-        """Take a pose_xyt_t at `now` [us]; return whether it is used. The same one again is no news.
+        """Handle a pose_xyt_t at `now` [us]; return whether it is used. Repeated poses are ignored.
 
-        One of another clock does not take the place of one that is right.
+        A pose stamped by a wrong clock does not replace a valid one.
         """
         if self._stamp is not None and abs(now - self._stamp) <= OLDEST_POSE < abs(now - message.utime):
             return False
@@ -135,7 +137,7 @@ class PoseGuard:
 
 
 def load() -> None:
-    """Load what `kept_clear` takes."""
+    """Load the compiled functions of `kept_clear`."""
     from cmr.world.behaviours.clearance import speed_before
 
     speed_before(1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, STOPPING, 1.0)
@@ -145,9 +147,10 @@ def load() -> None:
 def kept_clear(
     me: Robot, world: WorldView, model: RobotParameters, duties: tuple[float, float]
 ) -> tuple[tuple[float, float], str]:
-    """Return duties with which the robot can stop before real and virtual robots in its way, and for whom it stands.
+    """Return duties with which the robot can stop before real and virtual robots in its way, and which robot it stops
+    for.
 
-    Both duties are lowered alike, so it drives the same arc; turning on the spot is always possible.
+    Both duties are scaled equally, so it follows the same arc; turning on the spot is always possible.
     """
     from cmr.world.behaviours.clearance import speed_before, view_needed  # compiled: half a second
     from cmr.world.behaviours.seeking import CLEARANCE

@@ -1,4 +1,4 @@
-"""Whether a simulator keeps up with time, as it says itself."""
+"""Whether a simulator keeps up with real time."""
 
 from collections import deque
 
@@ -13,7 +13,7 @@ SENTENCE = (
 
 
 class Lateness:
-    """How many steps of the last second came late."""
+    """Counts the late steps of the last second."""
 
     def __init__(self) -> None:
         self._counts: deque[tuple[int, int]] = deque()

@@ -5,15 +5,17 @@ from typing import Any
 
 
 class LazyModule:
-    """What a module has, by the module's full name. An import where it is used would cost its time at every step."""
+    """A module, by its full name, imported at first use. An import statement in the calling function would cost time at
+    every step.
+    """
 
     def __init__(self, module: str) -> None:
         self._module = module
 
     def __getattr__(self, name: str) -> Any:
-        """Return what the module has under this name; the next time it is found without coming here.
+        """Return the module's attribute of this name and cache it.
 
-        A compiled function that is still to be loaded is found here again: then it is another, quicker one.
+        A compiled function that is not loaded yet is not cached: once loaded, a faster object replaces it.
         """
         value = getattr(import_module(self._module), name)
         if not getattr(value, "unloaded", False):

@@ -1,4 +1,4 @@
-"""Load in the background what simulating takes: compiled for the first time, that is seconds without a world."""
+"""Load the compiled model in the background: the first compilation takes some seconds."""
 
 import time
 from collections.abc import Iterable
@@ -12,15 +12,16 @@ from cmr.world.behaviours import AnyBehaviour
 from cmr.world.fleet import STEP, Fleet
 from cmr.world.view import VIRTUAL
 
-LONG = 1.0  # s; what takes longer is worth a word
+LONG = 1.0  # s; loading for longer is reported
 
 Key = tuple[tuple[str, float], ...]
 
 
 class Loader:
-    """Makes ready what robots need to be simulated by some parameters, and to decide by these behaviours.
+    """Loads what is needed to simulate robots with certain parameters and behaviours.
 
-    While `is_held`, nothing begins: what compiles all at first use would otherwise compile it twice.
+    While `is_held`, loading does not begin: otherwise a caller that compiles everything at first use would compile it
+    twice.
     """
 
     def __init__(self, behaviours: Iterable[AnyBehaviour] = ()) -> None:
@@ -34,7 +35,7 @@ class Loader:
         self._one_at_a_time = Lock()
 
     def ready(self, parameters: RobotParameters) -> bool:
-        """Return whether robots can be simulated by these parameters without delay; if not, begin to see to it."""
+        """Return whether robots with these parameters can be simulated without delay; if not, start loading."""
         key = tuple(sorted(parameters.values.items()))
         if key not in self._threads:
             if self.is_held:
@@ -55,18 +56,18 @@ class Loader:
 
     @property
     def message(self) -> str:
-        """What keeps robots from being simulated by the newest parameters, empty if nothing does for long."""
+        """Why robots cannot be simulated with the newest parameters yet; empty if there is no long delay."""
         if self._is_loading and time.monotonic() - self._since > LONG:
             return (
-                "The robot model is still being loaded. What it takes for effects that are new here is compiled first, "
-                "which takes about 20 s. Virtual robots do not move yet."
+                "The robot model is still being loaded. Code for effects that are new on this computer is compiled "
+                "first, which takes about 20 s. Virtual robots do not move yet."
             )
         return self._failure
 
     def _load(self, key: Key, parameters: RobotParameters) -> None:
-        """Simulate one robot by these parameters, and prepare behaviours, which loads all that it takes.
+        """Simulate one robot with these parameters and prepare the behaviours, which loads all compiled code.
 
-        Each set of laws is a model of its own, so that it is also simulated beside those that were loaded before.
+        Each set of laws is a model of its own, so it is also simulated together with those loaded before.
         """
         try:
             with self._one_at_a_time:
@@ -74,20 +75,20 @@ class Loader:
                 for together in ([parameters], [*self._simulated, parameters]) if self._simulated else ([parameters],):
                     _simulate(together)
                 self._simulated.append(parameters)
-        except Exception as error:  # of whatever kind: an effect that a package adds is anybody's code
+        except Exception as error:  # any exception: effects of other packages are arbitrary code
             self._failure = f"Robots cannot be simulated by the newest parameters: {error}"
             return
         self._ready.add(key)
         self._failure = ""
 
     def _prepare_behaviours(self) -> None:
-        """Prepare each once: before any robot may be simulated, so that none is asked to decide meanwhile."""
+        """Prepare each behaviour once, before any robot may be simulated, so that none has to decide meanwhile."""
         while self._behaviours:
             self._behaviours.pop().prepare()
 
 
 def _simulate(robots: list[RobotParameters]) -> None:
-    """Let a step pass for a robot of each of these parameters."""
+    """Simulate one step of a robot with each of these parameters."""
     fleet = Fleet()
     for robot_id, parameters in enumerate(robots):
         fleet.place([(robot_id, VIRTUAL)], RobotState.at_rest(np.zeros(1)), parameters)

@@ -1,7 +1,7 @@
-"""The robots of other simulators that share the world: taken from WORLD_STATE, shown, and never taken over.
+"""The robots of other simulators in the same world: received on WORLD_STATE and shown, but not simulated here.
 
-A world_state_t does not say who sent it. Its robots are whoever this simulator does not own; one that it does own and
-did not send itself is owned twice, which both simulators then say.
+A world_state_t does not say who sent it. Robots that this simulator does not own belong to others. If another simulator
+sends a robot that this one owns, both report the conflict.
 """
 
 from collections.abc import Iterable
@@ -17,17 +17,17 @@ from cmr.world.view import Robots, numbers_of
 Members: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # robot ids, and their origins
 
 LOST = 1_000_000  # us; a robot of which nothing newer was heard is no longer shown
-MEMORY = 10_000_000  # us for which it is known what was sent; no network keeps a message for longer
-SPOKEN_OF = 2_000_000  # us for which a problem is spoken of after it was noticed
-MOST_GROUPS = 1_000  # different sets of robots in a message; more come only from senders that change them all the time
+MEMORY = 10_000_000  # us for which sent messages are remembered; no network delays a message for longer
+SPOKEN_OF = 2_000_000  # us for which a problem is reported after it was noticed
+MOST_GROUPS = 1_000  # different sets of robots in a message; only senders that change them constantly need more
 MOST_NAMED = 5  # robots in a sentence
 
 
 class Others:
     """The robots of other simulators; `own` are the ids of this simulator's, to which `claim` adds.
 
-    `sent` is called with what this simulator publishes, `handle` takes WORLD_STATE, its own messages included: the bus
-    brings them back.
+    Call `sent` for each message that this simulator publishes; `handle` receives WORLD_STATE, including its own
+    messages, which the bus returns.
     """
 
     def __init__(self, own: Iterable[int]) -> None:
@@ -36,32 +36,32 @@ class Others:
         self._groups: dict[Members, _Group] = {}
         self._sent: dict[int, None] = {}
         self._doubled: dict[int, int] = {}
-        self._clock = (0, 0)  # when a stamp was last too far from this host's time, and how far it was ahead [us]
+        self._clock = (0, 0)  # when a stamp was last too far from this host's clock, and by how much it was ahead [us]
 
     def claim(self, robot_id: int) -> None:
-        """Note that this simulator owns a robot from now on."""
+        """Mark a robot as owned by this simulator."""
         self._own.add(robot_id)
         self._groups.clear()
 
     def leave(self, robot_id: int) -> None:
-        """Note that this simulator does not own a robot any more."""
+        """Mark a robot as no longer owned by this simulator."""
         self._own.discard(robot_id)
         self._groups.clear()
 
     def sent(self, utime: int) -> None:
-        """Note that this simulator publishes its robots as they are at `utime` [us]."""
+        """Record that this simulator publishes a WORLD_STATE stamped `utime` [us]."""
         self._sent[utime] = None
         while abs(utime - (oldest := next(iter(self._sent)))) > MEMORY:
             del self._sent[oldest]
 
     def handle(self, now: int, message: world_state_t) -> Robots | None:
-        """Take a world_state_t at `now` [us]; return the robots in it that are news from others, None if none are.
+        """Handle a world_state_t at `now` [us]; return the newer states of other simulators' robots in it, or None.
 
         Messages may come late, twice or in another order than they were sent.
         """
         group = self._group((numbers_of(message.robot_id), numbers_of(message.origin)))
         if group.own and not len(group.rows) and message.utime in self._sent:
-            return None  # came back from the bus
+            return None  # our own message, returned by the bus
         if abs(message.utime - now) > LOST:
             self._clock = (now, message.utime - now)
             return None
@@ -77,12 +77,12 @@ class Others:
         return Robots(*(group.members if news.all() else self._members(rows)), RobotState(*state))
 
     def robots(self, now: int) -> Robots:
-        """Return the robots of others heard of within the last second, each as it was last heard of."""
+        """Return the last states of other simulators' robots that were received within the last second."""
         heard = np.flatnonzero(now - self._table.utime <= LOST)
         return Robots(*self._members(heard), RobotState(*self._table.state[:, heard]))
 
     def problems(self, now: int) -> list[str]:
-        """Return sentences about what keeps the simulators from sharing one world; none if nothing does."""
+        """Return sentences about problems in sharing the world; empty if there are none."""
         doubled = sorted(robot_id for robot_id, heard in self._doubled.items() if now - heard <= SPOKEN_OF)
         sentences = []
         if doubled:
@@ -100,7 +100,7 @@ class Others:
         return sentences
 
     def _group(self, members: Members) -> "_Group":
-        """Return what is known of robots that come in one message."""
+        """Return the group of robots that come in one message."""
         if members not in self._groups:
             if len(self._groups) >= MOST_GROUPS:
                 self._groups.clear()
@@ -126,7 +126,7 @@ class _Group(NamedTuple):
 
 
 def named(robot_ids: list[int]) -> str:
-    """Return robots as a sentence names them: `robot 3`, or `robots 3, 4, 5, 6, 7 and 17 more`."""
+    """Return the robots' names for a sentence: `robot 3`, or `robots 3, 4, 5, 6, 7 and 17 more`."""
     shown = ", ".join(map(str, robot_ids[:MOST_NAMED]))
     more = f" and {len(robot_ids) - MOST_NAMED} more" if len(robot_ids) > MOST_NAMED else ""
     return f"robot{'s' if len(robot_ids) > 1 else ''} {shown}{more}"

@@ -1,4 +1,4 @@
-"""Who commands virtual robots: a simulator decides it by claims, as the driver of a real robot does."""
+"""Ownership of virtual robots: a simulator decides it by claims, as the driver of a real robot does."""
 
 import time
 from collections.abc import Collection, Iterator
@@ -19,12 +19,12 @@ class _ThisHost:
         return now_utime()
 
     def monotonic(self) -> float:
-        """Return the time [s] of a clock that nobody sets."""
+        """Return the time [s] of a monotonic clock."""
         return time.monotonic()
 
 
 class Owners:
-    """The owners of the virtual robots `robot_ids`. Whoever was never claimed is commanded by anybody."""
+    """The owners of the virtual robots `robot_ids`. Anybody may command a robot that was never claimed."""
 
     def __init__(self, robot_ids: Collection[int], clocks: Clocks | None = None) -> None:
         self._robot_ids = frozenset(robot_ids)
@@ -32,7 +32,7 @@ class Owners:
         self._claimed: dict[int, Ownership] = {}
 
     def takes(self, channel: str, message: Message, sender: int | None) -> bool:
-        """Take a message in; return whether the world may have it: no claim, nor the command of somebody refused."""
+        """Handle a message; return whether to pass it to the world: claims and refused commands are not passed."""
         robot_id = (identify(channel) or (None, None))[1]
         if robot_id not in self._robot_ids or robot_id is None:
             return True
@@ -43,16 +43,16 @@ class Owners:
         return owner is None or owner.takes(sender)
 
     def reports(self) -> Iterator[command_owner_t]:
-        """Yield what COMMAND_OWNER_N has to report now."""
+        """Yield the COMMAND_OWNER_N messages that are due now."""
         for owner in self._claimed.values():
             yield from owner.reports()
 
     def news(self) -> Iterator[str]:
-        """Yield what happened, as a person wants to read it."""
+        """Yield sentences about changes of owner."""
         for robot_id, owner in self._claimed.items():
             while owner.news:
                 yield f"robot {robot_id}: {owner.news.pop(0)}"
 
     def problem(self) -> str:
-        """Return who else wants to command a robot; empty if nobody did lately."""
+        """Return a sentence on a process that was refused a robot; empty without a recent one."""
         return next((text for owner in self._claimed.values() if (text := owner.problem())), "")

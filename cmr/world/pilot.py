@@ -1,4 +1,4 @@
-"""Drive a real robot by a behaviour, from what WORLD_STATE says of the world."""
+"""Drive a real robot by a behaviour, using WORLD_STATE."""
 
 import math
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ from cmr.world.behaviours.team import Alone
 from cmr.world.guarding import MARGIN, FenceGuard, PoseGuard, kept_clear, load
 from cmr.world.view import VIRTUAL, Robot, WorldView
 
-OLDEST_WORLD = 500_000  # us; with older knowledge of the world the robot stops
+OLDEST_WORLD = 500_000  # us; with an older WORLD_STATE the robot stops
 OTHER_KIND = (
     "another --command than {kind}, or other parameters of robot {robot}: with top_wheel_speed they are of a robot "
     "that takes velocities or wheel speeds, with k1 of one that takes duties"
@@ -35,18 +35,18 @@ WAITING = (
 )
 UNUSABLE = "New parameters of robot {robot} wait until it rests, as it cannot be driven by them in the same way."
 AN_ACCEPTED_ZERO = "cmr-driver to accept a zero command (needed after start-up and after an emergency stop)"
-FIRST_ZEROS = 10  # commands; a driver takes nothing else before one, and any message may be lost
+FIRST_ZEROS = 10  # commands; a driver first needs a zero, and any message may be lost
 
 
 class Pilot:
     """The pilot of one robot; `waiting_for` says what keeps it from driving, empty when nothing does.
 
-    Inside of a `geofence`, `margin` [m] from its border, it drives; once it was elsewhere, it stands for good, as
-    `left_fence` says; after a single pose that is elsewhere and far from the estimate, for half a second. With a
-    geofence, or once poses were heard, it stands while they are missing; a virtual robot has none, and is where the
-    world says. With `keep_clear` it stops before robots in its way, real and virtual ones. `kind` of
-    cmr.model.command_kinds is what it commands; by default (v, omega) to a robot whose parameters have a velocity
-    controller, duties to others. `program` is what people start again.
+    With a `geofence` it drives only inside, at least `margin` [m] from the border. If it leaves, it stops for good, and
+    `left_fence` says so; after a single outside pose far from the estimate, it stops for half a second. With a
+    geofence, or once poses were received, it stops while poses are missing; a virtual robot has no poses, and
+    WORLD_STATE is used instead. With `keep_clear` it stops before real and virtual robots in its way. `kind` of
+    cmr.model.command_kinds is the kind of command; by default (v, omega) for a robot whose parameters have a velocity
+    controller, duties for others. `program` is the name of the command to restart, for messages.
     """
 
     def __init__(
@@ -66,9 +66,9 @@ class Pilot:
         self.behaviour = Alone(behaviour, robot_id) if isinstance(behaviour, TeamBehaviour) else behaviour
         self.parameters = parameters
         self.waiting_for = "the world"
-        self.begun = True  # while it is not, the robot stands, and nothing is waited for
-        self.duties = (0.0, 0.0)  # that the last command stands for
-        self.gate = Gate(pose_xyt_t)  # whose stamps are looked at by `_poses`
+        self.begun = True  # while false, the robot stands and reports no reason for waiting
+        self.duties = (0.0, 0.0)  # equivalent to the last command
+        self.gate = Gate(pose_xyt_t)  # whose stamps `_poses` checks
         self._keep_clear = keep_clear
         self._fence = FenceGuard(robot_id, geofence, margin, program) if geofence else None
         self._poses = PoseGuard(robot_id, needed=geofence is not None)
@@ -88,38 +88,40 @@ class Pilot:
 
     @property
     def model(self) -> RobotParameters | None:
-        """The robot's parameters in use; None where they are missing."""
+        """The robot's parameters in use; None if they are missing."""
         return self._model()[0]
 
     @property
     def estop_reason(self) -> str:
-        """By whom and why the emergency stop holds this robot; empty if it does not."""
+        """Who stopped this robot by emergency stop, and why; empty if nobody did."""
         return self._estop.reason if self._estop.holds(self.robot_id) else ""
 
     @property
     def fence(self) -> tuple[float, float] | None:
-        """How far [m] the robot was from the border of its geofence, and the margin; None without one or a place."""
+        """The robot's distance [m] from the border of its geofence, and the margin; None without a geofence or a
+        position.
+        """
         return self._fence.kept if self._fence else None
 
     @property
     def left_fence(self) -> str:
-        """The sentence that says where the robot left its geofence; empty while it did not."""
+        """A sentence on where the robot left its geofence; empty if it did not."""
         return self._fence.left if self._fence else ""
 
     def prepare(self) -> None:
-        """Load what deciding takes, which may take seconds: called where no robot waits for a command."""
+        """Load what the behaviour needs, which may take seconds; call it while no robot waits for a command."""
         self.behaviour.prepare()
         if self._keep_clear:
             load()
 
     def turn(self, utime: int) -> None:
-        """Note that it is `utime` [us]; to be called before messages are handled."""
+        """Set the time to `utime` [us]; call this before handling messages."""
         self.gate.turn(utime)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, GYRO_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N.
+        """Handle WORLD_STATE, POSE_N, MOTOR_FEEDBACK_N, GYRO_N, PARAMETERS_N, WAYPOINTS_N, ESTOP or ESTOP_LATCH_N.
 
-        What stands in them must be possible: `gate` says what was not.
+        Impossible numbers are rejected; `gate` reports them.
         """
         _, robot_id = identify(channel) or (None, None)
         self._estop.handle(utime, channel, message)
@@ -133,7 +135,7 @@ class Pilot:
         elif isinstance(usable, pose_xyt_t):
             self._take_pose(usable)
         elif isinstance(usable, motor_feedback_t):
-            if usable.status & motor_feedback_t.STATUS_COMMAND_STALE:  # it may have been started just now
+            if usable.status & motor_feedback_t.STATUS_COMMAND_STALE:  # the driver may just have started
                 self._zeros_to_send = FIRST_ZEROS
         elif isinstance(usable, parameters_t):
             self.parameters.handle(utime, channel, usable)
@@ -162,7 +164,7 @@ class Pilot:
 
     @property
     def new_parameters(self) -> str:
-        """The sentence that says that parameters wait until the robot rests, with both duties; empty if none do."""
+        """A sentence on parameters that wait until the robot rests, with both duties; empty if there are none."""
         now, new = self._caution.values()
         if self._caution.waiting is None:
             return ""
@@ -170,7 +172,7 @@ class Pilot:
         return text.format(robot=self.robot_id, speed=SPEED, turn=TURN_RATE, now=now, new=new)
 
     def confirm_parameters(self) -> None:
-        """Use the parameters that wait: a person said so."""
+        """Use the waiting parameters, as confirmed by a person."""
         self._caution.confirm()
         self._look_at_parameters()
 
@@ -185,13 +187,13 @@ class Pilot:
 
     @property
     def kind(self) -> str:
-        """What the robot is commanded, of cmr.model.command_kinds."""
+        """The kind of command, of cmr.model.command_kinds."""
         self._look_at_parameters()
         known = self._caution.now
         return self._kind or (VELOCITY if known is not None and known.has_velocity_controller else DUTY)
 
     def command(self, utime: int) -> Command:
-        """Return the command of this moment, of this `kind`; zero whenever the robot must not, or need not, move."""
+        """Return the current command, of this `kind`; zero whenever the robot must not, or need not, move."""
         self.turn(utime)
         self._look_at_parameters()
         self.duties = self._decide(utime)
@@ -200,7 +202,7 @@ class Pilot:
         return command_of(self.kind, utime, self.robot_id, self.duties, controller)
 
     def tell(self, utime: int) -> Iterable[tuple[Stream[Message], Message]]:
-        """Return what the behaviour wants published besides the command."""
+        """Return the behaviour's messages besides the command."""
         return self.behaviour.tell(utime)
 
     def stop(self) -> Command:
@@ -233,7 +235,7 @@ class Pilot:
         return 0.0, 0.0
 
     def _drive(self, utime: int, me: Robot, model: RobotParameters) -> tuple[float, float]:
-        """Return what the behaviour decides, as far as nothing is in the way."""
+        """Return the behaviour's duties, limited by robots in the way."""
         self.waiting_for = ""
         if not self.begun:
             return 0.0, 0.0
@@ -246,7 +248,7 @@ class Pilot:
         return duties
 
     def _model(self) -> tuple[RobotParameters | None, str]:
-        """Return the robot's parameters in use, or what is missing of them."""
+        """Return the robot's parameters in use, or what is missing."""
         known = self._caution.now
         if known is None:
             return None, f"parameters of robot {self.robot_id}. {self.parameters.message.removesuffix('.')}"
@@ -258,7 +260,9 @@ class Pilot:
             return None, f"complete parameters of robot {self.robot_id}: {error}"
 
     def _look_at_fence(self, me: Robot | None, model: RobotParameters | None) -> None:
-        """Look where the robot is and goes by the world's estimate, once poses came; a virtual robot needs none."""
+        """Check the estimated position and velocity against the geofence, once there are poses; a virtual robot has
+        none.
+        """
         if self._fence is None or me is None:
             return
         if self._poses.heard or me.origin == VIRTUAL:
@@ -268,7 +272,7 @@ class Pilot:
 
 
 def _duties_of(parameters: ParameterFile) -> tuple[float, ...] | None:
-    """Return duties for the same speeds, and by what a robot is commanded; None where something is missing."""
+    """Return the duties for two reference speeds, and the kind of command; None if something is missing."""
     try:
         return (*duties_for(parameters.robot_parameters), 1.0 + parameters.has_velocity_controller)
     except ParameterFileError:

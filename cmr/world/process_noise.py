@@ -1,12 +1,12 @@
-"""Process noise: virtual robots stray from their model by as much as the diagnosed robot strayed from it.
+"""Process noise: virtual robots deviate from their model by as much as the diagnosed robot did.
 
-Each wheel is driven with its duty times 1 + d, where d is random, normal, and forgets itself within FADING (an Ornstein
-and Uhlenbeck process; each wheel has one of its own). So a robot at rest stays at rest, and a robot that drives strays
-along its way and in its heading.
+Each wheel is driven with its duty times 1 + d, where d is a normal random process with correlation time FADING (an
+Ornstein-Uhlenbeck process, independent for each wheel). So a robot at rest stays at rest, and a driving robot deviates
+along its path and in heading.
 
-How large d is follows from the robot's parameter file: cmr-diagnose writes there by how much free runs of 3 s strayed
-from the real robot on data that it had not seen. With noise of the size chosen, free runs of 3 s of the simulated robot
-stray by the same distance in arcs at about half of full duty. Poses err, too, so the true noise is at most as large.
+The size of d comes from the robot's parameter file, where cmr-diagnose writes by how much free runs of 3 s deviated
+from the real robot on held-out data. The size is chosen so that free runs of 3 s of the simulated robot deviate by the
+same distance, in arcs at about half of full duty. Poses have errors too, so the true noise is at most as large.
 """
 
 import math
@@ -21,25 +21,25 @@ from cmr.parameters.file import ParameterFile, ParameterFileError
 from cmr.world.view import VIRTUAL, Robots
 
 Floats = NDArray[np.float64]
-FADING = 0.3  # s
+FADING = 0.3  # s; correlation time
 STEP = 0.01  # s, of the simulation
 KEPT = math.exp(-STEP / FADING)
 WINDOW = 3.0  # s, of the diagnosis's free runs
 ARC = (0.4, 0.5)  # duties left, right
-SETTLING = 1.0  # s before a window, by which the motors have reached their speeds
-SMALL = 0.01  # share of the duty; up to four times that, robots stray in proportion
-ROBOTS = 1000  # so many show by how much robots stray, to 2 %
+SETTLING = 1.0  # s before a window, for the motors to reach their speeds
+SMALL = 0.01  # share of the duty; up to four times this, deviations are proportional
+ROBOTS = 1000  # enough to estimate the deviation to 2 %
 STRAYED = "held_out_path_rmse_m"
-LARGEST = 0.3  # share of the duty; a robot that strays more than that makes is not described by its model
+LARGEST = 0.3  # share of the duty; a robot that deviates by more is not described by its model
 CHUNK = 512  # random numbers drawn at once for a wheel
 
 
 class ProcessNoise:
-    """Disturbs the duties of virtual robots; each has random numbers of its own, fixed by `seed` and its id."""
+    """Disturbs the duties of virtual robots; each has its own random numbers, determined by `seed` and its id."""
 
     def __init__(self, seed: int = 0) -> None:
         self._seed = seed
-        self._sizes: dict[int, float] = {}  # share of the duty, by the robot whose parameters are gone by
+        self._sizes: dict[int, float] = {}  # share of the duty, by the robot whose parameters are used
         self._problems: dict[int, str] = {}
         self._row_of: dict[int, int] = {}
         self._random: list[np.random.Generator] = []
@@ -51,7 +51,7 @@ class ProcessNoise:
         self._size: Floats = np.zeros((0, 1))
 
     def use(self, robot_id: int, file: ParameterFile) -> None:
-        """Take from a robot's parameter file by how much those that go by it stray."""
+        """Read from a robot's parameter file how much robots with these parameters deviate."""
         try:
             self._sizes[robot_id] = size_of(file)
             self._problems.pop(robot_id, None)
@@ -62,11 +62,13 @@ class ProcessNoise:
 
     @property
     def problem(self) -> str:
-        """Why some robots have no noise; empty where all have."""
+        """Why some robots have no noise; empty if all have it."""
         return " ".join(problem for _, problem in sorted(self._problems.items()))
 
     def disturbed(self, duties: Floats, robots: Robots, goes_by: Callable[[int], int]) -> Floats:
-        """Return the duties (n, 2) of `robots` for the next step; `goes_by` holds by whose parameters one goes."""
+        """Return the duties (n, 2) of `robots` for the next step; `goes_by` maps each robot to the robot whose
+        parameters it uses.
+        """
         if robots.robot_id is not self._robots:
             self._begin(robots, goes_by)
         rows = self._rows
@@ -81,7 +83,7 @@ class ProcessNoise:
         return result
 
     def _begin(self, robots: Robots, goes_by: Callable[[int], int]) -> None:
-        """Find out which robots stray, and by how much."""
+        """Determine which robots get noise, and how much."""
         origin = np.array(robots.origin)
         self._index = np.flatnonzero(origin == VIRTUAL)
         ids = [robots.robot_id[index] for index in self._index]
@@ -91,7 +93,7 @@ class ProcessNoise:
         self._robots = robots.robot_id
 
     def _add(self, robot_ids: list[int]) -> None:
-        """Add robots; each draws again at a step of its own, so that no step waits for the draws of all."""
+        """Add robots; each refills its random numbers at a different step, to spread the cost."""
         random = [np.random.default_rng([self._seed, robot_id]) for robot_id in robot_ids]
         self._row_of.update(zip(robot_ids, range(len(self._random), len(self._random) + len(random)), strict=True))
         self._random += random
@@ -103,25 +105,26 @@ class ProcessNoise:
 
 
 def _a_step_on(deviation: Floats, fresh: Floats) -> Floats:
-    """Return what becomes of deviations in a step, with as many fresh normal numbers; their variance stays 1."""
+    """Advance the deviations by one step, given as many new normal numbers; their variance stays 1."""
     return KEPT * deviation + math.sqrt(1.0 - KEPT**2) * fresh
 
 
 def size_of(file: ParameterFile) -> float:
-    """Return the standard deviation of the noise, as a share of the duty, with which a robot strays as its file says.
+    """Return the standard deviation of the noise, as a share of the duty, that reproduces the deviation in a robot's
+    file.
 
-    Raises ParameterFileError where the file does not say it, or where it lacks a parameter of the model.
+    Raises ParameterFileError if the file does not contain it, or lacks a parameter of the model.
     """
     distance = file.provenance.get(STRAYED)
     if file.provenance.get("method") != "diagnosis" or not isinstance(distance, (int, float)) or not distance >= 0.0:
         raise ParameterFileError(
-            "their file does not say how far free runs stray. Use one that cmr-diagnose wrote of a log with poses."
+            "their file does not say how far free runs deviate. Use one that cmr-diagnose wrote from a log with poses."
         )
     return min(float(distance) / strayed(file.robot_parameters, SMALL) * SMALL, LARGEST)
 
 
 def strayed(parameters: RobotParameters, size: float) -> float:
-    """Return by how much robots with noise of this size stray from one without in a window of the arc [m, RMS]."""
+    """Return the deviation of robots with this noise from one without, in a window of the arc [m, RMS]."""
     from cmr.model.fleet import Fleet  # imports Numba, which takes half a second
 
     fleet = Fleet(STEP)

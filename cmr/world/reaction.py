@@ -1,4 +1,4 @@
-"""Virtual robots react as late as real ones, whose decisions take their way through a pilot and a driver."""
+"""Delay of virtual robots, to match real ones, whose commands pass through a pilot and a driver."""
 
 from collections import deque
 
@@ -12,9 +12,9 @@ Floats = NDArray[np.float64]
 
 
 class Reaction:
-    """What virtual robots decide is in force `seconds` later, in whole steps of 10 ms; until then they stand.
+    """Applies decisions of virtual robots `seconds` later, in whole steps of 10 ms; until then they stand.
 
-    The robots' order never changes; new ones come behind the others.
+    The robots' order never changes; new ones are appended.
     """
 
     def __init__(self, seconds: float = 0.0) -> None:
@@ -24,7 +24,7 @@ class Reaction:
         self._virtual: NDArray[np.bool_] = np.zeros((0, 1), dtype=bool)
 
     def late(self, duties: Floats, robots: Robots) -> Floats:
-        """Return the duties (n, 2) for the next step, of which `duties` is what `robots` decide now."""
+        """Return the delayed duties (n, 2) for the next step; `duties` are what `robots` decide now."""
         if self._past.maxlen == 1:
             return duties
         if robots.robot_id is not self._robots:

@@ -1,4 +1,4 @@
-"""What the world keeps of a real robot."""
+"""The world's data on a real robot."""
 
 from cmr.bus.message import Message
 from cmr.model.parameters import RobotParameters
@@ -9,9 +9,9 @@ from cmr.world.estimator import Estimator
 
 
 class RealRobot:
-    """The estimate of a real robot, and what it is commanded.
+    """The estimate of a real robot, and its command.
 
-    Parameters by which the same turn of the wheels would be quite another motion are used when the robot rests.
+    Parameters that change the motion per wheel rotation considerably are used only once the robot rests.
     """
 
     def __init__(self, robot_id: int) -> None:
@@ -21,7 +21,7 @@ class RealRobot:
         self._caution = Caution[RobotParameters](motion_of)
 
     def handle(self, utime: int, channel: str, message: Message) -> str:
-        """Take MOTOR_FEEDBACK_N, GYRO_N or POSE_N; return why it was not used, empty if it was."""
+        """Handle MOTOR_FEEDBACK_N, GYRO_N or POSE_N; return why it was not used, empty if it was."""
         unused = self.estimator.handle(utime, channel, message)
         if isinstance(message, motor_feedback_t) and not unused:
             self._caution.note_motion(message.utime, message.psi_left, message.psi_right)
@@ -29,12 +29,12 @@ class RealRobot:
         return unused
 
     def use(self, model: RobotParameters) -> None:
-        """Take parameters for the estimate."""
+        """Set the parameters of the estimate, at once or at rest."""
         self._caution.offer(model)
         self.estimator.parameters = self._caution.now
 
     def waiting(self) -> str:
-        """Return, as a sentence, that parameters wait until the robot rests; empty if none do."""
+        """Return a sentence if parameters wait until the robot rests; otherwise empty."""
         now, waiting = self._caution.values()
         if not waiting:
             return ""

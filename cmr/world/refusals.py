@@ -1,12 +1,12 @@
-"""What a world reports of messages that it did not use or not yet, and of robots that were put elsewhere."""
+"""Reports of unused messages, waiting parameters, and robots that were moved by hand."""
 
 from cmr.world.world import World
 
-SPOKEN_OF = 2_000_000  # us for which a new beginning of an estimate is spoken of
+SPOKEN_OF = 2_000_000  # us for which a reset of an estimate is reported
 
 
 def refusals(world: World, utime: int) -> list[str]:
-    """Return sentences about what was refused lately, at `utime` [us], and what waits."""
+    """Return sentences about recent refusals, as of `utime` [us], and about what waits."""
     moved = (
         f"Robot {robot_id} was put elsewhere: its poses agree on a place {reset.distance:.2f} m from where it was "
         "estimated, and the estimate was reset to its poses."

@@ -1,4 +1,4 @@
-"""Loops over all robots: duties in bounds, numbers in bounds, velocities."""
+"""Compiled loops over all robots: limit duties, check bounds, compute velocities."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 @compiled("void(f8[:, ::1], f8[:, ::1])")
 def bound(duties: Floats, bounded: Floats) -> None:
-    """Write duties (2, n) clipped to [-1, 1]; a robot of which one is no number stands."""
+    """Write duties (2, n) clipped to [-1, 1]; a robot with a NaN gets 0."""
     for i in range(duties.shape[1]):
         left, right = duties[0, i], duties[1, i]
         known = ~(np.isnan(left) | np.isnan(right))
@@ -21,7 +21,7 @@ def bound(duties: Floats, bounded: Floats) -> None:
 
 @compiled("b1(f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])")
 def all_sound(largest: float, x: Floats, y: Floats, theta: Floats, psi_left: Floats, psi_right: Floats) -> bool:
-    """Return whether all numbers of n robots are at most `largest` from 0; one that is no number is not."""
+    """Return whether the magnitudes of all numbers of n robots are at most `largest`; False for NaN."""
     sound = True
     for column in (x, y, theta, psi_left, psi_right):
         for i in range(len(column)):

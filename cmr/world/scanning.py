@@ -1,7 +1,7 @@
 """Range sensors of robots: what each sees of the mixed world, as messages.
 
-A virtual robot has no other sensor: it sees all robots and all that stands in the way. A real robot's own laser sees
-what is real; what is sent for it is what that laser cannot see, virtual robots and virtual obstacles.
+A virtual robot's sensor sees all robots and all obstacles. A real robot's own laser sees real objects; its message here
+adds what the laser cannot see, virtual robots and virtual obstacles.
 """
 
 import struct
@@ -21,7 +21,7 @@ from cmr.world.world import World
 Indices: TypeAlias = NDArray[np.int64]
 
 PERIOD = 100_000  # us between two scans of a robot
-HEAD = struct.Struct(">qidddi")  # all fields but the ranges, as they lie on the wire
+HEAD = struct.Struct(">qidddi")  # all fields except the ranges, as encoded
 
 
 class RangeScan(range_scan_t):
@@ -40,9 +40,9 @@ class RangeScan(range_scan_t):
 
 
 class Scanner:
-    """Gives robots range sensors: those of these ids, and all of these origins (REAL, VIRTUAL).
+    """Gives range sensors to the robots with these ids, and to all of these origins (REAL, VIRTUAL).
 
-    Only robots that the world owns scan: of several simulators that share a world, one publishes what a robot sees.
+    Only robots that the world owns scan: when several simulators share a world, only one publishes a robot's scan.
     """
 
     def __init__(
@@ -50,13 +50,14 @@ class Scanner:
     ) -> None:
         self._robot_ids, self._origins = list(robot_ids), list(origins)
         self._sensor = sensor or RangeSensor()
-        self._sensor.scan(np.zeros((3, 0)), [], np.zeros((3, 0)), np.zeros((4, 0)))  # compiled before the world begins
+        # Compiles it before the world begins
+        self._sensor.scan(np.zeros((3, 0)), [], np.zeros((3, 0)), np.zeros((4, 0)))
         self._utime = 0
 
     def scans(self, world: World) -> list[RangeScan]:
         """Return the message of each robot whose turn has come since the last call.
 
-        Robots scan every 0.1 s, each at a step of its own, so that no step has to wait for all of them.
+        Robots scan every 0.1 s, at different steps, to spread the cost.
         """
         before, self._utime = self._utime, world.utime
         if not before <= world.utime <= before + PERIOD:  # the first time, or a clock was set

@@ -1,4 +1,4 @@
-"""Everybody at once, as arrays: what behaviours of many robots see of the world."""
+"""All robots as arrays, for team behaviours."""
 
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -15,12 +15,12 @@ Indices: TypeAlias = NDArray[np.int64]
 
 neighbours = LazyModule("cmr.world.interaction.neighbours")
 robot_loops = LazyModule("cmr.world.robot_loops")
-MOST_RADII = 20  # within which neighbours are looked for again and again
-MISSING = -1  # index of a robot that is not there
+MOST_RADII = 20  # radii whose neighbour lists are kept
+MISSING = -1  # index of a missing robot
 
 
 class Members:
-    """Who is there: ids in the order in which their states come."""
+    """The ids of the robots, in the order of their states."""
 
     def __init__(self, robot_id: Indices) -> None:
         self.robot_id = robot_id
@@ -28,7 +28,7 @@ class Members:
         self._sorted = robot_id[self._order]
 
     def index_of(self, robot_ids: Indices) -> Indices:
-        """Return where these robots are in the order of `robot_id`; MISSING for those that are not there."""
+        """Return the indices of these robots in `robot_id`; MISSING for those that are absent."""
         if not len(self._sorted):
             return np.full(len(robot_ids), MISSING)
         place = np.minimum(np.searchsorted(self._sorted, robot_ids), len(self._sorted) - 1)
@@ -38,9 +38,9 @@ class Members:
 class Surroundings:
     """The real and virtual robots of the world at one moment: positions [m], headings [rad], wheel speeds [rad/s].
 
-    Robots whose state is no number are left out. All arrays have the order of `members.robot_id`, and are contiguous,
-    as compiled functions take them. Nobody may change them. `members` stays the same object as long as the same robots
-    are there. `near` keeps from moment to moment what finding neighbours takes.
+    Robots with NaN in their state are omitted. All arrays have the order of `members.robot_id`, are contiguous for
+    compiled functions, and are read-only. `members` stays the same object as long as the same robots are there. `near`
+    keeps neighbour lists between steps.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Surroundings:
         self._velocities: tuple[float, Floats, Floats] | None = None
 
     def neighbours(self, radius: float) -> "Neighbours":
-        """Return for each robot those at most `radius` [m] away; found once for all callers."""
+        """Return for each robot those at most `radius` [m] away; computed once for all callers."""
         if radius not in self._neighbours:
             if radius not in self._near:
                 if len(self._near) >= MOST_RADII:
@@ -70,7 +70,7 @@ class Surroundings:
         return self._neighbours[radius]
 
     def velocities(self, wheel_radius: float) -> tuple[Floats, Floats]:
-        """Return how everybody moves [m/s; world frame], taking all wheels to have this radius [m]."""
+        """Return the velocities of all robots [m/s; world frame], assuming this wheel radius [m] for all."""
         if self._velocities is None or self._velocities[0] != wheel_radius:
             speeds = np.empty((2, len(self.x)))
             robot_loops.velocities_of(self.theta, self.psi_left, self.psi_right, wheel_radius, speeds)

@@ -1,4 +1,4 @@
-"""What behaviours of virtual robots have to say besides commands."""
+"""Messages that behaviours of virtual robots publish besides commands."""
 
 from collections.abc import Iterator, Mapping
 
@@ -8,14 +8,16 @@ from cmr.world.behaviours import AnyBehaviour, Behaviour
 
 
 class Telling:
-    """Asks `behaviours` of virtual robots, by id: only those that have something to say, as there may be thousands."""
+    """Collects messages of `behaviours`, by robot id, asking only those that override `tell`: there may be
+    thousands.
+    """
 
     def __init__(self, behaviours: Mapping[int, AnyBehaviour]) -> None:
         own = ((robot_id, one) for robot_id, one in behaviours.items() if isinstance(one, Behaviour))
         self._own = [(robot_id, one) for robot_id, one in own if type(one).tell is not Behaviour.tell]
 
     def told(self, utime: int) -> Iterator[tuple[Stream[Message], int, Message]]:
-        """Yield what is to be published at `utime` [us], with its stream and robot."""
+        """Yield the messages to publish at `utime` [us], with stream and robot."""
         for robot_id, behaviour in self._own:
             for stream, message in behaviour.tell(utime):
                 yield stream, robot_id, message

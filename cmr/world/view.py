@@ -1,4 +1,4 @@
-"""What a robot knows of the world: the latest state of every robot in it."""
+"""A robot's view of the world: the latest state of every robot."""
 
 from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
@@ -22,23 +22,23 @@ REAL: int = robot_state_t.REAL
 VIRTUAL: int = robot_state_t.VIRTUAL
 TWIN: int = robot_state_t.TWIN
 
-SEEN = 5  # fields of a state, x to psi_right, that `surroundings` has of each robot
-OLDEST = 1_000_000  # us; a robot of which nothing newer was heard is no longer in the world
-FURTHEST = 1e9  # m; robots further away are nowhere
-MOST_REMEMBERED = 500  # sets of robots whose numbers are kept as they are
+SEEN = 5  # fields of a state, x to psi_right, that `surroundings` contains
+OLDEST = 1_000_000  # us; a robot with no newer state is no longer in the world
+FURTHEST = 1e9  # m; robots further away are ignored
+MOST_REMEMBERED = 500  # sets of robots whose Numbers are cached
 
 
 class Numbers(tuple[int, ...]):
-    """Ids or origins of robots. The same ones come again at each step, so hash and array are made only once.
+    """Ids or origins of robots. The same ones recur at each step, so hash and array are computed only once.
 
-    Get them by `numbers_of`: what is the same object need not be compared.
+    Get them by `numbers_of`, which returns the same object for equal values, so identity replaces comparison.
     """
 
     def __hash__(self) -> int:
         return self._hash
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[np.generic]:
-        """Return the numbers as NumPy wants them."""
+        """Convert the numbers to a NumPy array."""
         return np.array(self._array, dtype, copy=copy)
 
     @cached_property
@@ -113,18 +113,18 @@ class Robots(NamedTuple):
 
 
 class WorldView:
-    """The robots of the world, kept up to date by `put` and `take`, or from WORLD_STATE messages by `handle`.
+    """The robots of the world, updated by `put` and `take`, or from WORLD_STATE messages by `handle`.
 
-    `obstacles` and `geofence` are those that behaviours heed. A robot's own state is made only when somebody asks for
-    it: of thousands, few are looked at.
+    `obstacles` and `geofence` are those that behaviours respect. A single robot's state is created only on demand: of
+    thousands, few are needed.
     """
 
     def __init__(self) -> None:
         self.utime = 0
         self._groups: dict[tuple[tuple[int, ...], tuple[int, ...]], _Group] = {}
         self._places: dict[tuple[int, int], tuple[_Group, int]] = {}
-        self._all: list[_Group] = []  # all that hold a robot
-        self._chosen: list[tuple[_Group, Indices | slice]] = []  # whom `surroundings` shows
+        self._all: list[_Group] = []  # all groups that contain a robot
+        self._chosen: list[tuple[_Group, Indices | slice]] = []  # the robots in `surroundings`
         self._chosen_from: list[_Group] | None = None
         self._members = Members(np.zeros(0, np.int64))
         self._surroundings: Surroundings | None = None
@@ -133,19 +133,19 @@ class WorldView:
         self.geofence: Geofence | None = None
 
     def put(self, robot: Robot) -> None:
-        """Take the newest state of a robot."""
+        """Store the newest state of a robot."""
         self.take(robot.utime, Robots((robot.robot_id,), (robot.origin,), RobotState(*((v,) for v in robot.state))))
 
     def take(self, utime: int, robots: Robots) -> None:
-        """Take the newest states of robots; those of others stay."""
+        """Store the newest states of robots; those of others stay."""
         members = (robots.robot_id, robots.origin)
         group = self._groups.get(members) or self._regroup(members)
         group.utime, group.robots = utime, robots
-        self.utime = max(self.utime, utime) if self.utime - utime <= OLDEST else utime  # or a clock was set back
+        self.utime = max(self.utime, utime) if self.utime - utime <= OLDEST else utime  # otherwise a clock was set back
         self._surroundings = None
 
     def handle(self, utime: int, _channel: str, message: world_state_t) -> None:
-        """Take a world_state_t, the whole world or a part of it."""
+        """Handle a world_state_t, the whole world or a part of it."""
         state = RobotState(*(getattr(message, name) for name in RobotState._fields))
         self.take(utime, Robots(numbers_of(message.robot_id), numbers_of(message.origin), state))
 
@@ -178,11 +178,11 @@ class WorldView:
         return self._surroundings
 
     def _fresh(self) -> "list[_Group]":
-        """Return the groups of which something was heard lately."""
+        """Return the groups with recent states."""
         return [group for group in self._all if self.utime - group.utime <= OLDEST]
 
     def _choose(self, fresh: "list[_Group]") -> None:
-        """Note whom `surroundings` shows: those robots of fresh groups that are no twins and are in no newer group."""
+        """Select the robots for `surroundings`: those of fresh groups that are not twins and not in a newer group."""
         chosen: dict[int, list[tuple[int, int]]] = {id(group): [] for group in fresh}
         for (robot_id, origin), (group, index) in self._places.items():
             if origin != TWIN and id(group) in chosen:
@@ -200,7 +200,7 @@ class WorldView:
         return Robot(group.utime, robot_id, origin, group.robots.state_of(index))
 
     def _regroup(self, members: tuple[tuple[int, ...], tuple[int, ...]]) -> "_Group":
-        """Note that these robots come together from now on; groups that lose a robot to this one have an end."""
+        """Make a group of these robots; groups that lose a robot to it are dissolved."""
         group = _Group()
         left = set()
         for index, key in enumerate(zip(*members, strict=True)):
@@ -215,25 +215,25 @@ class WorldView:
 
 
 def _columns(state: RobotState, index: Indices | slice) -> list[Floats]:
-    """Return pose and wheel speeds of some robots as compiled functions take them, without copies where that goes."""
+    """Return pose and wheel speeds of some robots as arrays for compiled functions, without copies where possible."""
     columns = [np.ascontiguousarray(column, dtype=float) for column in state[:SEEN]]
     return columns if isinstance(index, slice) else [column[index] for column in columns]
 
 
 def _all_or(index: Indices, group: "_Group") -> Indices | slice:
-    """Return the index of robots in a group; of all of them in their order, one that costs nothing."""
+    """Return the index of robots in a group; for all of them in order, a slice, which needs no copy."""
     return slice(None) if np.array_equal(index, np.arange(len(group.robots.robot_id))) else index
 
 
 class _Group:
-    """Robots whose states come together."""
+    """Robots whose states arrive together."""
 
     utime: int
     robots: Robots
 
 
 def world_messages(utime: int, robots: Robots | list[Robot], largest: int | None = None) -> list[WorldState]:
-    """Return world_state_t messages of all robots at `utime`: one, or so many that none exceeds `largest` bytes."""
+    """Return world_state_t messages of all robots at `utime`: one, or several of at most `largest` bytes each."""
     everybody = robots if isinstance(robots, Robots) else Robots.of(robots)
     count = len(everybody.robot_id)
     part = count if largest is None else max((largest - HEAD.size) // BYTES_PER_ROBOT, 1)

@@ -1,6 +1,6 @@
 """The whole world: real robots as estimated, virtual robots as simulated, and a twin of each real robot.
 
-It knows no bus: messages go in by `handle`, time passes by `advance`, robots come out of `robots`.
+It is independent of the bus: `handle` receives messages, `advance` simulates, `robots` returns the robots.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,21 +35,21 @@ from cmr.world.reaction import Reaction
 from cmr.world.real_robot import RealRobot
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
-MEASURED = (motor_feedback_t, pose_xyt_t, gyro_t)  # what only real robots send
+MEASURED = (motor_feedback_t, pose_xyt_t, gyro_t)  # sent only by real robots
 REST_BEFORE_DRIVE = 1_000_000  # us without a command after which the next one begins a new drive
-MOST_STEPS_AT_ONCE = 10  # made up in one turn, so that a world that was held up is seen while it catches up
+MOST_STEPS_AT_ONCE = 10  # limit per turn, so that a delayed world is still published while it catches up
 NO_BODIES = np.zeros((3, 0))
-MOST_STRANGERS = 1_000  # robots that are followed because they were heard of; strangers may send as any number
-LOST = 1_000_000  # us; a real robot of which nothing newer was heard leaves the world
+MOST_STRANGERS = 1_000  # robots followed only because messages named them; senders can use any id
+LOST = 1_000_000  # us; a real robot without newer messages leaves the world
 NOBODY = Robots.of([])
-USUAL_BASE_WIDTH = 0.16  # m; of real robots whose parameters nobody knows yet
+USUAL_BASE_WIDTH = 0.16  # m; of real robots whose parameters are not known yet
 
 
 @dataclass(frozen=True)
 class VirtualRobot:
-    """A virtual robot: where it starts [m, m, rad; world frame], what it does, and whose parameters it moves by.
+    """A virtual robot: where it starts [m, m, rad; world frame], its behaviour, and the robot whose parameters it uses.
 
-    `radius` [m] is that of the disc that it meets others with; by default it follows from the base width.
+    `radius` [m] is that of its collision disc; the default follows from the base width.
     """
 
     robot_id: int
@@ -61,23 +61,23 @@ class VirtualRobot:
     radius: float | None = None
 
     def at_rest(self) -> Robot:
-        """Return it where it starts."""
+        """Return the robot at rest at its start."""
         return Robot(0, self.robot_id, VIRTUAL, RobotState.at_rest(self.x, self.y, wrap(self.theta)))
 
 
 class World:
-    """All robots. `follow` makes the parameter follower of a robot id; virtual robots move as their models do.
+    """All robots. `follow` makes the parameter follower of a robot id; virtual robots follow their models.
 
-    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N; `estimates` says which ones are this world's.
+    Real robots are discovered by their MOTOR_FEEDBACK_N or POSE_N; `estimates` says which ones belong to this world.
     Robots of other simulators, `others`, come on WORLD_STATE and are shown to behaviours.
 
-    `ready` returns whether robots can be simulated by some parameters without delay; until then, those that move by
-    others go on so, and new ones stand where they start.
-    Virtual robots steer by the parameters of the robot that they go by, and move by them as well, unless
-    `own_parameters` has others under their id: robots differ from what is believed of them.
+    `ready` returns whether robots with certain parameters can be simulated without delay; until then, robots keep their
+    old parameters, and new robots stand at their start. A virtual robot steers with the parameters of the robot it
+    refers to, and moves with them as well, unless `own_parameters` has an entry for its id: then it moves differently
+    from what its controller assumes.
 
-    With `noise` virtual robots stray from their models. Their decisions are in force `reaction` [s] later.
-    Virtual robots that meet one another are pushed apart; real robots and `obstacles` cannot be pushed.
+    With `noise` virtual robots deviate from their models. Their decisions take effect `reaction` [s] later. Virtual
+    robots that meet one another are pushed apart; real robots and `obstacles` cannot be pushed.
     """
 
     def __init__(
@@ -93,13 +93,13 @@ class World:
     ) -> None:
         self.view = WorldView()
         self.estop = EmergencyStop()
-        self.gate = Gate(world_state_t)  # whose stamps `others` looks at
+        self.gate = Gate(world_state_t)  # whose stamps `others` checks
         self.parameters: dict[int, ParameterFollower] = {}
         self.others = Others(robot.robot_id for robot in virtual)
-        self.begun = True  # while it is not, simulated robots stand
-        self.crowded = False  # whether more robots were heard of than are followed
-        self._time = 0  # of the last turn [us]
-        self.late_steps = 0  # made more than a step after they were due, or left out
+        self.begun = True  # while false, simulated robots stand
+        self.crowded = False  # whether messages named more robots than are followed
+        self._time = 0  # time of the last turn [us]
+        self.late_steps = 0  # steps made more than a step late, or skipped
         self._follow, self._ready, self._estimates = follow, ready, estimates
         self._own_parameters = own_parameters
         self._noise = noise
@@ -123,12 +123,12 @@ class World:
 
     @property
     def utime(self) -> int:
-        """The moment [us] for which the simulated robots' states hold; 0 before the first step."""
+        """The time [us] of the simulated robots' states; 0 before the first step."""
         return self._fleet.utime
 
     @property
     def noise_problem(self) -> str:
-        """Why some virtual robots have no noise; empty where all have, or none is to have."""
+        """Why some virtual robots have no noise; empty if all have it, or none should."""
         return self._noise.problem if self._noise else ""
 
     @property
@@ -138,15 +138,15 @@ class World:
 
     @property
     def real_robots(self) -> list[int]:
-        """The ids of the real robots heard of so far."""
+        """The ids of the real robots known so far."""
         return sorted(self._real)
 
     def turn(self, utime: int) -> None:
-        """Note that it is `utime` [us]; to be called before messages are handled that may have waited."""
+        """Set the time to `utime` [us]; call this before handling messages that may have been queued."""
         self.gate.turn(utime)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take one message from the bus or from a log, if it can be: `gate` says what cannot."""
+        """Handle one message from the bus or a log; `gate` refuses impossible ones."""
         self.estop.handle(utime, channel, message)
         usable = self.gate.let_in(channel, message)
         if isinstance(usable, world_state_t):
@@ -156,7 +156,7 @@ class World:
             self._take(utime, channel, robot_id, usable)
 
     def _take(self, utime: int, channel: str, robot_id: int, message: Message) -> None:
-        """Take a message of one robot."""
+        """Handle a message of one robot."""
         if isinstance(message, (parameters_t, *MEASURED)) and not self._takes_in(robot_id):
             return
         if isinstance(message, parameters_t):
@@ -172,15 +172,15 @@ class World:
                 self._real[robot_id].commands.take(utime, *duties)
 
     def poll_parameters(self) -> None:
-        """Look for replaced parameter files. No robot's state changes."""
+        """Check for replaced parameter files. No robot's state changes."""
         for robot_id in [robot_id for robot_id, follower in self.parameters.items() if follower.poll()]:
             self._take_over(robot_id)
 
     def advance(self, utime: int) -> None:
-        """Let simulated robots move on to `utime` [us] in steps of 10 ms; behaviours decide at each step.
+        """Advance simulated robots to `utime` [us] in steps of 10 ms; behaviours decide at each step.
 
-        At most ten steps are made in one call: a world that was held up longer catches up in the next ones.
-        Of many robots with behaviours of their own, each decides at every second, third, ... step (`deciding`).
+        At most ten steps are made in one call: a world delayed by more catches up in the next calls. Of many robots
+        with behaviours of their own, each decides at every second, third, ... step (`deciding`).
         """
         self._time = utime
         self.gate.turn(utime)
@@ -207,7 +207,7 @@ class World:
             self._decide(now)
 
     def everybody(self) -> Robots:
-        """Return all robots of the world as they are now; real robots not heard of lately are left out."""
+        """Return all robots of the world as they are now; real robots without recent messages are omitted."""
         everybody = Robots.of(self.real()) if self._real else NOBODY
         for robots in (*self._standing(), self._fleet.robots()):
             everybody = everybody.with_others(robots)
@@ -231,15 +231,15 @@ class World:
         return [*self.real(), *chain.from_iterable(robots.each(self._fleet.utime) for robots in simulated)]
 
     def waiting(self) -> list[str]:
-        """Return, in sentences, whose parameters wait until a real robot rests."""
+        """Return sentences about parameters that wait until a real robot rests."""
         return [sentence for _, real in sorted(self._real.items()) if (sentence := real.waiting())]
 
     def resets(self) -> dict[int, Reset]:
-        """Return the last new beginning of each real robot's estimate, by robot."""
+        """Return the last reset of each real robot's estimate, by robot."""
         return {k: real.estimator.reset for k, real in self._real.items() if real.estimator.reset is not None}
 
     def real(self) -> list[Robot]:
-        """Return the real robots heard of lately and known; one whose clock is off by more counts as not heard."""
+        """Return the known real robots with recent messages, without those whose clocks are off by more than LOST."""
         return [
             Robot(robot.estimator.utime, robot_id, REAL, robot.estimator.state)
             for robot_id, robot in self._real.items()
@@ -247,7 +247,7 @@ class World:
         ]
 
     def _bodies_of_real(self) -> Floats:
-        """Return x, y and radius [m] of the real robots heard of lately, (3, m)."""
+        """Return x, y and radius [m] of the real robots with recent messages, (3, m)."""
         bodies = []
         for robot in self.real():
             parameters = self._real[robot.robot_id].estimator.parameters
@@ -256,7 +256,7 @@ class World:
         return np.array(bodies, dtype=float).reshape(-1, 3).T if bodies else NO_BODIES
 
     def _take_others(self, message: world_state_t) -> None:
-        """Show what another simulator says of its robots; before the first turn nobody knows what time it is."""
+        """Show another simulator's robots; before the first turn the time is unknown."""
         news = self.others.handle(self._time, message) if self._time else None
         if news is not None:
             self.view.take(message.utime, news)
@@ -266,7 +266,7 @@ class World:
         return [robots for robot_id, robots in self._absent.items() if robot_id in self._not_ready]
 
     def _takes_in(self, robot_id: int) -> bool:
-        """Return whether a robot is followed, or may be from now on."""
+        """Return whether a robot is followed, or starts to be."""
         if robot_id in self.parameters or robot_id in self._virtual or robot_id in self._real:
             return True
         if not self._estimates(robot_id):
@@ -275,7 +275,7 @@ class World:
         return not self.crowded
 
     def _forget_the_silent(self) -> None:
-        """Make room for robots that are there: forget those without parameters that are not heard of any more."""
+        """Make room by forgetting robots that have no parameters and send no messages any more."""
         unknown = {robot_id for robot_id, follower in self.parameters.items() if follower.parameters is None}
         for robot_id in unknown.difference(self._needed, (robot.robot_id for robot in self.real())):
             del self.parameters[robot_id]
@@ -298,7 +298,7 @@ class World:
         return self.parameters[robot_id]
 
     def _take_over(self, robot_id: int) -> None:
-        """Let everything that moves by the parameters of this robot use the present ones, as soon as they are ready."""
+        """Switch all robots that use this robot's parameters to the current ones, as soon as they are ready."""
         parameters = self.parameters[robot_id].parameters
         try:
             model = parameters.robot_parameters if parameters else None
@@ -308,7 +308,7 @@ class World:
             return
         if robot_id in self._real:
             self._real[robot_id].use(model)
-        ready = [self._ready(one) for one in (model, *self._kinds)]  # all begin to get ready
+        ready = [self._ready(one) for one in (model, *self._kinds)]  # all of them start loading
         if not all(ready):
             self._not_ready.add(robot_id)
             return
@@ -329,10 +329,10 @@ class World:
             self._fleet.place(keys, robots.state, self._moving_by(keys, self._models[robot_id]))
 
     def _moving_by(self, keys: Sequence[Key], model: RobotParameters) -> RobotParameters:
-        """Return what these robots move by: what their own parameters are, otherwise `model`."""
+        """Return the parameters of these robots: their own, otherwise `model`."""
         if self._own_parameters.keys().isdisjoint(robot_id for robot_id, origin in keys if origin == VIRTUAL):
             return model
-        from cmr.model.catalogue import together  # robots of the paper's model do without the catalogue
+        from cmr.model.catalogue import together  # robots of the paper's model do not need the catalogue
 
         own = self._own_parameters
         return together([model if origin == TWIN else own.get(robot_id, model) for robot_id, origin in keys])
@@ -352,7 +352,7 @@ class World:
                 behaviour.take_command(message.utime, *duties)
 
     def _controller_of(self, robot_id: int) -> VelocityController | None:
-        """Return what makes wheel speeds of a robot's commands; None for one that takes duties, or is not known."""
+        """Return the controller that turns a robot's commands into wheel speeds; None for duties, or if unknown."""
         parameters = self.parameters[robot_id].parameters if robot_id in self.parameters else None
         try:
             return parameters.velocity_controller if parameters else None
@@ -360,7 +360,7 @@ class World:
             return None  # incomplete
 
     def _begin_drive(self, robot_id: int, real: RealRobot, utime: int) -> None:
-        """At the beginning of each drive, put a real robot's twin where its robot is."""
+        """At the beginning of each drive, place a real robot's twin at the robot."""
         if not any(self._command_of(robot_id, real, utime)):
             return
         begins = utime - real.last_driven > REST_BEFORE_DRIVE
@@ -374,7 +374,7 @@ class World:
         return (0.0, 0.0) if self.estop.holds(robot_id) else real.commands.at(utime)
 
     def _decide(self, utime: int) -> None:
-        """Command the simulated robots as their behaviours decide, and twins as their robots are."""
+        """Set the duties of simulated robots from their behaviours, and of twins from their robots' commands."""
         robots = self._fleet.robots()
         if not (robots.robot_id and self.begun):
             return

@@ -1,6 +1,6 @@
-"""Proves the driver's promises on the user's own hardware: provokes what can go wrong, measures, and judges.
+"""Acceptance tests of the driver's promises on the user's own hardware: provoke faults, measure, and judge.
 
-`filter` stands between driver and device, and makes a line worse than it is; `relay` moves its bytes; `dialects` knows
-what they mean. `bench` runs the driver and listens on the bus. `sessions` are what is done with them, `judges` decide
-from what was recorded whether a promise held. `command` is `cmr accept`.
+`filter` sits between driver and device, and degrades the line; `relay` moves its bytes; `dialects` interprets them.
+`bench` runs the driver and listens on the bus. `sessions` are the test steps, `judges` decide from the recordings
+whether a promise held. `command` is `cmr accept`.
 """

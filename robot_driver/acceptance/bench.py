@@ -1,4 +1,6 @@
-"""The bench: relays on the ports, the driver as a process of its own, commands to it, and everything that it says."""
+"""The test bench: relays on the ports, the driver as a separate process, its commands, and everything that it
+publishes.
+"""
 
 import os
 import signal
@@ -38,14 +40,14 @@ Duty = tuple[float, float]
 
 
 class Ended(CommandError):  # noqa: N818 - no fault: somebody wanted it
-    """The person, or an emergency stop, has ended the protocol."""
+    """The person, or an emergency stop, ended the protocol."""
 
 
 @dataclass
 class Setup:
-    """The robot under test: how its driver is started, on which bus, and a folder for what is not kept.
+    """The robot under test: how its driver is started, the bus, and a temporary folder.
 
-    `command` starts cmr-driver; tests give one that is broken on purpose.
+    `command` starts cmr-driver; tests use deliberately broken ones.
     """
 
     settings: Settings
@@ -56,14 +58,14 @@ class Setup:
 
     @property
     def dialect(self) -> Dialect | None:
-        """What this controller speaks, where a filter understands it."""
+        """The protocol of this controller, if the filter supports it."""
         kind = DIALECTS.get(self.settings.controller)
         return kind() if kind else None
 
 
 @dataclass
 class Bench:
-    """What the steps of the protocol work with. `ended` is asked all the time, and raises Ended."""
+    """What the steps of the protocol work with. `ended` is called continuously, and raises Ended."""
 
     setup: Setup
     look: Callable[[], None] = lambda: None
@@ -83,14 +85,14 @@ class Bench:
         self.bus.subscribe(ESTOP, every=True)
         self._command_due = self._estop_due = 0.0
         self.commanded = 0  # when a duty other than zero was commanded last (ns)
-        self.estop: bool | None = None  # whether the stop is to be engaged, all the time; None: nothing is said of it
+        self.estop: bool | None = None  # whether to engage the stop continuously; None: send nothing
         self._estop_decided = 0
         self._drivers = 0
         self.is_ready = False
 
     @contextmanager
     def relayed(self) -> Iterator[None]:
-        """Have filters between the driver and the ports."""
+        """Insert filters between the driver and the ports."""
         settings, dialect = self.setup.settings, self.setup.dialect
         assert dialect is not None
         with ExitStack() as stack:
@@ -124,7 +126,7 @@ class Bench:
         self.record.offset = 1000 * utime_at(time.monotonic_ns()) - time.monotonic_ns()
 
     def other_driver(self, settings: Settings) -> "subprocess.Popen[bytes]":
-        """Start a driver; what it says on stderr goes into a file, see `errors`."""
+        """Start a driver; its stderr goes to a file, see `errors`."""
         self._drivers += 1
         command = [*self.setup.command, *arguments_of(settings), "--lcm-url", self.bus.url]
         with self.errors_path(self._drivers).open("wb") as errors:
@@ -139,7 +141,7 @@ class Bench:
         return self.errors_path(self._drivers).read_text(errors="replace")
 
     def end(self, number: int = signal.SIGTERM) -> int | None:
-        """End the driver by a signal; return its exit code, None where it did not end by it."""
+        """End the driver by a signal; return its exit code, None if it did not end."""
         process, self.process = self.process, None
         if process is None:
             return None
@@ -166,7 +168,7 @@ class Bench:
         return int(found[0]) if found else None
 
     def turn(self, duty: Duty | None, *, look: bool = True) -> None:
-        """Command a duty if that is due (None: nothing), say what is to be said of the stop, and listen a moment."""
+        """Command a duty if due (None: nothing), send the stop state, and listen briefly."""
         now = time.monotonic()
         if duty is not None and now >= self._command_due:
             self._command_due = max(self._command_due + COMMAND_PERIOD, now)
@@ -205,7 +207,7 @@ class Bench:
     def go_on(
         self, seconds: float, duty: Callable[[float], Duty] | None, until: Callable[[], object] = lambda: False
     ) -> Span:
-        """Command what `duty` says for so many seconds, or until something holds; return from when to when."""
+        """Command `duty` for some seconds, or until a condition holds; return start and end."""
         begin = time.monotonic_ns()
         end = time.monotonic() + seconds
         while (remaining := end - time.monotonic()) > 0.0 and not until():
@@ -230,7 +232,7 @@ class Bench:
         return self.is_ready
 
     def until_served(self) -> None:
-        """Command zero until the motors are served again, and the driver has forgotten what was before."""
+        """Command zero until the motors are served again, and the driver's earlier state has expired."""
 
         def served() -> bool:
             now = self.record.offset + time.monotonic_ns()
@@ -245,7 +247,7 @@ class Bench:
         return Wire(self.filter.dialect, self.setup.settings.wiring, self.filter.exchanges)
 
     def ask_counts(self, seconds: float) -> None:
-        """Read the encoders for so long, now that no driver is there."""
+        """Read the encoders for some time while no driver runs."""
         assert self.filter is not None
         assert self.relay is not None
         line, end = self.filter, time.monotonic() + seconds

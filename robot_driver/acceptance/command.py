@@ -101,7 +101,7 @@ def command_parser() -> argparse.ArgumentParser:
         type=_promise,
         action="append",
         metavar="N",
-        help="look only at this promise, by its number; may be given again",
+        help="test only this promise, by its number; may be repeated",
     )
     result.add_argument(
         "--duty",
@@ -110,7 +110,7 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="DUTY",
         help=f"with which the wheels turn, {LARGEST_DUTY:g} at most; more than the default where they do not turn",
     )
-    result.add_argument("--no-hands", action="store_true", help="leave out what only a hand can do")
+    result.add_argument("--no-hands", action="store_true", help="skip tests that need a person's hands")
     return result
 
 
@@ -126,7 +126,7 @@ def _duty(text: str) -> float:
 
 
 def _options(arguments: list[str]) -> tuple[argparse.Namespace, Settings]:
-    """Return what was asked for, and the robot's settings."""
+    """Return the parsed options, and the robot's settings."""
     result = command_parser()
     options = parsed_with_settings(result, arguments)
     if options.port is None:

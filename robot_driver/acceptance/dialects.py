@@ -1,7 +1,7 @@
-"""What the bytes between driver and motor controller mean, to whoever stands between them, and how to forge some.
+"""Interpret and forge the bytes between driver and motor controller.
 
-The requests are known to the last gate (`robot_driver.gate`). Here is how long a reply is, what it says, and how one is
-made that says something else.
+Requests are known to the last gate (`robot_driver.gate`). This module adds the length and contents of replies, and how
+to make false ones.
 """
 
 import re
@@ -19,7 +19,7 @@ COUNTER_RANGE = 2**32
 
 
 class Kind(Enum):
-    """What a request is about."""
+    """The subject of a request."""
 
     DRIVE = auto()
     COUNTS = auto()
@@ -30,7 +30,7 @@ class Kind(Enum):
 
 
 class Dialect(ABC):
-    """The language of one kind of controller. `wire` is what the last gate knows of it."""
+    """The protocol of one kind of controller. `wire` is the last gate's part of it."""
 
     wire: Wire
     ask_counts: bytes  # the request for both encoder counts

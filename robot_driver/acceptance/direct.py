@@ -1,4 +1,4 @@
-"""Steps without a filter: the driver on the port itself, a second one, and what only a hand can do."""
+"""Steps without a filter: the driver on the port itself, a second driver, and faults that need a person's hands."""
 
 import errno
 import fcntl
@@ -123,7 +123,7 @@ def _kernel_lock(port: str) -> Finding:
 
 
 def _by_hand(run: Run) -> None:
-    """Have the person pull the cable, and switch the battery off."""
+    """Ask the person to pull the cable, and to switch the battery off."""
     if not run.hands:
         why = "nobody was there to do it (--no-hands)"
         run.note(Finding(10, "by hand", None, f"unplugging by hand: {why}"))
@@ -136,7 +136,7 @@ def _by_hand(run: Run) -> None:
 
 
 def _is_ready(run: Run, name: str, text: str, ready: str, otherwise: Finding) -> bool:
-    """Return whether a hand is where it is asked for; if it cannot be, note the finding."""
+    """Ask the person to get ready; return whether they are, otherwise record a finding."""
     if run.guide.ask(name, text, (Choice("ready", ready), SKIPPED)) != SKIPPED.key:
         return True
     run.note(otherwise)
@@ -167,7 +167,7 @@ def _pull_cable(run: Run) -> None:
 
 
 def _bound(run: Run, last: int) -> None:
-    """Bound the time to stop by the counts that were gained while the cable was out, where the device counted on."""
+    """Bound the time to stop by the counts gained while the cable was out, if the device kept counting."""
     run.bench.go_on(1.0, run.zero)
     before = [one for one in run.bench.record.feedback if last - 300_000 <= one.utime <= last]
     after = run.bench.record.feedback[-1]

@@ -1,6 +1,6 @@
-"""What stands between driver and device: it passes bytes on, notes all of them, and makes the line as bad as wanted.
+"""The filter between driver and device: forwards bytes, records them, and degrades the line on request.
 
-No I/O and no clock: bytes and the time go in, pieces of bytes and the time at which each is due come out.
+It has no I/O and no clock: bytes and times go in, pieces of bytes with their due times come out.
 """
 
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ class Exchange:
 
 @dataclass
 class Faults:
-    """What is wrong with the line; may be changed at any time.
+    """Faults of the line; may be changed at any time.
 
     `gap` (ns) stands between the bytes of a reply; `latency` (ns) is added to it. `lose`, `damage`, `delay` are shares
     of replies: lost whole, with a bit flipped or a byte dropped or inserted, later by `delay_by` (ns). `silent`: no
@@ -74,9 +74,9 @@ class Faults:
 
 @dataclass
 class Forgery:
-    """What the device is made to say: counts further on by `offset`, that it has lost its watchdog, a voltage (V).
+    """False statements of the device: counts increased by `offset`, a lost watchdog, a voltage (V).
 
-    That it has a watchdog again it says as soon as it has been given one, unless that is `refused`.
+    It reports a watchdog again as soon as one is set, unless that is `refused`.
     """
 
     offset: Pair = NO_COUNTS
@@ -152,7 +152,7 @@ class Filter:
         due = now + faults.latency + self._wire_time(data)
         due += ADAPTER if faults.baud else 0
         due += faults.delay_by if self._happens(faults.delay) else 0
-        due = max(due, self._last_due)  # no line lets one reply overtake another
+        due = max(due, self._last_due)  # replies cannot overtake each other
         parts = [data[number : number + 1] for number in range(len(data))] if faults.gap else [data]
         for number, part in enumerate(parts):
             self._last_due = due + number * faults.gap
@@ -186,7 +186,7 @@ class Filter:
 class GyroFaults:
     """What is wrong with a gyro's line: held back for `hold` (ns) at a time; a share of bytes damaged; off; not valid.
 
-    Damage sets the eighth bit of a byte: a protocol of text without a checksum cannot see a digit become another.
+    Damage sets the eighth bit of a byte: a text protocol without checksum cannot detect a changed digit.
     """
 
     hold: int = 0
@@ -197,7 +197,7 @@ class GyroFaults:
 
 @dataclass
 class GyroFilter:
-    """The line to a gyro that talks by itself; `heard` is what it really said, and when."""
+    """The line to a gyro that talks by itself; `heard` are its true readings with times."""
 
     seed: int = 0
     faults: GyroFaults = field(default_factory=GyroFaults)

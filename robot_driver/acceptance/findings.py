@@ -1,4 +1,4 @@
-"""The promises of the driver, and what was found out about each of them."""
+"""The driver's promises, and the findings about each."""
 
 import math
 from collections.abc import Iterable
@@ -30,10 +30,9 @@ PASSED, FAILED, NOT_TRIED = "passed", "failed", "not tried"
 
 @dataclass(frozen=True)
 class Finding:
-    """One check of a promise: what was looked at, whether it held (None: it was not tried), and the figures.
+    """One check of a promise: its subject, whether it held (None: not tried), and figures.
 
-    `said` is a sentence for a person, or why it was not tried. `values` are the figures for programs, by their names
-    with units.
+    `said` is a sentence for a person, or why it was not tried. `values` are figures for programs, by name with unit.
     """
 
     promise: int
@@ -44,12 +43,14 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """In a word."""
+        """The verdict in one word."""
         return NOT_TRIED if self.passed is None else PASSED if self.passed else FAILED
 
 
 def verdict(promise: int, findings: Iterable[Finding]) -> str:
-    """Return what all checks of a promise say together: it fails by one, and passes where at least one passed."""
+    """Return the combined verdict of all checks of a promise: one failure fails it; otherwise it needs at least one
+    pass.
+    """
     verdicts = {finding.verdict for finding in findings if finding.promise == promise}
     return next((one for one in (FAILED, PASSED) if one in verdicts), NOT_TRIED)
 

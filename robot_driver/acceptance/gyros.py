@@ -18,14 +18,14 @@ LEAST_VALID = 20  # readings, or nothing was shown
 
 
 class Said(NamedTuple):
-    """A reading of the gyro: when its last byte came (ns), and its rate (rad/s); NaN where it said it was not valid."""
+    """A reading of the gyro: time of its last byte (ns), and its rate (rad/s); NaN if it was marked invalid."""
 
     moment: int
     rate: float
 
 
 def said_by(gyro: Gyro, line: GyroFilter) -> list[Said]:
-    """Return what the gyro really said."""
+    """Return the gyro's true readings."""
     return [Said(moment, one.yaw_rate) for moment, data in list(line.heard) for one in gyro.feed(data)]
 
 
@@ -39,7 +39,7 @@ def increasing(name: str, stamps: Sequence[int], seconds: float) -> Finding:
 
 
 def spread(record: Record, truth: Sequence[Said], span: Span, sign: float, rate: float) -> Finding:
-    """Judge the stamps of readings that came in bursts, against when the gyro sent them.
+    """Judge the stamps of readings that arrived in bursts, against the times at which the gyro sent them.
 
     A reading is one that has the same rate and came about then. What all stamps are apart from that is the time on the
     wire and in the gyro; of it a stamp may be early by one period.
@@ -64,7 +64,7 @@ def spread(record: Record, truth: Sequence[Said], span: Span, sign: float, rate:
 
 
 def only_rates(check: str, record: Record, truth: Sequence[Said], span: Span, sign: float) -> Finding:
-    """Judge that each valid yaw rate was one that the gyro said about then."""
+    """Judge that each valid yaw rate was a reading of the gyro around that time."""
     moments = [one.moment for one in truth]
     valid = [message for message in record.gyro_in(span) if message.valid]
     false = 0
@@ -78,7 +78,7 @@ def only_rates(check: str, record: Record, truth: Sequence[Said], span: Span, si
 
 
 def none_valid(check: str, record: Record, span: Span, why: str) -> Finding:
-    """Judge that no rate was reported of a time in which the gyro gave none."""
+    """Judge that no rate was reported for a time without readings."""
     inner = Span(span.begin + SECOND // 10, span.end)
     valid = sum(bool(message.valid) for message in record.gyro_in(inner))
     said = f"while {why}, for {span.seconds:.1f} s, {valid} yaw rates were reported as valid"

@@ -1,7 +1,7 @@
-"""Whether this computer was held up, so that the driver is not blamed for it.
+"""Detect delays of this computer, so that the driver is not blamed for them.
 
 A busy computer or a virtual machine does not always get its processors, and the kernel's workers, which carry the bytes
-of ports, wait for one like anybody else. A byte that is passed through a pseudo-terminal again and again shows both.
+of ports, are delayed as well. A byte that circulates through a pseudo-terminal shows both.
 """
 
 import os
@@ -39,7 +39,7 @@ class HeldUp:
         self._thread.join()
 
     def longest(self, span: Span) -> float:
-        """Return how long the computer was held up at a time, at most, in a span (s); 0 where it was not."""
+        """Return the longest delay of this computer in a span (s); 0 without one."""
         stalls = [*self._stalls, Span(self._looked, time.monotonic_ns())]
         met = [stall.seconds for stall in stalls if stall.end > span.begin and stall.begin < span.end]
         return max((seconds for seconds in met if seconds > LATE), default=0.0)

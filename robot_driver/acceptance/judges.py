@@ -1,4 +1,4 @@
-"""Whether the wheels were read, driven and served as promised: judged from what was recorded, without clock or I/O."""
+"""Judge whether wheels were read, driven and served as promised: from recordings, without clock or I/O."""
 
 import re
 import statistics
@@ -12,13 +12,13 @@ from robot_driver.acceptance.findings import Finding, milliseconds
 from robot_driver.acceptance.record import Drive, Moments, Record, Span, Wire
 from robot_driver.encoders import Wiring
 
-SLACK = 12_000_000  # ns by which stamps and what the relay sees may differ on a busy computer
+SLACK = 12_000_000  # ns of tolerance between stamps and the relay's times on a busy computer
 DUTY_STEP = 0.0006  # half of the coarsest step of a controller, and a little
-LEAST_SHARE = 0.95  # of readings that reached the driver, which it has to publish, but for the last one
+LEAST_SHARE = 0.95  # share of the readings received by the driver that it must publish
 LEAST_PUBLISHED = 5  # messages, or nothing was shown
-LONGER = 0.5  # periods that turns may take longer (95 % of them) when replies are lost
+LONGER = 0.5  # periods; tolerance of turn times (95 %) with lost replies
 LEAST_RATE = 0.88  # of the rate that is reached without losses
-HELD_UP = 0.12  # s for which this computer may hold up the driver or us
+HELD_UP = 0.12  # s; tolerated delay of this computer
 STATED = re.compile(r"Motors served at ([\d.]+) Hz .*? answers in ([\d.]+) ms \(99 % within ([\d.]+) ms\)")
 
 
@@ -27,17 +27,17 @@ def quantile(values: Sequence[float], share: float) -> float:
     return sorted(values)[min(int(share * len(values)), len(values) - 1)] if values else float("inf")
 
 
-Constant = tuple[int, int] | None  # by what the ticks of left and right differ from the truth, where it is known
+Constant = tuple[int, int] | None  # offset of the ticks of left and right from the truth, if known
 
 
 class Ticks:
-    """Compares published ticks with the truth: they differ by a constant, from the first message on."""
+    """Compares published ticks with the truth: they differ by a constant from the first message on."""
 
     def __init__(self, record: Record, wire: Wire) -> None:
         self._record, self._moments = record, Moments(wire.readings)
 
     def constants(self, message: motor_feedback_t) -> set[tuple[int, int]]:
-        """Return the constants by which a message may differ from what was true at its stamp."""
+        """Return the possible constants of a message, from the truth at its stamp."""
         about = self._moments.about(self._record.moment(message.utime), SLACK, round(HELD_UP * SECOND))
         left, right = message.ticks_left, message.ticks_right
         return {(left - one.ticks[0], right - one.ticks[1]) for one in about}
@@ -48,7 +48,7 @@ class Ticks:
         return statistics.mode(found) if found else None
 
     def false(self, messages: Sequence[motor_feedback_t], constant: Constant) -> int:
-        """Return how many messages say what was not true at their stamp."""
+        """Return the number of messages that were wrong at their stamp."""
         return sum(constant not in self.constants(message) for message in messages)
 
 
@@ -67,7 +67,7 @@ def truth(promise: int, check: str, record: Record, wire: Wire, span: Span, cons
 
 
 def none_lost(promise: int, check: str, record: Record, wire: Wire, span: Span) -> Finding:
-    """Judge that what the device said, and nothing took away, was published."""
+    """Judge that all replies that were not deliberately lost were published."""
     inner = Span(span.begin, span.end - SECOND // 5)
     answered = [one for one in wire.of_kind(Kind.COUNTS, inner) if one.delivered]
     published = len(record.feedback_in(inner))
@@ -95,7 +95,7 @@ def _alike(first: tuple[float, float], second: tuple[float, float]) -> bool:
 
 
 def turn_times(wire: Wire, span: Span) -> list[int]:
-    """Return when the driver's turns began: with a duty, but not with the one that it repeats where it was in doubt."""
+    """Return the start times of the driver's turns: requests of duties, without repetitions after a doubtful reply."""
     chosen = [one for one in wire.exchanges if span.holds(one.asked)]
     kinds = [wire.dialect.kind(one.request) for one in chosen]
     times = []
@@ -107,7 +107,7 @@ def turn_times(wire: Wire, span: Span) -> list[int]:
 
 
 def rhythm(wire: Wire, good: Span, bad: Span, rate: float) -> Finding:
-    """Judge the periods of the driver's turns while replies are lost, against those before."""
+    """Judge the periods of the driver's turns with lost replies, against those before."""
     before, reached_before = _turns(wire, good, rate)
     worst, reached = _turns(wire, bad, rate)
     said = f"{reached:.1f} Hz reached, 95 % of turns within {worst:.2f} periods"
@@ -124,7 +124,7 @@ def _turns(wire: Wire, span: Span, rate: float) -> tuple[float, float]:
 
 
 def cost_of_loss(wire: Wire, span: Span, baud: int) -> Finding:
-    """Judge how long the driver waits for a reply that does not come, before it goes on."""
+    """Judge how long the driver waits for a missing reply before it continues."""
     chosen = [one for one in wire.exchanges if span.holds(one.asked)]
     waits = [(after.asked - one.asked) / SECOND for one, after in pairwise(chosen) if one.reply and not one.delivered]
     limit = 0.020 + 10.0 * 60 / baud + 0.010 + 0.012  # margin, the longest reply, the silence, and this computer
@@ -159,7 +159,7 @@ def read_while_driving(wire: Wire, span: Span) -> Finding:
 
 
 def armed_again(wire: Wire, lost_at: int, until: int) -> Finding:
-    """Judge what follows when the device says that it has no watchdog any more: zero, and it is armed again."""
+    """Judge the reaction when the device reports that it has lost its watchdog: zero, and arming again."""
     dialect, span = wire.dialect, Span(lost_at, until)
     shown = next((one.answered for one in wire.of_kind(Kind.WATCHDOG, span) if dialect.watchdog(one.delivered) == 0), 0)
     if not shown:
@@ -175,7 +175,7 @@ def armed_again(wire: Wire, lost_at: int, until: int) -> Finding:
 
 
 def ramp(promise: int, check: str, drives: Sequence[Drive], acceleration: float, rate: float) -> Finding:
-    """Judge that duty grows as fast as the ramp allows, at most, from zero on."""
+    """Judge that duty grows from zero at most as fast as the ramp allows."""
     allowed = 2.0 * acceleration / rate + 2.0 * DUTY_STEP
     duties = [0.0, *(drive.duty[0] for drive in drives)]
     steps = [abs(after) - abs(before) for before, after in pairwise(duties)]
@@ -190,7 +190,7 @@ def ramp(promise: int, check: str, drives: Sequence[Drive], acceleration: float,
 def stated(record: Record, wire: Wire, span: Span, extra: float) -> Finding:
     """Judge that the rate and the round-trip time that the driver states are those on the wire.
 
-    `extra` (s) was added to each reply lately; the rate that the driver states is of a longer time than that.
+    `extra` (s) was added to each reply recently; the rate stated by the driver covers a longer time.
     """
     found = [match for one in record.statuses_in(span) if (match := STATED.search(one.message))]
     if not found:
@@ -205,7 +205,7 @@ def stated(record: Record, wire: Wire, span: Span, extra: float) -> Finding:
 
 
 def round_trips(record: Record, wire: Wire, span: Span) -> dict[str, float]:
-    """Return figures on the device: how soon it answers (ms), and how many replies did not come."""
+    """Return figures on the device: response times (ms), and missing replies."""
     chosen = [one for one in wire.exchanges if span.holds(one.asked)]
     trips = [1e3 * (one.answered - one.asked) / SECOND for one in chosen if one.reply]
     lags = [(one.received_utime - one.utime) / 1e3 for one in record.feedback_in(span)]

@@ -1,4 +1,4 @@
-"""Steps on the filtered line, in one session with one driver: first it drives well, then the line becomes bad."""
+"""Steps on the filtered line, in one session with one driver: first a good line, then a degraded one."""
 
 import signal
 import time
@@ -26,7 +26,7 @@ BURST = 50_000_000  # ns
 
 
 def session(run: Run) -> None:
-    """Drive on a line that is made bad in one way after the other. Each step leaves the driver ready."""
+    """Drive on a line degraded in one way after the other. Each step leaves the driver ready."""
     steps: dict[Callable[[Run], None], tuple[int, ...]] = {
         latency: (17,),
         pieces: (1,),
@@ -56,13 +56,13 @@ def session(run: Run) -> None:
 
 
 def restored(step: Callable[[Run], None], run: Run) -> None:
-    """Make a step on a line that is good again."""
+    """Make a step on a restored line."""
     run.restore()
     step(run)
 
 
 def begin_before_wrap(run: Run) -> None:
-    """Have the counts begin just before the end of the counters, whatever the device has counted until now."""
+    """Set the counts to just before the wrap of the counters."""
     run.bench.ask_counts(0.1)
     counts = _last_counts(run)
     run.line.forgery.offset = COUNTER_RANGE - BEFORE_WRAP - counts[0], COUNTER_RANGE - BEFORE_WRAP - counts[1]
@@ -75,7 +75,7 @@ def _last_counts(run: Run) -> tuple[int, int]:
 
 
 def begin(run: Run) -> bool:
-    """Start the driver and drive a while; everything else is compared with that."""
+    """Start the driver and drive for a while, as a reference for everything else."""
     for _ in range(STARTS):
         begun = time.monotonic_ns()
         run.bench.start(rate=RATE, acceleration=ACCELERATION)

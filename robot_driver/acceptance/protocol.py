@@ -1,4 +1,4 @@
-"""The whole protocol: what is done in which order, and the report of it."""
+"""The whole protocol: the order of steps, and the report."""
 
 import platform
 import socket
@@ -40,7 +40,7 @@ def run_protocol(
     wanted: Collection[int] = tuple(PROMISES),
     hands: bool = True,
 ) -> Report:
-    """Do everything, and return the report. `front` makes the guide of the person, given what waits.
+    """Do all steps, and return the report. `front` makes the guide, given a function that waits.
 
     Raises Ended when a person ends it, PortLost when a port cannot be used.
     """
@@ -83,14 +83,14 @@ def _report(device: str, setup: Setup, run: Run, begun: float) -> Report:
 
 
 def wait(bench: Bench, seconds: float) -> None:
-    """Let time pass while a person thinks; a driver that runs is commanded zero."""
+    """Let time pass while a person thinks; a running driver is commanded zero."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         bench.turn((0.0, 0.0) if bench.process is not None else None, look=False)
 
 
 def name_of(setup: Setup) -> str:
-    """Return what the device says it is, its firmware with it. Raises PortLost."""
+    """Return the name and firmware that the device reports. Raises PortLost."""
     settings = setup.settings
     kind = CONTROLLERS[settings.controller]
     if kind.streams:
@@ -110,7 +110,7 @@ def name_of(setup: Setup) -> str:
 
 
 def not_tried(run: Run) -> list[Finding]:
-    """Return what was left out of what is wanted, and why."""
+    """Return what was requested but not tried, and why."""
     result = [Finding(number, check, None, why) for number, (check, why) in LEFT_OUT.items() if run.wants(number)]
     tried = {finding.promise for finding in run.findings}
     why = NO_DIALECT if run.bench.setup.dialect is None else "it was not come to"

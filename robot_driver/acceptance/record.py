@@ -1,4 +1,4 @@
-"""What was recorded: the truth from the wire, and what the driver published, on one clock."""
+"""The recordings: the truth from the wire, and the driver's messages, on one clock."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -15,7 +15,7 @@ from robot_driver.gate.guard import STANDSTILL, Channels
 
 
 class Span(NamedTuple):
-    """From when to when something was done (ns, monotonic)."""
+    """Start and end of an action (ns, monotonic)."""
 
     begin: int
     end: int
@@ -31,7 +31,7 @@ class Span(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """A duty that was sent: when, to each channel, whether the device acknowledged it and the driver could see that."""
+    """A duty that was sent: time, channels, whether the device acknowledged it and the driver received that."""
 
     asked: int
     duty: Channels
@@ -45,7 +45,7 @@ class Drive(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Where the wheels were, by a reply of the device: ticks of left and right, added up, forward positive."""
+    """Wheel positions from a reply of the device: accumulated ticks of left and right, forward positive."""
 
     asked: int
     answered: int
@@ -53,7 +53,7 @@ class Reading(NamedTuple):
 
 
 class Wire:
-    """What the device was asked and answered, as drives and readings."""
+    """Requests to the device and its replies, as drives and readings."""
 
     def __init__(self, dialect: Dialect, wiring: Wiring, exchanges: Sequence[Exchange]) -> None:
         self.dialect = dialect
@@ -88,7 +88,7 @@ class Wire:
         return _way(chosen[0], chosen[-1]) / ((chosen[-1].asked - chosen[0].asked) / SECOND)
 
     def gained(self, since: int, until: int) -> int | None:
-        """Return how far the faster wheel went from the last reading before a moment to the first after another.
+        """Return how far the faster wheel turned between the last reading before a time and the first after another.
 
         In ticks; None where there are no such readings.
         """
@@ -97,7 +97,7 @@ class Wire:
         return _way(before[-1], after) if before and after else None
 
     def stood_after(self, since: int, until: int) -> float:
-        """Return when both wheels had come to stand, after a moment (s), by readings up to another one.
+        """Return when both wheels had stopped, after a moment (s), by readings up to another one.
 
         NaN where there are no readings.
         """
@@ -130,7 +130,7 @@ def _readings(dialect: Dialect, wiring: Wiring, exchanges: Iterable[Exchange]) -
 
 @dataclass
 class Record:
-    """What was heard on the bus. `offset` (ns) is what the time of day is ahead of the monotonic clock."""
+    """Messages received on the bus. `offset` (ns) is time of day minus monotonic clock."""
 
     offset: int = 0
     feedback: list[motor_feedback_t] = field(default_factory=list)
@@ -156,17 +156,17 @@ class Record:
 
 
 class Moments:
-    """Readings in order of time, to look up those that were made about a moment."""
+    """Readings in order of time, for lookups around a time."""
 
     def __init__(self, readings: Sequence[Reading]) -> None:
         self._readings = readings
         self._asked = [one.asked for one in readings]
 
     def about(self, moment: int, slack: int, held_up: int) -> Sequence[Reading]:
-        """Return the readings that may have been stamped with a moment.
+        """Return the readings that may have been stamped with this time.
 
-        None of them was answered more than `slack` (ns) before it: that would be a late reply, taken for another's. A
-        busy computer may hold a request up for as long as `held_up` (ns), after the driver has made it.
+        None was answered more than `slack` (ns) before: that would be a late reply mistaken for another. A busy
+        computer may delay a request by up to `held_up` (ns) after the driver has made it.
         """
         begin = bisect_left(self._asked, moment - slack - SECOND // 5)
         end = bisect_right(self._asked, moment + held_up)

@@ -1,4 +1,4 @@
-"""What each step of the protocol has at hand: the bench, the person, the pace, and a place for what was found."""
+"""Common resources of all steps: the bench, the person, the pace, and the findings."""
 
 import time
 from collections.abc import Callable, Collection
@@ -13,21 +13,21 @@ from robot_driver.acceptance.judges import steady_constant
 from robot_driver.acceptance.record import Span
 from robot_driver.guided import Guide, Motion
 
-WAVE = 1.6  # s in which the duty goes from its largest to its least and back, so that each one is another
+WAVE = 1.6  # s; period of a duty that varies, so that values are distinguishable
 LEAST = 0.6  # of the largest duty
-RIGHT = 0.9  # of the left duty, so that the sides are not mistaken for each other
+RIGHT = 0.9  # of the left duty, so that the sides are distinguishable
 RATE = 50.0  # Hz at which the driver serves the motors: that of promise 2
-ACCELERATION = 0.5  # duty/s; slow enough for a jump to be seen at so small a duty
+ACCELERATION = 0.5  # duty/s; slow enough to detect a jump at such a small duty
 SETTLING = 1.2  # s; a report on PROCESS_STATUS comes each second
-ATTEMPTS = 3  # at a step, on a computer that is held up
-AT_SPEED = 0.8  # s after which wheels have the speed that belongs to the duty
+ATTEMPTS = 3  # tries of a step on a delayed computer
+AT_SPEED = 0.8  # s after which wheels have reached the speed of a duty
 NEVER = Span(0, 0)
 BY_KEY = "Ended by a key; the motors were stopped. Nothing of the step that it ended counts."
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How long things are done (s). The short pace is for a first look and for tests."""
+    """Durations (s). The short pace is for a first look and for tests."""
 
     steady: float = 600.0
     faulty: float = 60.0
@@ -45,9 +45,9 @@ LONG = Pace()
 
 @dataclass
 class Run:
-    """A run of the protocol. `wanted` are the promises that are looked at; `hands`: somebody is there to pull cables.
+    """A run of the protocol. `wanted` are the promises to test; with `hands` somebody can pull cables.
 
-    Acts as the bench's `look`: while a motion is shown, any key ends the protocol.
+    It is the bench's `look`: while a motion is shown, any key ends the protocol.
     """
 
     bench: Bench
@@ -58,10 +58,10 @@ class Run:
     held_up: HeldUp
     findings: list[Finding] = field(default_factory=list)
     figures: dict[str, float] = field(default_factory=dict)
-    constant: tuple[int, int] | None = None  # by what ticks differ from the truth on the wire
-    good: Span = NEVER  # when it drove well, to compare with
-    turns: bool = False  # the wheels do, with this duty
-    repeated: int = 0  # steps, as this computer was held up
+    constant: tuple[int, int] | None = None  # offset of ticks from the truth on the wire
+    good: Span = NEVER  # a span of good driving, for comparison
+    turns: bool = False  # whether the wheels turn with this duty
+    repeated: int = 0  # steps repeated because this computer was delayed
     _motion: Motion | None = None
     _began: float = 0.0
 
@@ -72,7 +72,7 @@ class Run:
         return self.bench.filter
 
     def attempt(self, step: Callable[["Run"], object]) -> None:
-        """Make a step; again, up to ATTEMPTS times, where something failed while this computer was held up."""
+        """Make a step; repeat it up to ATTEMPTS times if something failed while this computer was delayed."""
         for number in range(ATTEMPTS):
             before, begun = len(self.findings), time.monotonic_ns()
             step(self)
@@ -101,7 +101,7 @@ class Run:
                 raise Ended(BY_KEY)
 
     def note(self, *findings: Finding) -> None:
-        """Note what was found about promises that are looked at."""
+        """Record findings about promises to be tested."""
         self.findings += [finding for finding in findings if finding.promise in self.wanted]
 
     def wants(self, *promises: int) -> bool:
@@ -109,7 +109,7 @@ class Run:
         return any(promise in self.wanted for promise in promises)
 
     def wave(self, elapsed: float) -> Duty:
-        """Return a duty that is another one each time, forward."""
+        """Return a varying duty, forward."""
         share = abs(2.0 * (elapsed / WAVE % 1.0) - 1.0)
         duty = self.bench.setup.duty * (LEAST + (1.0 - LEAST) * share)
         return duty, RIGHT * duty
@@ -144,14 +144,14 @@ class Run:
         return self.bench.go_on(seconds, duty)
 
     def restore(self) -> None:
-        """Have the line be as it is again, and the driver ready."""
+        """Restore the line, and wait until the driver is ready."""
         self.line.faults = Faults()
         if self.bench.gyro is not None:
             self.bench.gyro.faults = GyroFaults()
         self.bench.until_served()
 
     def drives(self, promise: int, check: str) -> bool:
-        """Drive until the wheels turn; note that a check failed where they do not, and return whether they do."""
+        """Drive until the wheels turn, recording a failed check otherwise; return whether they do."""
         if self.drive_until_moving():
             return True
         process = self.bench.process
@@ -175,7 +175,7 @@ class Run:
         return now - begin > 1.25 * AT_SPEED * SECOND and len(recent) > 5 and all(map(_turns, recent))
 
     def settle_constant(self, span: Span) -> None:
-        """Learn by what published ticks differ from the truth in a span."""
+        """Determine the offset of published ticks from the truth in a span."""
         self.constant = steady_constant(self.bench.record, self.bench.wire(), span)
 
 

@@ -1,4 +1,4 @@
-"""Whether the motors stopped, and nothing else moved: judged from what was recorded, without clock or I/O."""
+"""Judge whether motors stopped and nothing else moved: from recordings, without clock or I/O."""
 
 import math
 
@@ -39,7 +39,7 @@ def zero_within(promise: int, check: str, wire: Wire, span: Span, limit: float) 
 def bounded(promise: int, check: str, wire: Wire, since: int, limit: float, until: int) -> Finding:
     """Judge an upper bound of the time to stop: the counts gained by the first reading after `until`, over the speed.
 
-    For where the line has to be silent, as some controllers take each byte for a sign of life.
+    For lines that must be silent, because some controllers take each byte as a sign of life.
     """
     speed, gained = wire.speed(since), wire.gained(since, until)
     if gained is None or speed < LEAST_SPEED:

@@ -1,4 +1,4 @@
-"""Brings up a new robot: finds devices, wiring, encoders, gyro and poses with a person, and writes settings."""
+"""Bring up a new robot: find devices, wiring, encoders, gyro and poses together with a person, and write settings."""
 
 from robot_driver.bringup.bench import Bench, CannotTell, Drivable, World
 from robot_driver.bringup.known import Known, load

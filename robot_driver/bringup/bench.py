@@ -1,7 +1,7 @@
-"""The robot as bring-up has it: driven through cmr-driver's own path, so that all promises of the driver hold.
+"""The robot during bring-up: driven through cmr-driver's own path, so that all promises of the driver hold.
 
 Each command passes the driver's gate, its ramp and the last gate; an emergency stop, a lost port and 0.5 s without a
-command stop the motors as ever. On top of that no command of bring-up is beyond `limit`.
+command stop the motors as usual. In addition no command exceeds `limit`.
 """
 
 from abc import ABC, abstractmethod
@@ -19,9 +19,9 @@ from robot_driver.guided import Guide
 from robot_driver.host import Host
 from robot_driver.settings import Settings
 
-FIRST_LIMIT = 0.10  # duty; no motion before the floor goes beyond it without a yes
-LIMIT = 0.20  # duty; nor beyond this with one
-BELOW = 0.999  # of what is wanted: what a controller makes of a duty, as it rounds, is not beyond the limit
+FIRST_LIMIT = 0.10  # duty; limit of motions before the floor step, unless confirmed
+LIMIT = 0.20  # duty; limit of confirmed motions
+BELOW = 0.999  # of the desired duty: rounding by the controller may not exceed the limit
 COMMANDED = 0.02  # s between commands
 SILENCE = 0.6  # s without feedback, after which the controller counts as gone
 ZERO_FIRST = 0.6  # s of zero before a motion; a driver that has just begun takes nothing else for 0.4 s
@@ -38,7 +38,7 @@ WHY_HELD = {
 
 
 class CannotTell(Exception):  # noqa: N818 - it ends a step, as one of its results
-    """A step cannot be decided; the text goes on after "because". `doubts` are other steps to be done again."""
+    """A step cannot be decided; the text continues after "because". `doubts` are other steps to repeat."""
 
     def __init__(self, why: str, doubts: Sequence[str] = ()) -> None:
         super().__init__(why)
@@ -46,22 +46,22 @@ class CannotTell(Exception):  # noqa: N818 - it ends a step, as one of its resul
 
 
 class Drivable(Protocol):
-    """What bring-up needs of a Driver."""
+    """The parts of a Driver used by bring-up."""
 
     def turn(self) -> None:
-        """Note that the process is alive."""
+        """Signal that the process is alive."""
 
     def handle(self, utime: int, channel: str, message: Message, sender: int | None = None) -> None:
-        """Take a message."""
+        """Handle a message."""
 
     def outgoing(self) -> Iterator[Outgoing]:
-        """Yield what has been measured."""
+        """Yield measurements."""
 
     def news(self) -> Iterator[str]:
-        """Yield what happened."""
+        """Yield events."""
 
     def problems(self) -> str:
-        """Return what keeps it from full service."""
+        """Return problems that limit the service."""
 
 
 SeenPose = tuple[int, float, float, float]  # stamp [us], x [m], y [m], theta [rad]
@@ -70,17 +70,18 @@ Opener = Callable[[Settings], AbstractContextManager[Drivable]]
 
 @dataclass
 class Heard:
-    """What the robot has said while it was listened to."""
+    """Messages of the robot collected while listening."""
 
     feedback: list[motor_feedback_t] = field(default_factory=list)
     gyro: list[gyro_t] = field(default_factory=list)
 
 
 class World(ABC):
-    """What is around the driver: time that passes in turns, whom its messages go to, and the poses of all robots.
+    """The driver's surroundings: time, which passes in turns, the recipient of its messages, and the poses of all
+    robots.
 
-    `turn` waits for the next turn, some 5 ms after the last one, hands the driver, if one runs, what has come for it
-    (an emergency stop), and raises what ends the procedure.
+    `turn` waits for the next turn, some 5 ms after the last one, passes messages (such as an emergency stop) to the
+    driver, if one runs, and raises whatever ends the procedure.
     """
 
     def __init__(self) -> None:
@@ -88,20 +89,20 @@ class World(ABC):
 
     @abstractmethod
     def turn(self, driver: Drivable | None) -> None:
-        """Let one turn pass."""
+        """Wait for one turn."""
 
     @abstractmethod
     def publish(self, message: Outgoing) -> None:
         """Pass on a message of the driver."""
 
     def see(self, robot: int, pose: SeenPose) -> None:
-        """Take a pose of a robot; it is dropped where nobody collects."""
+        """Add a pose of a robot; it is dropped unless somebody collects."""
         if self._seen is not None:
             self._seen.setdefault(robot, []).append(pose)
 
     @contextmanager
     def collect(self) -> Iterator[Mapping[int, list[SeenPose]]]:
-        """Collect the poses that are seen inside, by robot."""
+        """Collect poses within the context, by robot."""
         self._seen = {}
         try:
             yield self._seen
@@ -110,7 +111,7 @@ class World(ABC):
 
 
 class Bench:
-    """A robot whose driver runs while time passes by `run`; made by `opened`."""
+    """A robot whose driver runs during `run`; made by `opened`."""
 
     def __init__(self, driver: Drivable, host: Host, robot_id: int, world: World) -> None:
         self.limit = FIRST_LIMIT
@@ -123,9 +124,9 @@ class Bench:
         self._listeners: list[Heard] = []
 
     def want(self, left: float, right: float) -> None:
-        """Drive with these duties while time passes, until others are wanted.
+        """Set the duties that are driven while time passes.
 
-        Raises ValueError for a duty beyond `limit`: nothing of bring-up may ask for it.
+        Raises ValueError for a duty beyond `limit`: bring-up must not request it.
         """
         if not max(abs(left), abs(right)) <= self.limit + 1e-9:
             raise ValueError(f"A duty of {left:g}, {right:g} is beyond {self.limit:g}.")
@@ -150,12 +151,12 @@ class Bench:
         for outgoing in self._driver.outgoing():
             self._hear(outgoing[2])
             self._world.publish(outgoing)
-        list(self._driver.news())  # each step says by itself what it is about
-        self._driver.problems()  # raises what ended a thread
+        list(self._driver.news())  # each step reports by itself
+        self._driver.problems()  # raises whatever ended a thread
 
     @contextmanager
     def listening(self) -> Iterator[Heard]:
-        """Collect what the robot says."""
+        """Collect the robot's messages."""
         heard = Heard()
         self._listeners.append(heard)
         try:
@@ -165,7 +166,7 @@ class Bench:
 
     @property
     def silent_for(self) -> float:
-        """For how long (s) the controller has said nothing."""
+        """How long (s) the controller has been silent."""
         return self.host.monotonic() - self._heard_at
 
     @property
@@ -176,7 +177,7 @@ class Bench:
         return int(self.latest.ticks_left), int(self.latest.ticks_right)
 
     def check(self) -> None:
-        """Raise CannotTell where something holds the motors at zero, or nobody answers."""
+        """Raise CannotTell if something holds the motors at zero, or the controller does not answer."""
         self.ticks  # noqa: B018 - raises
         assert self.latest is not None
         for bit, why in WHY_HELD.items():
@@ -195,7 +196,7 @@ class Bench:
         duties_at: Callable[[float], tuple[float, float] | None],
         seconds: float,
     ) -> bool:
-        """Make a motion of which `duties_at` knows the duties after so many seconds; None ends it before its time."""
+        """Make a motion with the duties `duties_at` as a function of time; None ends it early."""
         self.want(0.0, 0.0)
         self.run(ZERO_FIRST)
         self.check()
@@ -227,7 +228,7 @@ class Bench:
 
 @contextmanager
 def opened(settings: Settings, host: Host, world: World, driver: Opener) -> Iterator[Bench]:
-    """Open the robot's ports; at the end its motors have been stopped.
+    """Open the robot's ports; at the end the motors are stopped.
 
     Raises PortLost where one cannot be opened, CannotTell where the controller does not answer.
     """
@@ -240,4 +241,4 @@ def opened(settings: Settings, host: Host, world: World, driver: Opener) -> Iter
         yield bench
 
 
-CONNECTING = 5.0  # s; an MBot board is first watched for how long it goes on without being sent the time
+CONNECTING = 5.0  # s; an MBot board is first tested for how long it continues without time messages

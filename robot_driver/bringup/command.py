@@ -1,4 +1,4 @@
-"""cmr bringup: the process around the procedure, with the terminal before it and the bus beside it."""
+"""cmr bringup: the process around the procedure, with its terminal and bus."""
 
 import argparse
 from contextlib import AbstractContextManager, nullcontext
@@ -39,14 +39,14 @@ class Interrupted(Exception):  # noqa: N818 - somebody wants it
 
 
 class QuietProcess(Process):
-    """A process that leaves the terminal to the steps and their answers."""
+    """A process that leaves the terminal to the procedure."""
 
     def news(self, text: str) -> None:
-        """Say nothing."""
+        """Print nothing."""
 
 
 class BusWorld(World):
-    """The bus around the driver: emergency stops reach it, its measurements go out, poses of all robots are heard."""
+    """The bus around the driver: it forwards emergency stops, measurements, and the poses of all robots."""
 
     def __init__(self, process: Process) -> None:
         super().__init__()
@@ -56,7 +56,7 @@ class BusWorld(World):
         process.subscribe(POSE, every=True)
 
     def turn(self, driver: Drivable | None) -> None:
-        """Wait for the next turn, and take what has come. Raises Interrupted."""
+        """Wait for the next turn, and process messages. Raises Interrupted."""
         if next(self._turns, None) is None:
             raise Interrupted
         for received in self._process.received():
@@ -110,7 +110,7 @@ def _front(is_page: bool) -> AbstractContextManager[Front]:
 
 
 def _closing(robot: int, settings: Path, parameters: Path, open_steps: list[str]) -> str:
-    """Return what was written, and what comes next."""
+    """Return what was written, and the next step."""
     written = f"Written: {settings}" + (f" and {parameters}" if parameters.exists() else "")
     if open_steps:
         return f"{written}\nLeft open: {', '.join(open_steps)}. Run again: cmr bringup {' '.join(open_steps)}"
@@ -122,7 +122,7 @@ def command_parser() -> argparse.ArgumentParser:
     result = parser("cmr bringup", DESCRIPTION, EXAMPLE)
     result.add_argument("steps", nargs="*", metavar="STEP", help=f"one of {', '.join(STEPS)}")
     add_robot(result)
-    result.add_argument("--ports", nargs="+", metavar="DEVICE", help="only these serial ports; else all there are")
+    result.add_argument("--ports", nargs="+", metavar="DEVICE", help="only these serial ports (default: all)")
     result.add_argument(
         "--page", action="store_true", help="ask on the page of cmr-view, which starts bring-up with this option"
     )

@@ -1,4 +1,4 @@
-"""Which devices are at which ports, by asking them; nothing moves."""
+"""Identify the devices at the ports by requests; nothing moves."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ At = tuple[str, Found]  # a port, and what answers there
 
 
 def find_devices(guide: Guide, host: Host, ports: Sequence[str]) -> dict[str, Plain]:
-    """Return the driver's settings for what answers at these ports. Raises CannotTell."""
+    """Return the driver's settings for the devices that answer at these ports. Raises CannotTell."""
     if not ports:
         raise CannotTell("there are no serial ports. Plug the devices in")
     found: list[At] = []
@@ -47,7 +47,7 @@ def find_devices(guide: Guide, host: Host, ports: Sequence[str]) -> dict[str, Pl
 
 
 def _chosen(guide: Guide, name: str, words: str, found: Sequence[At]) -> At | None:
-    """Return the one, or that which the person chooses of several; None where there is none."""
+    """Return the only device, or the one chosen by the person; None without any."""
     if len(found) < 2:
         return found[0] if found else None
     choices = tuple(Choice(str(number), f"{port}: {one}") for number, (port, one) in enumerate(found, 1))

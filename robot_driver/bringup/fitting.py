@@ -1,4 +1,4 @@
-"""Least squares for a few unknowns, in plain Python: on a robot there is no NumPy. Numbers may be complex."""
+"""Least squares for a few unknowns, in plain Python, as a robot's computer has no NumPy. Numbers may be complex."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ class Undetermined(Exception):  # noqa: N818 - a finding
 
 
 def least_squares(rows: Sequence[Sequence[complex]], values: Sequence[complex]) -> list[complex]:
-    """Return the unknowns, shape (n,), for which rows, shape (m, n), times them come nearest to the values, shape (m,).
+    """Return the least-squares solution, shape (n,), of rows, shape (m, n), and values, shape (m,).
 
     Raises Undetermined.
     """

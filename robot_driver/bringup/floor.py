@@ -10,14 +10,14 @@ from robot_driver.bringup.odometry import TURN
 from robot_driver.guided import Guide, no_or_yes
 
 SECONDS = 20.0  # that the drive lasts at most
-LIMIT = 0.45  # duty; nothing of the drive goes beyond it
+LIMIT = 0.45  # duty; limit of the drive
 SPEED, TURNING_SPEED = 0.15, 0.10  # m/s of the wheels, straight ahead and in turns
 SLOWEST = 0.04  # m/s, at the end of each part
 SLOWING = 0.25  # m/s^2
-BEYOND, BEYOND_ANGLE = 0.15, math.radians(40.0)  # m, rad past the plan, at which the drive ends
+BEYOND, BEYOND_ANGLE = 0.15, math.radians(40.0)  # m, rad beyond the plan at which the drive ends
 NEAR, NEAR_ANGLE = 0.004, math.radians(1.0)
 REST = 0.5  # s between parts, and before the first
-STUCK, STUCK_DUTY = 1.0, 0.3  # s with that much duty, in which a wheel that counts must move
+STUCK, STUCK_DUTY = 1.0, 0.3  # s with that duty within which a wheel must move
 GAIN, GROWTH, STRAIGHT = 0.03, 0.12, 3.0  # duty per rad/s; duty/s per rad/s; rad/s per rad
 WINDOW = 60_000  # us over which speeds are taken
 ROOM = (
@@ -30,7 +30,7 @@ ROOM = (
 
 @dataclass(frozen=True)
 class Part:
-    """One part of the drive: so far ahead (m), or turned by so much on the spot (rad, counter-clockwise)."""
+    """One part of the drive: a distance ahead (m), or a rotation on the spot (rad, counter-clockwise)."""
 
     ahead: float = 0.0
     turn: float = 0.0
@@ -41,7 +41,7 @@ PLAN = (Part(ahead=0.5), Part(turn=math.pi / 2), Part(ahead=0.25), Part(turn=-ma
 
 @dataclass(frozen=True)
 class Body:
-    """What the drive has to know of the robot: radius of its wheels and base width (m), ticks per turn."""
+    """Dimensions of the robot: wheel radius and base width (m), ticks per turn."""
 
     wheel_radius: float
     base_width: float
@@ -49,7 +49,7 @@ class Body:
 
 
 class FloorDrive:
-    """Says which duties follow the plan, by what the wheels count: `duties` in each turn, None at the end."""
+    """Controls the drive by wheel counts: `duties` in each turn, None at the end."""
 
     def __init__(self, body: Body, plan: Sequence[Part] = PLAN) -> None:
         self._body = body
@@ -61,11 +61,11 @@ class FloorDrive:
         self._growing = [0.0, 0.0]
         self._rests_until = REST
         self._last = 0.0
-        self._moved = [0.0, 0.0]  # when each wheel moved at last (s)
+        self._moved = [0.0, 0.0]  # when each wheel last moved (s)
 
     @property
     def is_done(self) -> bool:
-        """Whether all of the plan has been driven."""
+        """Whether the whole plan has been driven."""
         return not self._parts
 
     def duties(self, elapsed: float, feedback: motor_feedback_t) -> tuple[float, float] | None:
@@ -110,7 +110,7 @@ class FloorDrive:
             return None
         way = 0.5 * body.base_width * left
         speed = min(TURNING_SPEED, max(SLOWEST, math.sqrt(2.0 * SLOWING * way))) / body.wheel_radius
-        back = ahead / body.wheel_radius  # the spot is kept
+        back = ahead / body.wheel_radius  # to stay on the spot
         side = math.copysign(speed, part.turn)
         return -side - back, side - back
 
@@ -144,7 +144,7 @@ class FloorDrive:
 
 
 def drive(bench: Bench, guide: Guide, body: Body) -> Heard:
-    """Make the drive, once the person has confirmed the fence; return what the robot said meanwhile.
+    """Make the drive, once the person has confirmed the space; return the robot's messages.
 
     Raises CannotTell.
     """

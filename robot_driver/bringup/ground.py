@@ -1,4 +1,4 @@
-"""The step on the floor: it drives, and compares the poses, the gyro and the wheels."""
+"""The floor step: drive, and compare poses, gyro and wheels."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,18 +14,18 @@ from robot_driver.bringup.turning import GyroFound, angle_of
 from robot_driver.guided import Guide
 
 Seen = Mapping[int, Sequence[SeenPose]]  # by robot, as they came
-WIDTH_SHARE = 0.3  # by which a base width by the ruler may differ from the one by which the robot turns
-TURNED = math.radians(60.0)  # what a quarter turn has at least
+WIDTH_SHARE = 0.3  # share by which a measured base width may differ from the effective one
+TURNED = math.radians(60.0)  # smallest rotation of a quarter turn
 
 
 @dataclass(frozen=True)
 class Ground:
-    """What the drive showed: the base width by which it turns (m), its motors if they can be found, and the poses."""
+    """The results of the drive: the effective base width (m), the motors if identifiable, and the poses."""
 
     base_width: float
     motors: tuple[float, float] | None
     poses: PosesFound | None
-    problem: str = ""  # why nothing is known of the poses
+    problem: str = ""  # why nothing is known about the poses
 
 
 def find_on_the_ground(bench: Bench, guide: Guide, body: Body, gyro: GyroFound, seen: Seen, robot: int) -> Ground:
@@ -57,7 +57,7 @@ def find_on_the_ground(bench: Bench, guide: Guide, body: Body, gyro: GyroFound, 
 
 
 def _share_of_turns(heard: Heard, gyro: GyroFound, path: Path, start: int) -> float:
-    """Return how far the robot turned by its gyro, over that by its wheels. Raises CannotTell."""
+    """Return the ratio of the robot's rotation by gyro to that by wheels. Raises CannotTell."""
     most = max(range(len(path.headings)), key=lambda number: path.headings[number])
     end = path.times[most]
     if path.headings[most] < TURNED:
@@ -80,9 +80,9 @@ def _share_of_turns(heard: Heard, gyro: GyroFound, path: Path, start: int) -> fl
 
 
 def _check(found: PosesFound) -> None:
-    """Raise CannotTell where poses and wheels do not go equally far.
+    """Raise CannotTell if the distances by poses and wheels differ.
 
-    Turns cannot take their place: the base width by which a robot turns may differ from the measured one by 10 %.
+    Rotations cannot be used instead: the effective base width may differ from the measured one by 10 %.
     """
     if found.vertical == "z" and abs(found.length - 1.0) > LENGTH_SHARE:
         raise CannotTell(

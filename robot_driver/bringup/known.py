@@ -1,4 +1,4 @@
-"""What bring-up knows of a robot, and the file that keeps it: the driver's settings, and what else was found.
+"""Results of bring-up for a robot, and their file: the driver's settings, and other findings.
 
 driver: {port: ..., controller: roboclaw, swap: true, ...}   what cmr-driver --settings takes
 undecided: [ticks]                                           the steps that came to no end
@@ -14,13 +14,13 @@ import yaml
 from cmr.files import write_atomically
 from robot_driver.settings import Settings, content_of
 
-DRIVER_STEPS = ("devices", "motors", "ticks", "gyro")  # without which cmr-driver would go by settings that may be wrong
+DRIVER_STEPS = ("devices", "motors", "ticks", "gyro")  # required for valid settings of cmr-driver
 Plain = str | float | bool | list[str] | None
 
 
 @dataclass
 class Known:
-    """What is known: the driver's options by name, steps that came to no end, and what was found by name."""
+    """The results: the driver's options by name, undecided steps, and findings by name."""
 
     driver: dict[str, Plain] = field(default_factory=dict)
     undecided: list[str] = field(default_factory=lambda: list(DRIVER_STEPS))
@@ -31,16 +31,16 @@ class Known:
         return Settings(**{**self.driver, **changed, "robot": robot})  # type: ignore[arg-type]
 
     def number(self, name: str) -> float:
-        """Return a number that was found; NaN where it was not."""
+        """Return a finding; NaN if unknown."""
         value = self.found.get(name)
         return float(value) if isinstance(value, int | float) else math.nan
 
     def decide(self, step: str) -> None:
-        """Note that a step came to its end."""
+        """Mark a step as decided."""
         self.undecided = [name for name in self.undecided if name != step]
 
     def doubt(self, step: str) -> None:
-        """Note that a step has to be done, or done again."""
+        """Mark a step as undecided."""
         if step in DRIVER_STEPS and step not in self.undecided:
             self.undecided = [name for name in DRIVER_STEPS if name in (*self.undecided, step)]
 
@@ -51,12 +51,12 @@ class Known:
         return f"# Written by cmr bringup; cmr-driver --settings takes `driver`.\n{text}"
 
     def save(self, path: Path) -> None:
-        """Write the file, all of it or nothing."""
+        """Write the file atomically."""
         write_atomically(self.to_yaml(), path)
 
 
 def load(path: Path) -> Known:
-    """Return what a file keeps; nothing where there is none. Raises CommandError."""
+    """Load a file; empty if there is none. Raises CommandError."""
     if not path.exists():
         return Known()
     content = content_of(path)

@@ -1,9 +1,9 @@
-"""By how much poses are older than their stamps: when each part of the drive begins and ends, by wheels and by poses.
+"""Estimate the latency of poses, from when each part of the drive begins and ends by wheels and by poses.
 
 In each part the robot goes straight ahead or turns on the spot, from rest to rest. Its places z, or its headings, are
-compared with those by the wheels o at a lateness t as z = a o(time - t) + c with a and c free for each part, so what
-else poses and wheels disagree about cannot look like lateness: the base width, unequal wheels, the tracked point. One
-thing does: the ground speed of wheels that slip while they accelerate follows theirs some 0.02 s later.
+compared with those by the wheels o at a lateness t as z = a o(time - t) + c with a and c free for each part, so other
+disagreements between poses and wheels cannot look like latency: base width, unequal wheels, tracked point. Only slip
+does: the ground speed lags accelerating wheels by some 0.02 s.
 """
 
 import math
@@ -16,11 +16,11 @@ from robot_driver.bringup.odometry import Path
 
 AROUND = 0.15  # s of rest before and after a part that are compared, too
 STILL, WINDOW = 0.001, 0.05  # m that a wheel may move within so many seconds before and after, at rest
-ARM = 0.08  # m; what a wheel moves when the robot turns by 1 rad, about
+ARM = 0.08  # m of wheel motion per rad of rotation, approximately
 SHORTEST, FEWEST = 0.5, 12  # s, poses of a part
-AHEAD, TURNED = 0.1, 0.5  # m, rad: less than that shows nothing
-COARSE, FINE, STEPS = 0.03, 0.01, 4  # s between latenesses that are tried, and how many each way
-BIAS = 0.003  # s that each part may be off without showing it
+AHEAD, TURNED = 0.1, 0.5  # m, rad: smaller motions are not informative
+COARSE, FINE, STEPS = 0.03, 0.01, 4  # s between tested latencies, and their number in each direction
+BIAS = 0.003  # s of undetectable error per part
 
 
 class Seen(NamedTuple):
@@ -33,7 +33,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class Lateness:
-    """By how much poses are older than their stamps (s), with its standard deviation."""
+    """The latency of poses (s), with its standard deviation."""
 
     seconds: float
     deviation: float
@@ -46,7 +46,7 @@ class _Part(NamedTuple):
 
 
 def lateness_of(path: Path, poses: Sequence[Seen], first: float) -> Lateness | None:
-    """Return the lateness, which is near a `first` estimate (s); None where too few parts of the drive show it."""
+    """Estimate the latency, near a `first` estimate (s); None if too few parts of the drive show it."""
     found = [one for part in _parts(path) if (one := _of_part(path, poses, part, first)) is not None]
     if len(found) < 2:
         return None
@@ -74,20 +74,20 @@ def _parts(path: Path) -> list[_Part]:
 
 
 def _moved(path: Path, start: float, end: float) -> float:
-    """Return how far a wheel has moved, about (m)."""
+    """Return the approximate distance moved by a wheel (m)."""
     (before, heading), (after, turned) = path.at(start), path.at(end)
     return abs(after - before) + ARM * abs(turned - heading)
 
 
 def _of_part(path: Path, poses: Sequence[Seen], part: _Part, first: float) -> Lateness | None:
-    """Return the lateness that one part shows."""
+    """Estimate the latency from one part."""
     begin, end = part.start - AROUND + first, part.end + AROUND + first
     within = [pose for pose in poses if begin <= pose.time <= end]
     if len(within) < FEWEST:
         return None
 
     def left(lateness: float) -> float:
-        """Return the sum of squares that is left."""
+        """Return the residual sum of squares."""
         rows: list[tuple[complex, complex]] = []
         values: list[complex] = []
         for pose in within:
@@ -113,6 +113,6 @@ def _of_part(path: Path, poses: Sequence[Seen], part: _Part, first: float) -> La
 
 
 def _lowest(before: float, at: float, after: float) -> float:
-    """Return where the parabola through three values, FINE apart, is lowest (s), near the middle one."""
+    """Return the minimum of the parabola through three values, FINE apart (s), near the middle one."""
     bend = before - 2.0 * at + after
     return max(-COARSE, min(0.5 * FINE * (before - after) / bend, COARSE)) if bend > 0.0 else 0.0

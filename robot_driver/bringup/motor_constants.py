@@ -1,4 +1,4 @@
-"""A first k2_over_k3 and k1, from the drive on the floor: enough to steer by until the robot is calibrated."""
+"""Estimate k2_over_k3 and k1 from the drive on the floor, for control until the robot is calibrated."""
 
 import math
 from collections.abc import Sequence
@@ -7,14 +7,14 @@ from cmr.msg import motor_feedback_t
 from robot_driver.bringup.fitting import Undetermined, least_squares
 
 STEP = 8  # messages between two speeds that are compared
-SLOW = 0.3  # rad/s, below which friction may hold a wheel
+SLOW = 0.3  # rad/s; friction may hold slower wheels
 FEWEST = 30  # rows
 
 
 def motor_constants(feedback: Sequence[motor_feedback_t]) -> tuple[float, float] | None:
-    """Return k2_over_k3 (rad/s^2) and k1 (s/rad) of a wheel in the middle; None where the drive does not show them.
+    """Return the mean k2_over_k3 (rad/s^2) and k1 (s/rad) of the wheels; None if the drive does not determine them.
 
-    Between two messages the speed changes by k2_over_k3 (duty - friction - k1 speed), integrated.
+    The change of speed between two messages is the integral of k2_over_k3 (duty - friction - k1 speed).
     """
     rows: list[tuple[float, float, float]] = []
     values: list[float] = []

@@ -1,4 +1,6 @@
-"""Which motor drives which wheel, which way, and what counts it: one motor after the other, by a person's eyes."""
+"""Which motor drives which wheel in which direction, and which encoder counts it: one motor at a time, seen by a
+person.
+"""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -10,7 +12,7 @@ from robot_driver.guided import Choice, Guide, no_or_yes
 SECONDS = 1.0  # of each motion
 STEP = 0.02  # duty
 MOVED = 4  # ticks; jitter of an encoder at rest is one or two
-SHARE = 0.2  # of what an encoder counts when its wheel turns: one that counts less was only shaken
+SHARE = 0.2  # of an encoder's counts when its wheel turns: with fewer it was only shaken
 TRIES = 3
 CHANNELS = ("first", "second")
 
@@ -41,7 +43,9 @@ CHOICES = (
 
 @dataclass(frozen=True)
 class Observation:
-    """What one channel did at a positive duty: the wheel seen, its direction (1: forward), counts of both channels."""
+    """The result of one channel at a positive duty: the wheel seen, its direction (1: forward), counts of both
+    channels.
+    """
 
     side: Side
     direction: int
@@ -51,7 +55,7 @@ class Observation:
 
 @dataclass(frozen=True)
 class Motors:
-    """What was found: how all is wired, whose encoders never count, and the duty that turned both wheels."""
+    """The findings: the wiring, dead encoders, and the duty that turned both wheels."""
 
     wiring: Wiring
     dead: tuple[Side, ...]
@@ -59,7 +63,7 @@ class Motors:
 
 
 def find_motors(bench: Bench, guide: Guide) -> Motors:
-    """Turn both motors, one after the other; `bench` has no wiring, its sides are the controller's channels.
+    """Turn both motors, one at a time; `bench` has no wiring, so its sides are the controller's channels.
 
     Raises CannotTell.
     """
@@ -76,7 +80,7 @@ def find_motors(bench: Bench, guide: Guide) -> Motors:
 
 
 def decided(first: Observation, second: Observation) -> Motors:
-    """Return what two observations of different wheels say.
+    """Combine two observations of different wheels.
 
     Raises CannotTell where they contradict each other.
     """
@@ -115,13 +119,13 @@ def decided(first: Observation, second: Observation) -> Motors:
 
 
 def _counting(counts: tuple[int, int]) -> list[int]:
-    """Return the channels whose encoders have counted."""
+    """Return the channels whose encoders counted."""
     most = max(map(abs, counts))
     return [channel for channel in (0, 1) if abs(counts[channel]) >= max(MOVED, SHARE * most)]
 
 
 def _observed(bench: Bench, guide: Guide, channel: int) -> Observation:
-    """Turn one motor until somebody has seen which wheel it turns."""
+    """Turn one motor until the person has seen which wheel it turns."""
     duty, looked_again = FIRST_LIMIT, False
     while True:
         counts = _turned(bench, guide, channel, duty)
@@ -133,7 +137,7 @@ def _observed(bench: Bench, guide: Guide, channel: int) -> Observation:
         if seen == "none" and _counting(counts) and not looked_again:
             looked_again = True
             guide.say("motors.counted", "But an encoder counted: something has turned. Look once more.")
-        elif seen == "none":  # or moved too little to be seen
+        elif seen == "none":  # or moved too little to be visible
             looked_again = False
             duty = _more(bench, guide, channel, duty, counts)
 

@@ -1,4 +1,4 @@
-"""Where the wheels say the robot is: dead reckoning, as points of the complex plane."""
+"""Dead reckoning by the wheels, in the complex plane."""
 
 import cmath
 import itertools
@@ -14,14 +14,14 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True)
 class Path:
-    """A way by the wheels: times (s), places (m, x + iy) and headings (rad, never wrapped), from 0 on."""
+    """A path by the wheels: times (s), positions (m, x + iy) and headings (rad, unwrapped), starting at 0."""
 
     times: list[float]
     places: list[complex]
     headings: list[float]
 
     def at(self, time: float) -> tuple[complex, float]:
-        """Return place and heading at a time, those of its ends beyond them."""
+        """Return position and heading at a time, clipped to its ends."""
         after = bisect_right(self.times, time)
         if after == 0:
             return self.places[0], self.headings[0]
@@ -34,14 +34,14 @@ class Path:
 
     @property
     def length(self) -> float:
-        """How far it goes (m)."""
+        """Its length (m)."""
         return sum(abs(b - a) for a, b in itertools.pairwise(self.places))
 
 
 def path_of(
     feedback: Sequence[motor_feedback_t], start: int, wheel_radius: float, base_width: float, ticks_per_turn: int
 ) -> Path:
-    """Return the way that the counts say; times count from `start` (us)."""
+    """Return the path from the counts; times are relative to `start` (us)."""
     per_tick = TURN * wheel_radius / ticks_per_turn
     place, heading = 0j, 0.0
     times, places, headings = [], [place], [heading]

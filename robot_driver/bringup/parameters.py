@@ -1,4 +1,4 @@
-"""The parameter file after bring-up: what was measured by ruler and by the drive; everything else in it stays."""
+"""Update the parameter file after bring-up with measured values; everything else is kept."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ from cmr.parameters.file import ParameterFile, ParameterFileError, Value, load
 from robot_driver.bringup.bench import CannotTell
 from robot_driver.bringup.poses_found import PosesFound
 
-WIDTH_STD, MOTOR_STD = 0.03, 0.3  # shares; of a first estimate
+WIDTH_STD, MOTOR_STD = 0.03, 0.3  # relative, of a first estimate
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class ParametersFound:
 
 
 def write_parameters(path: Path, robot: int, found: ParametersFound) -> str:
-    """Write the parameter file; return what has changed in it. Raises CannotTell where it cannot be read."""
+    """Write the parameter file; return its changes. Raises CannotTell if it cannot be read."""
     try:
         old = load(path) if path.exists() else ParameterFile(robot, {})
     except ParameterFileError as error:
@@ -61,11 +61,11 @@ def _values(found: ParametersFound) -> dict[str, Value]:
 
 
 def _effects(found: ParametersFound) -> dict[str, float]:
-    """Return what the model has to know of sensors, by the name of the effect, which is that of its parameter."""
+    """Return parameters of sensor effects, by effect name, which equals the parameter's."""
     effects = {}
     if found.gyro_scale != 1.0:
         effects["gyro_scale"] = found.gyro_scale - 1.0
-    if found.poses.lateness > 0.0:  # stamps that are later than the pose have no effect of their own
+    if found.poses.lateness > 0.0:  # stamps later than the pose are not modelled by an effect
         effects["pose_latency"] = round(found.poses.lateness, 3)
     if found.poses.ahead:
         effects["pose_offset"] = round(found.poses.ahead, 4)

@@ -1,8 +1,8 @@
-"""What is wrong with poses, by comparing them with the way that the wheels say: frame, units, body, lateness.
+"""Check poses against the path by the wheels: frame, units, tracked body, latency.
 
-A pose is taken to be z = a (o + d e) + c with o the place and e = exp(i heading) by the wheels `lateness` before its
-stamp, d the tracked point on the robot; a holds the scale and how the frame lies, which is of no importance. In a
-mirrored frame o and e are conjugate.
+Poses are modelled as z = a (o + d e) + c with position o and e = exp(i heading) by the wheels, `lateness` before the
+stamp, and the tracked point d on the robot; a contains the scale and the orientation of the frame, which does not
+matter. In a mirrored frame o and e are conjugate.
 """
 
 import cmath
@@ -16,25 +16,25 @@ from robot_driver.bringup.lateness import Lateness, Seen, lateness_of
 from robot_driver.bringup.odometry import Path
 from robot_driver.bringup.poses_found import UNITS, PosesFound
 
-MOST = 240  # poses that are looked at, but for their lateness
+MOST = 240  # poses used, except for latency
 MOST_FOR_LATENESS = 1200
 FEWEST = 60
-EARLIEST, LATEST, FINEST = -0.1, 0.8, 0.04  # s of lateness that are tried
-FLAT = 0.1  # ratio of the spreads of two axes, of which one shows nothing of the drive
-WIDE = 0.2  # what the drive's own has to be
-MOVES = 0.9  # share of the poses' spread that the wheels explain, where they are of this robot
-APART = 3.0  # ratio of what is left unexplained by one hand and by the other
-PLACE, ANGLE = 0.02, 0.05  # m, rad: what wheels and poses differ by anyway
+EARLIEST, LATEST, FINEST = -0.1, 0.8, 0.04  # s; range and step of tested latencies
+FLAT = 0.1  # ratio of the spreads of two axes below which one does not show the drive
+WIDE = 0.2  # ratio required of the drive itself
+MOVES = 0.9  # share of the poses' spread explained by the wheels, if they belong to this robot
+APART = 3.0  # required ratio of the residuals of mirrored and unmirrored frames
+PLACE, ANGLE = 0.02, 0.05  # m, rad: normal differences between wheels and poses
 DEGREES = 180.0 / math.pi
-HEADING_SHARE = 0.35  # by which turns by wheels and by poses may differ: a base width by the ruler
-LENGTH_SHARE = 0.045  # by which ways may
-SMALL_ANGLE, SMALL_POINT = math.radians(4.0), 0.015  # rad, m: not worth a word
-SMALL_LATENESS = 0.035  # s; wheels that slip while they accelerate look like up to 0.03 s
-SURE = 4.0  # standard deviations by which a lateness has to differ from none
+HEADING_SHARE = 0.35  # tolerance of rotations by wheels and poses: measured base width
+LENGTH_SHARE = 0.045  # tolerance of distances
+SMALL_ANGLE, SMALL_POINT = math.radians(4.0), 0.015  # rad, m: smaller offsets are not reported
+SMALL_LATENESS = 0.035  # s; slip of accelerating wheels looks like up to 0.03 s
+SURE = 4.0  # standard deviations for a significant latency
 
 
 class Pose(NamedTuple):
-    """A pose as it came: `time` by its stamp (s, of the drive), `place` as x + iy and `theta` in whatever units."""
+    """A pose as received: `time` of its stamp (s, of the drive), `place` as x + iy and `theta` in unknown units."""
 
     time: float
     place: complex
@@ -42,7 +42,7 @@ class Pose(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """One way to explain places: the hand, the lateness, a, d and how much (root mean square, m) is not explained."""
+    """A fit of positions: handedness, latency, a, d and the residual (root mean square, m)."""
 
     mirrored: bool
     lateness: float
@@ -52,7 +52,7 @@ class _Fit(NamedTuple):
 
 
 class _Headings(NamedTuple):
-    """How headings follow the wheels: shown = unit * slope * heading + unit * begin; `error` in rad."""
+    """The relation of headings to the wheels: shown = unit * slope * heading + unit * begin; `error` in rad."""
 
     unit: float
     slope: float
@@ -61,7 +61,7 @@ class _Headings(NamedTuple):
 
 
 def judged(path: Path, poses: Sequence[Pose], others: Mapping[int, Sequence[Pose]]) -> PosesFound:
-    """Return what the poses of this robot are like; `others` are those of other robots.
+    """Return the properties of this robot's poses; `others` are those of other robots.
 
     Raises CannotTell.
     """
@@ -124,7 +124,7 @@ def _thinned(poses: Sequence[Pose], most: int = MOST) -> list[Pose]:
 
 
 def _whose(path: Path, others: Mapping[int, Sequence[Pose]]) -> str:
-    """Return why these poses are not of this robot, and whose are."""
+    """Return why these poses are not of this robot, and whose they are."""
     for robot, poses in others.items():
         thinned = _thinned(poses)
         if len(thinned) < FEWEST or _vertical_axis(path, thinned):
@@ -149,7 +149,7 @@ def _spreads(values: Sequence[complex]) -> tuple[float, float]:
 
 
 def _vertical_axis(path: Path, poses: Sequence[Pose]) -> str:
-    """Return the axis, x or y, that shows nothing while the other one moves; "" if there is none."""
+    """Return the axis, x or y, that does not change while the other does; "" if there is none."""
     along, across = _spreads(path.places)
     if across < WIDE * along:
         raise CannotTell("the robot did not drive as planned: too straight a way")
@@ -159,13 +159,13 @@ def _vertical_axis(path: Path, poses: Sequence[Pose]) -> str:
 
 
 def _explains(fit: _Fit, poses: Sequence[Pose]) -> bool:
-    """Return whether the wheels explain most of what the poses move."""
+    """Return whether the wheels explain most of the poses' motion."""
     spread = math.hypot(*_spreads([pose.place for pose in poses])) / abs(fit.a) if fit.a else 0.0
     return spread > 0.0 and fit.error**2 < (1.0 - MOVES) * spread**2 and fit.error < 4 * PLACE
 
 
 def _best(path: Path, poses: Sequence[Pose], mirrored: bool) -> _Fit | None:
-    """Return the best explanation of the places by one hand, at the lateness that fits best."""
+    """Return the best fit of positions for one handedness, over latencies."""
     steps = round((LATEST - EARLIEST) / FINEST)
     fits = [_fit(path, poses, mirrored, EARLIEST + step * FINEST) for step in range(steps + 1)]
     known = [fit for fit in fits if fit is not None]
@@ -202,7 +202,7 @@ def _fit(path: Path, poses: Sequence[Pose], mirrored: bool, lateness: float) -> 
 
 
 def _headings(path: Path, poses: Sequence[Pose], lateness: float) -> _Headings | None:
-    """Return how headings follow the turns by the wheels; None where they do not, in either unit."""
+    """Return the relation of headings to the wheels' rotation; None if there is none in either unit."""
     turned = [path.at(pose.time - lateness)[1] for pose in poses]
     for unit in (1.0, DEGREES):
         shown = _unwrapped([pose.theta / unit for pose in poses])
@@ -214,7 +214,7 @@ def _headings(path: Path, poses: Sequence[Pose], lateness: float) -> _Headings |
 
 
 def _unwrapped(angles: Sequence[float]) -> list[float]:
-    """Return angles (rad) that go on where they would jump by a turn."""
+    """Unwrap angles (rad)."""
     whole = [angles[0]]
     for angle in angles[1:]:
         whole.append(whole[-1] + math.remainder(angle - whole[-1], 2.0 * math.pi))

@@ -1,19 +1,19 @@
-"""What poses are like, and what has to be set where they come from."""
+"""Properties of poses, and corrections to make at their source."""
 
 import math
 from dataclasses import dataclass
 
-UNITS = {1.0: "m", 100.0: "cm", 1000.0: "mm"}  # what a metre is shown as
+UNITS = {1.0: "m", 100.0: "cm", 1000.0: "mm"}  # number shown for a metre
 
 
 @dataclass(frozen=True)
 class PosesFound:
-    """What poses are like; as they should be, all is as by default.
+    """Properties of poses; the defaults are those of correct poses.
 
-    A metre is shown as `metre`, headings in degrees or not, a heading `heading_offset` (rad) too far, the tracked point
-    lies at `ahead` and `left` (m) of the turning centre, poses are `lateness` (s) older than their stamps, or perhaps
-    `unsure_lateness`. `vertical`: the axis that is the height; if not z, nothing else can be found. `length` and
-    `turn`: how far they went and turned, over what the wheels did.
+    A metre is shown as `metre`, headings may be in degrees, with an offset `heading_offset` (rad), the tracked point is
+    `ahead` and `left` (m) of the turning centre, poses are `lateness` (s) older than their stamps, or perhaps
+    `unsure_lateness`. `vertical` is the height axis; if not z, nothing else can be determined. `length` and `turn` are
+    the ratios of distance and rotation to those by the wheels.
     """
 
     metre: float = 1.0
@@ -29,7 +29,7 @@ class PosesFound:
     turn: float = 1.0
 
     def corrections(self, robot: int) -> list[str]:
-        """Return what is to be corrected where the poses of this robot come from, a text each."""
+        """Return the corrections to make at the source of this robot's poses, a text each."""
         if self.vertical != "z":
             up = _profile("tracker: {up: y}") if self.vertical == "y" else ""
             return [f"{self.vertical} of the poses is the height: have your system publish a frame with z upward{up}"]
@@ -46,7 +46,7 @@ class PosesFound:
                 f"headings are {math.degrees(self.heading_offset):.0f} degrees too far: turn the body's x axis forward"
             )
             setting = _profile(f"robots: {{{robot}: {{theta: {self.heading_offset:.3f}}}}}", is_added=True)
-            said.append(text if self.mirrored else text + setting)  # once it is mirrored no more, the angle differs
+            said.append(text if self.mirrored else text + setting)  # the angle changes once mirroring is corrected
         if self.ahead or self.left:
             where = f"{_millimetres(self.ahead, 'ahead', 'behind')} and {_millimetres(self.left, 'left', 'right')}"
             setting = _profile(f"robots: {{{robot}: {{x: {self.ahead:.3f}, y: {self.left:.3f}}}}}", is_added=True)
@@ -70,7 +70,7 @@ class PosesFound:
 
 
 def _profile(setting: str, *, is_added: bool = False, camera: str = "") -> str:
-    """Return what sets it right where the poses come from cmr-tracker, or from cmr-camera."""
+    """Return the setting for cmr-tracker, or for cmr-camera, that corrects it."""
     words = "add to what is there: " if is_added else ""
     return f" (cmr-tracker, in its profile: {words}{setting}{f'; cmr-camera: {camera}' if camera else ''})"
 

@@ -1,4 +1,4 @@
-"""All steps in their order: each takes what is known, adds what it found, and says what it changed and why."""
+"""All steps in order: each uses known results, adds its findings, and reports changes with reasons."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -22,7 +22,7 @@ from robot_driver.host import Host
 from robot_driver.serial_port import PortLost
 
 GENTLE = 2.0  # duty/s; how fast duty grows during bring-up
-RATE = 50.0  # Hz; what any adapter manages
+RATE = 50.0  # Hz; supported by all adapters
 WITH_GYRO = ("gyro", "floor")
 LIFT = "Put the robot on a box so that its wheels are off the floor and turn freely. They will turn. Is it lifted?"
 LIFTED = (Choice("yes", "its wheels are off the floor, and nothing can get caught in them"),)
@@ -30,7 +30,7 @@ LIFTED = (Choice("yes", "its wheels are off the floor, and nothing can get caugh
 
 @dataclass(frozen=True)
 class Result:
-    """How a step ended: `decided`, or why not."""
+    """The result of a step: `decided`, or why not."""
 
     step: str
     decided: bool
@@ -39,7 +39,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the procedure takes place: the computer, the bus, which ports there are, and what drives the robot."""
+    """The environment: the computer, the bus, the ports, and what drives the robot."""
 
     host: Host
     world: World
@@ -48,7 +48,7 @@ class Place:
 
 
 class Procedure:
-    """Brings up one robot; what becomes known is in `known`, and in files after each step."""
+    """Brings up one robot; results are in `known`, and in files after each step."""
 
     def __init__(self, front: Front, place: Place, robot: int, known: Known, settings: Path, parameters: Path) -> None:
         self.known = known
@@ -67,7 +67,7 @@ class Procedure:
         }
 
     def run(self, steps: Sequence[str]) -> list[Result]:
-        """Do these steps; those that cannot be decided are said, and the others go on."""
+        """Do these steps; undecided ones are reported, and the others continue."""
         results = []
         for step in steps:
             before = dict(self.known.driver)
@@ -88,7 +88,7 @@ class Procedure:
         return results
 
     def _changes(self, before: dict[str, Plain]) -> str:
-        """Return what has changed among the driver's settings."""
+        """Return the changes of the driver's settings."""
         changed = [
             f"{name}: {_said(before.get(name))} -> {_said(value)}"
             for name, value in self.known.driver.items()
@@ -163,7 +163,7 @@ class Procedure:
         return self._keep(body, found)
 
     def _keep(self, body: Body, found: Ground) -> str:
-        """Write the parameter file, if the drive leaves nothing open; return what it says, and what has to be done."""
+        """Write the parameter file, if the drive left nothing open; return a text on results and corrections."""
         if found.poses is None:
             raise CannotTell(found.problem)
         self.known.found |= {"wheel_radius": body.wheel_radius, "base_width": round(found.base_width, 4)}
@@ -194,7 +194,7 @@ class Procedure:
         return dead if isinstance(dead, list) else []
 
     def _wait(self, seconds: float) -> None:
-        """Let time pass; the driver, if it runs, goes on meanwhile."""
+        """Let time pass; a running driver continues."""
         end = self._place.host.monotonic() + seconds
         while self._place.host.monotonic() < end:
             if self._bench_now is not None:
@@ -204,7 +204,7 @@ class Procedure:
 
     @contextmanager
     def _bench(self, step: str, **changed: bool | float | None) -> Iterator[Bench]:
-        """Open the robot, wired as known, with some settings changed."""
+        """Open the robot with known wiring, and some settings changed."""
         self._need("devices")
         if step not in WITH_GYRO:
             changed |= {"gyro_port": None, "gyro_baud": None, "gyro": None}
@@ -217,7 +217,7 @@ class Procedure:
                 self._bench_now = None
 
     def _need(self, *steps: str) -> None:
-        """Raise CannotTell where one of these steps has still to be decided."""
+        """Raise CannotTell if one of these steps is still undecided."""
         missing = [step for step in steps if step in self.known.undecided]
         if missing:
             raise CannotTell(f"the step {missing[0]} has to come first (cmr bringup {missing[0]})")

@@ -1,4 +1,4 @@
-"""How long wheels turn at most after the cable to the controller was pulled: counts gained, over the speed before."""
+"""How long wheels turn at most after the controller's cable was pulled: counts gained, divided by the speed before."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,24 +9,24 @@ from robot_driver.guided import Guide, no_or_yes
 
 SECONDS, TRIES = 1.0, 15  # s of each motion; motions until the cable is out
 PAUSE = 1.0  # s between them
-BACK = 60.0  # s until it is in again
+BACK = 60.0  # s within which it must be plugged in again
 STEADY = 0.3  # s before the last reading, over which the speed is taken
-GONE = 0.3  # s without feedback, after which the cable is out
-DRIVEN = 0.9  # share of the duty that the last reading has, where the cable was out before the motion ended
-ON_ITS_WAY = 0.05  # s in which a command may have arrived whose reply is lost
-FEWEST = 20  # ticks in that time; slower wheels measure nothing
+GONE = 0.3  # s without feedback that shows that the cable is out
+DRIVEN = 0.9  # of the duty at the last reading, if the cable was pulled during the motion
+ON_ITS_WAY = 0.05  # s within which a command may have arrived although its reply was lost
+FEWEST = 20  # ticks in that time; slower wheels are not sufficient
 
 
 @dataclass(frozen=True)
 class StopTime:
-    """An upper bound of the time (s) that the wheels went on; None where it was not measured, `why` says so."""
+    """An upper bound of the stopping time (s); None if it was not measured, with `why`."""
 
     seconds: float | None
     why: str = ""
 
 
 def find_stop_time(bench: Bench, guide: Guide, duty: float) -> StopTime:
-    """Have the cable pulled while both wheels turn, lifted. Raises CannotTell."""
+    """Ask the person to pull the cable while both wheels turn, lifted. Raises CannotTell."""
     text = (
         f"The wheels must be off the floor. Both turn for {SECONDS:g} s with {duty:.0%} duty, then rest for "
         f"{PAUSE:g} s, at most {TRIES} times. Take the USB cable of the motor controller, and pull it while they turn; "
@@ -54,13 +54,13 @@ def find_stop_time(bench: Bench, guide: Guide, duty: float) -> StopTime:
 
 
 def was_driven(last: motor_feedback_t, duty: float, until: int) -> bool:
-    """Return whether this duty was driven at the last reading, clearly before the motion ended (us)."""
+    """Return whether this duty was in force at the last reading, clearly before the end of the motion (us)."""
     applied = min(abs(last.applied_left), abs(last.applied_right))
     return applied >= DRIVEN * duty and last.received_utime < until - ON_ITS_WAY * 1e6
 
 
 def bound(before: list[motor_feedback_t], after: motor_feedback_t) -> float:
-    """Return the time (s) that the counts gained since the last reading would have taken at the speed before."""
+    """Return the time (s) to gain the counts since the last reading at the speed before."""
     last = before[-1]
     earlier = next((one for one in before if one.utime >= last.utime - STEADY * 1e6), last)
     seconds = (last.utime - earlier.utime) / 1e6

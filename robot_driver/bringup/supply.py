@@ -1,4 +1,4 @@
-"""The battery: what the controller measures, what the person knows of it, and the voltages to warn and to stop at."""
+"""The battery: measured voltage, chemistry, and the voltages of warning and stop."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ LISTENING = 1.0  # s
 
 @dataclass(frozen=True)
 class Chemistry:
-    """Voltages of one cell (V): between which it can be, and at which to warn and to stop."""
+    """Voltages of one cell (V): its range, and those of warning and stop."""
 
     lowest: float
     highest: float
@@ -32,7 +32,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Battery:
-    """The voltage now (V; NaN where nobody measures it), and those to warn and to stop at (0: never)."""
+    """The voltage now (V; NaN if not measured), and those of warning and stop (0: never)."""
 
     voltage: float
     warn: float = 0.0
@@ -40,7 +40,7 @@ class Battery:
 
 
 def find_battery(bench: Bench, guide: Guide) -> Battery:
-    """Ask what the battery is. Raises CannotTell where that does not fit what is measured."""
+    """Ask for the battery type. Raises CannotTell if it does not match the measured voltage."""
     bench.run(LISTENING)
     bench.ticks  # noqa: B018 - raises where the controller is silent
     assert bench.latest is not None

@@ -9,19 +9,19 @@ from cmr.msg import gyro_t
 from robot_driver.bringup.bench import Bench, CannotTell
 from robot_driver.guided import Choice, Guide
 
-STANDING = 3.0  # s in which the robot stands, for what the gyro reads then
+STANDING = 3.0  # s at rest, for the gyro's bias
 TURN = 360.0  # degrees
-NEAR = 0.06  # share by which a turn by hand misses 360 degrees, with the gyro's own scale
+NEAR = 0.06  # share by which a manual turn may miss 360 degrees
 SCALES = {1.0: "", 0.5: "180 degrees for a turn", 2.0: "720 degrees for a turn"}
-STILL = 5.0  # degrees; less than that is no turn
+STILL = 5.0  # degrees; less does not count as a turn
 FEWEST = 20  # readings while standing
 ROUNDS = 3
-LONGEST_GAP = 0.2  # s between readings, through which a rate is taken to hold
+LONGEST_GAP = 0.2  # s between readings, over which a rate is held
 
 
 @dataclass(frozen=True)
 class GyroFound:
-    """Whether it is mounted upside down, and what it shows of a turn of 1; `present` is False where none answers."""
+    """Whether it is mounted upside down, and its reading for a turn of 1; `present` is False if none answers."""
 
     present: bool
     inverted: bool = False
@@ -30,7 +30,7 @@ class GyroFound:
 
     @property
     def text(self) -> str:
-        """What was found, for a person."""
+        """The finding as text."""
         if not self.present:
             return "no gyro answers"
         words = f"the gyro counts {'clockwise' if self.inverted else 'counter-clockwise'}"
@@ -38,7 +38,7 @@ class GyroFound:
 
 
 def find_gyro(bench: Bench, guide: Guide) -> GyroFound:
-    """Have the robot turned by hand; `bench` does not invert the gyro. Raises CannotTell."""
+    """Let the person turn the robot by hand; `bench` does not invert the gyro. Raises CannotTell."""
     guide.say("gyro.standing", "Put the robot on the floor and do not touch it for three seconds.")
     with bench.listening() as heard:
         for tenth in range(round(10 * STANDING)):
@@ -72,7 +72,7 @@ def find_gyro(bench: Bench, guide: Guide) -> GyroFound:
 
 
 def judged(turned: float, bias: float) -> GyroFound | None:
-    """Return what the gyro is like that shows so many degrees for one turn; None where nothing fits."""
+    """Return the gyro's properties from these degrees for one turn; None if nothing fits."""
     for scale in SCALES:
         if abs(abs(turned) / (TURN * scale) - 1.0) < NEAR:
             return GyroFound(True, turned < 0.0, scale, bias)
@@ -80,7 +80,7 @@ def judged(turned: float, bias: float) -> GyroFound | None:
 
 
 def _none(guide: Guide, marked: int) -> GyroFound:
-    """Return that there is no gyro, if there is to be none."""
+    """Return that there is no gyro, if the person confirms it."""
     why = "says only readings that it marks as not valid" if marked else "says nothing"
     text = f"The gyro {why}. Is there to be one?"
     choices = Choice("none", "no, this robot has no gyro"), Choice("yes", "yes, it should be there")
@@ -96,7 +96,7 @@ def _which_way(guide: Guide) -> str:
 
 
 def _turned(bench: Bench, guide: Guide, bias: float) -> float:
-    """Have the robot turned once; return what the gyro counted (degrees)."""
+    """Let the person turn the robot once; return the gyro's rotation (degrees)."""
     with bench.listening() as heard:
         guide.ask(
             "gyro.turn",
@@ -109,7 +109,7 @@ def _turned(bench: Bench, guide: Guide, bias: float) -> float:
 
 
 def angle_of(readings: Sequence[gyro_t], bias: float) -> float:
-    """Return by how much the readings say the robot has turned (rad)."""
+    """Integrate the readings to a rotation (rad)."""
     valid = [reading for reading in readings if reading.valid]
     angle = 0.0
     for one, following in itertools.pairwise(valid):

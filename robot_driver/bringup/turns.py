@@ -1,4 +1,4 @@
-"""Encoder counts per turn of a wheel, by ten turns by hand, then seven where no data sheet confirms them."""
+"""Encoder counts per wheel turn, from ten turns by hand, then seven if no data sheet confirms them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,15 +7,15 @@ from robot_driver.bringup.bench import Bench, CannotTell
 from robot_driver.bringup.motors import Side
 from robot_driver.guided import Choice, Guide, no_or_yes
 
-SAME = 0.02  # share by which two counts differ that are of the same encoder; 7 degrees in ten turns make 0.002
-NEAR = 0.012  # share by which turns by hand miss what an encoder has
+SAME = 0.02  # relative difference of two counts of the same encoder; 7 degrees in ten turns are 0.002
+NEAR = 0.012  # relative error of turns by hand
 FACTORS = {1.0: "", 2.0: "twice", 4.0: "four times", 0.5: "half of", 0.25: "a quarter of"}
-# How many turns are counted, in turn: where one is too many or too few each time, the results of both still differ.
+# Numbers of turns counted, in order: if one is too many or too few each time, the two results still differ.
 ROUNDS = (10, 7, 10, 7, 10, 7)
 WORDS = {6: "six", 7: "seven", 8: "eight", 9: "nine", 10: "ten", 11: "eleven"}
 FEWEST = 5.0  # counts per turn; no encoder has fewer
 TRIES = 6  # of one wheel
-# Counts per turn of the wheel, four per pulse, of what robots of this kind often have.
+# Counts per wheel turn, four per pulse, of common robots.
 USUAL: dict[str, tuple[int, ...]] = {
     "mbot": (3744, 1560, 3120),
     "roboclaw": (1200, 1920, 2048, 2248, 3200, 3264, 4096, 4480, 4741, 6400, 8192, 8400, 9600),
@@ -26,7 +26,7 @@ USUAL: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True)
 class Turns:
-    """The counts per turn, and why they are these."""
+    """The counts per turn, with the reason."""
 
     ticks_per_turn: int
     why: str
@@ -34,7 +34,7 @@ class Turns:
 
 @dataclass(frozen=True)
 class Count:
-    """What one wheel counted for a turn when it was turned so many times."""
+    """The count of one wheel per turn, from this number of turns."""
 
     side: Side
     turns: int
@@ -42,7 +42,7 @@ class Count:
 
 
 def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: str) -> Turns:
-    """Have wheels with these encoders turned by hand; raises CannotTell."""
+    """Let the person turn wheels with these encoders by hand; raises CannotTell."""
     stated = guide.number(
         "ticks.stated",
         "How many encoder counts has a turn of a wheel, by the data sheets (counts of the encoder, four for each "
@@ -62,9 +62,9 @@ def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: st
 
 
 def agreed(counts: Sequence[Count], sides: Sequence[Side], stated: float) -> float | None:
-    """Return the counts per turn on which every wheel and two ways to know agree; None where none does.
+    """Return the counts per turn on which every wheel and two sources agree; None otherwise.
 
-    Two ways are the data sheet and a count, or a count of ten turns and one of seven.
+    Two sources are the data sheet and a count, or counts of ten and of seven turns.
     """
     for one in counts:
         same = [other for other in counts if abs(other.per_turn / one.per_turn - 1.0) < SAME]
@@ -76,7 +76,7 @@ def agreed(counts: Sequence[Count], sides: Sequence[Side], stated: float) -> flo
 
 
 def objection(latest: Sequence[Count], stated: float, *, first: bool) -> str:
-    """Return why the counts of this round, the `first` one or a later one, decide nothing."""
+    """Return why the counts of this round, the `first` one or a later one, are inconclusive."""
     values = [count.per_turn for count in latest]
     mean, turns = sum(values) / len(values), latest[0].turns
     if max(values) - min(values) > SAME * mean:
@@ -91,12 +91,12 @@ def objection(latest: Sequence[Count], stated: float, *, first: bool) -> str:
 
 
 def nearest(mean: float, stated: float) -> float | None:
-    """Return by which factor an encoder has more counts than stated, if one of those that occur fits."""
+    """Return the factor to the stated counts, if a common one fits."""
     return next((factor for factor in FACTORS if abs(mean / (stated * factor) - 1.0) < NEAR), None)
 
 
 def miscounted(mean: float, stated: float, turns: int) -> tuple[float, str]:
-    """Return which share of these turns was made, and how many turns that is in words, if it is one more or less."""
+    """Return the share of the intended turns made, and their number in words, if one more or fewer was made."""
     for factor in FACTORS:
         for made in (turns - 1, turns + 1):
             if abs(mean / (stated * factor * made / turns) - 1.0) < NEAR:
@@ -127,7 +127,7 @@ def _made_of(mean: float, stated: float, controller: str, guide: Guide) -> Turns
 
 
 def _counted(bench: Bench, guide: Guide, side: Side, turns: int) -> float:
-    """Have one wheel turned so many times; return counts per turn, positive."""
+    """Let the person turn one wheel this many times; return counts per turn, positive."""
     for _ in range(TRIES):
         bench.run(0.1)
         before = bench.ticks

@@ -1,8 +1,8 @@
 """RoboClaw and MCP controllers by Basicmicro: packet serial.
 
 Written as `address command data... crc`, answered with one byte 0xFF; or asked as `address command`, answered with
-`data... crc`. The CRC covers address, command and data, of a reply too. Numbers are big-endian. A packet that the
-device does not understand is answered with silence. Source: RoboClaw user manual, chapter "Packet serial".
+`data... crc`. The CRC covers address, command and data, of a reply too. Numbers are big-endian. Invalid packets are not
+answered. Source: RoboClaw user manual, chapter "Packet serial".
 """
 
 import struct
@@ -33,7 +33,7 @@ from robot_driver.gate.wire_roboclaw import (
 T = TypeVar("T")
 
 LONGEST_VERSION = 48  # bytes, including the final LF and NUL
-STATUS_LENGTHS = (4, 2, 1)  # bytes; by age of the firmware, newest first
+STATUS_LENGTHS = (4, 2, 1)  # bytes; newest firmware first
 
 _ESTOP = motor_feedback_t.STATUS_ESTOP
 _TEMPERATURE = motor_feedback_t.STATUS_TEMPERATURE
@@ -41,7 +41,7 @@ _BATTERY = motor_feedback_t.STATUS_BATTERY
 _MOTOR_FAULT = motor_feedback_t.STATUS_MOTOR_FAULT
 
 # Which bits of command 90 mean what, by length of the reply in bytes. The bits for homing and limit switches are
-# no conditions. Errors of the speed and position loops count as motor faults.
+# ignored. Errors of the speed and position loops count as motor faults.
 STATUS_BITS: dict[int, dict[int, int]] = {
     4: {
         _ESTOP: 0x00000001,
@@ -50,8 +50,8 @@ STATUS_BITS: dict[int, dict[int, int]] = {
         _MOTOR_FAULT: 0x03033FC0,
     },
     2: {_ESTOP: 0x0004, _TEMPERATURE: 0x3018, _BATTERY: 0x0CE0, _MOTOR_FAULT: 0x0303},
-    # The oldest firmware is known from client code only, not from the manual. Its e-stop bit holds the motors like that
-    # of the others: were it another bit, they would be held without need, or go on at once when the stop is released.
+    # The oldest firmware is known only from client code, not from the manual. Its e-stop bit is treated like that of
+    # the others: if it were another bit, the motors would be held without need, or move at once after the release.
     1: {_ESTOP: 0x04, _TEMPERATURE: 0x08, _BATTERY: 0xF0, _MOTOR_FAULT: 0x03},
 }
 
@@ -60,7 +60,7 @@ class RoboClaw(Controller):
     """One RoboClaw, at address 0x80 unless another is given; channel M1 is first, M2 second."""
 
     default_baud_rate = 115200
-    other_baud_rates = (38400, 460800, 9600)  # as it comes from the factory; the fastest; 9600 is a common choice
+    other_baud_rates = (38400, 460800, 9600)  # factory setting; the fastest; 9600 is a common choice
     link = "packet serial, address 0x80,"
     essential = frozenset({"status"})
 

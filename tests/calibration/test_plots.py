@@ -117,7 +117,7 @@ def test_without_a_grid_the_paths_are_drawn_alone(result: CalibrationResult) -> 
     assert titles(figure_of(replace(result, grid=None))) == [
         "before calibration",
         "after calibration",
-        "What is left, in time",
+        "Residual over time",
     ]
 
 
@@ -133,7 +133,7 @@ def test_a_grid_with_one_base_width_is_cut_once(result: CalibrationResult) -> No
 def test_without_parameters_before_only_the_path_after_is_drawn(result: CalibrationResult) -> None:
     nominal = replace(NOMINAL, values={"wheel_radius": NOMINAL.values["wheel_radius"]})
     figure = figure_of(replace(result, nominal=nominal, path_rmse_before=math.nan))
-    assert titles(figure)[:2] == ["after calibration", "What is left, in time"]
+    assert titles(figure)[:2] == ["after calibration", "Residual over time"]
     assert len(titled(figure, "What is left").lines) == 1
 
 

@@ -23,13 +23,16 @@ def add_lead(options: argparse.ArgumentParser) -> None:
         help="with --lead, --investigate: end after this time of driving [s]",
     )
     options.add_argument(
-        "--script", default="", metavar="STEPS", help="with --lead: as of cmr-teleop, without a person"
+        "--script",
+        default="",
+        metavar="STEPS",
+        help="with --lead: drive these steps without a person, as in cmr-teleop",
     )
 
 
 def lead(options: argparse.Namespace, folder: Path, url: str) -> int:
-    """Let a person lead a virtual robot, with real ones behind it."""
-    from cmr.commands.scenarios import parse  # which --help does without
+    """Let a person lead a virtual robot, followed by real ones."""
+    from cmr.commands.scenarios import parse  # not needed for --help
     from cmr.experiments.live.leading import SCENARIO, Leading
 
     hands = ["--script", options.script] if options.script else []

@@ -42,7 +42,7 @@ from cmr.world.pilot import Pilot
 
 RATE = 50.0  # Hz
 NAME = "cmr-teleop"
-ANY = "any"  # gamepad that is found
+ANY = "any"  # the first gamepad found
 FASTEST, FASTEST_TURN = 5.0, 20.0  # m/s, rad/s
 HEARD: tuple[Stream[Message], ...] = (ESTOP_LATCH, MOTOR_FEEDBACK, POSE, COMMAND_OWNER)
 
@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> int:
     options = command_parser().parse_args(arguments)
     check_bus(options.lcm_url)
     if not (options.page or options.script or options.gamepad or has_terminal()):
-        Terminal()  # which says what is missing
+        Terminal()  # which reports what is missing
     drive = _drive(options)
     compile_first([WORLD, BEHAVIOURS])
     drive.pilot.prepare()
@@ -101,7 +101,7 @@ def _subscribe(process: Process, options: argparse.Namespace) -> None:
 
 @contextmanager
 def _seat(options: argparse.Namespace) -> Iterator[Seat]:
-    """Return where the person sits; at the end the terminal is as it was before."""
+    """Return the input device; at the end the terminal is restored."""
     with ExitStack() as stack:
         pad = None
         if options.gamepad:
@@ -119,7 +119,7 @@ def _seat(options: argparse.Namespace) -> Iterator[Seat]:
 
 
 def _drive(options: argparse.Namespace) -> Drive:
-    """Return the drive that the command line asks for; its claim is that of a process without a name yet."""
+    """Return the requested drive; its claim has no process name yet."""
     hand = ByHand(options.speed, options.turn_rate)
     whose = _whose(options)
     pilot = Pilot(
@@ -137,14 +137,14 @@ def _drive(options: argparse.Namespace) -> Drive:
 
 
 def _of_virtual() -> ParameterFollower:
-    """Return the parameters by which cmr-sim moves virtual robots by default."""
-    from cmr.commands.sim import DEFAULT_PARAMETERS  # and a simulator, which few need
+    """Return the parameters that cmr-sim uses for virtual robots by default."""
+    from cmr.commands.sim import DEFAULT_PARAMETERS  # imports the simulator, which is rarely needed
 
     return ParameterFollower(0, parameter_file(0), load(DEFAULT_PARAMETERS))
 
 
 def _whose(options: argparse.Namespace) -> int:
-    """Return whose parameters the robot goes by."""
+    """Return the parameters to use for the robot."""
     if options.parameters_of is not None:
         return int(options.parameters_of)
     if options.parameters is None:
@@ -163,7 +163,7 @@ def _recorded(drive: Drive, recorder: Recorder) -> str:
 
 
 def _report(process: Process, drive: Drive) -> None:
-    """Say what the robot waits for, and what was refused; hands that rest are no problem."""
+    """Report what the robot waits for, and refused messages; resting hands are no problem."""
     pilot = drive.pilot
     waiting = pilot.waiting_for and f"Waiting for {pilot.waiting_for}."
     sentences = [pilot.left_fence or waiting or pilot.parameters.message, pilot.gate.problem()]
@@ -178,8 +178,9 @@ def command_parser() -> argparse.ArgumentParser:
         NAME,
         "Drive a real or a virtual robot by hand: with the keys of this terminal, also over ssh, or with a gamepad "
         "(--gamepad). A page of cmr-view has a joystick for phones. A virtual robot needs the behaviour commanded. "
-        "Whatever is let go, unplugged, closed or not heard any more, the robot is commanded zero within 0.2 s. Space "
-        "or Esc engages the emergency stop. It goes through the same limits as cmr-pilot, which then waits.",
+        "If a key is released, or the device or page is disconnected or silent, the robot is commanded zero within "
+        "0.2 s. Space or Esc engages the emergency stop. It goes through the same limits as cmr-pilot, which then "
+        "waits.",
         "cmr-teleop --robot 0\n"
         "  cmr-teleop --robot 0 --gamepad --geofence=-2,-1,2,-1,2,1,-2,1\n"
         "  cmr-teleop --robot 10 --parameters robot_0.yaml --record drive.yaml\n"
@@ -191,7 +192,7 @@ def command_parser() -> argparse.ArgumentParser:
         "--parameters", type=Path, default=None, metavar="FILE", help="parameter file; otherwise robot_N.yaml"
     )
     options.add_argument(
-        "--parameters-of", type=parse_robot_id, metavar="N", help="robot by whose parameters it goes; otherwise its own"
+        "--parameters-of", type=parse_robot_id, metavar="N", help="use the parameters of this robot; otherwise its own"
     )
     add_limits(options)
     add_fence(options)
@@ -199,7 +200,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _add_leading(options: argparse.ArgumentParser) -> None:
-    """Add options that say who or what leads, how fast and how long."""
+    """Add options on the input device, speed and duration."""
     options.add_argument(
         "--gamepad",
         nargs="?",
@@ -225,7 +226,7 @@ def _add_leading(options: argparse.ArgumentParser) -> None:
 
 
 def _up_to(most: float) -> Callable[[str], float]:
-    """Return what reads a number above 0 up to `most`."""
+    """Return a parser for numbers above 0 up to `most`."""
 
     def read(text: str) -> float:
         return parse_number(text, f"{text!r} is not a number above 0, {most:g} at most", above=0.0, most=most)

@@ -1,1 +1,1 @@
-"""cmr-investigate: `command` is its command line and the live robot, `emulated` the robot that is none."""
+"""cmr-investigate: `command` is its command line and the live robot, `emulated` the emulated robot."""

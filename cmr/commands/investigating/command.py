@@ -1,4 +1,4 @@
-"""cmr-investigate: a robot finds out by itself, on a small floor, what its simulation gets wrong."""
+"""cmr-investigate: a robot diagnoses the errors of its own simulation, on a small floor."""
 
 import argparse
 import json
@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> int:
     if options.emulated and options.no_tracker:
         raise CommandError("--no-tracker is for a robot on the bus: an emulated one is always seen.")
     if not options.emulated:
-        check_bus(options.lcm_url)  # what is wrong is said before anything takes time
+        check_bus(options.lcm_url)  # report errors before anything takes time
     compile_first(PARTS if options.emulated else [WORLD, BEHAVIOURS, ESTIMATOR])
     folder.mkdir(parents=True, exist_ok=True)
     behaviour = _behaviour(options, AtOnce() if options.emulated else InThread())
@@ -87,7 +87,7 @@ class _Lines:
         self._behaviour, self._say, self._said = behaviour, say, 0
 
     def newest(self) -> str:
-        """Return the newest decision in a line; print it, if it was not printed yet."""
+        """Return the newest decision in a line; print it, if it is new."""
         driving = self._behaviour.driving
         if driving is None:
             return ""
@@ -123,7 +123,7 @@ def _live(options: argparse.Namespace, behaviour: Investigate) -> int:
 
 
 def _write(driving: Driving, options: argparse.Namespace, *, is_whole: bool) -> None:
-    """Write the story, then what a diagnosis makes of the drive if that is whole: parameters, document and report."""
+    """Write the story, then the diagnosis of the drive if it is complete: parameters, document and report."""
     folder = options.out
     for sentence in sentences(driving):
         _say(sentence)
@@ -147,7 +147,7 @@ def _write(driving: Driving, options: argparse.Namespace, *, is_whole: bool) -> 
 
 
 def _write_story(driving: Driving, options: argparse.Namespace, diagnosis: Diagnosis | None) -> None:
-    """Write the story, with what the diagnosis of the whole drive says beyond it once that is made."""
+    """Write the story, with the diagnosis of the whole drive once that is made."""
     beyond = None if diagnosis is None else {
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
@@ -163,7 +163,7 @@ def _write_story(driving: Driving, options: argparse.Namespace, diagnosis: Diagn
 
 
 def _finite(value: object) -> object:
-    """Return what JSON can hold: numbers that are none become null."""
+    """Convert to JSON values: non-finite numbers become null."""
     if isinstance(value, dict):
         return {name: _finite(one) for name, one in value.items()}
     if isinstance(value, list):
@@ -179,12 +179,12 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the command line of cmr-investigate."""
     options = parser(
         "cmr-investigate",
-        "Let a robot find out by itself what its simulation gets wrong. It drives short movements on a floor and "
-        "chooses each by what the data so far leave open, until every effect of the catalogue is named, excluded, or "
-        "out of reach here. Writes investigation.json and investigation.html, the story of the experiment, then "
-        "diagnosis.json, report.html and robot_N.yaml of the whole drive, and its log run.lcm. The robot's centre "
-        "keeps inside the floor by a margin; it stops on ESTOP, at the border, and while poses are missing, as with "
-        "cmr-pilot. Needs cmr-sim and cmr-driver; --emulated needs neither, and no hardware.",
+        "Let a robot diagnose the errors of its simulation by itself. It drives short movements on a floor and "
+        "chooses each one to answer what the data so far leave open, until every effect of the catalogue is named, "
+        "excluded, or out of reach here. Writes investigation.json and investigation.html, the story of the "
+        "experiment, then diagnosis.json, report.html and robot_N.yaml of the whole drive, and its log run.lcm. The "
+        "robot's centre keeps inside the floor by a margin; it stops on ESTOP, at the border, and while poses are "
+        "missing, as with cmr-pilot. Needs cmr-sim and cmr-driver; --emulated needs neither, and no hardware.",
         "cmr-investigate --robot 0 --floor=-1,-1,1,-1,1,1,-1,1 --out found\n"
         "  cmr-investigate --emulated --ideal --hide gyro_scale --out found",
     )
@@ -208,7 +208,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _add_floor(options: argparse.ArgumentParser) -> None:
-    """Add where the robot may drive, and whether anything reports where it is."""
+    """Add the options on the floor, and whether there are poses."""
     options.add_argument(
         "--floor",
         type=geofence,
@@ -223,5 +223,6 @@ def _add_floor(options: argparse.ArgumentParser) -> None:
         "--no-tracker",
         action="store_true",
         help="nothing reports poses: put the robot down at the world's origin, facing along x; it drives by dead "
-        "reckoning, and keeps what it does not know of its place on the floor. Without this, it waits for poses",
+        "reckoning, and stays on the floor in spite of the uncertainty of its position. Without this option, it "
+        "waits for poses",
     )

@@ -1,4 +1,4 @@
-"""cmr demo --investigate: an emulated robot with something hidden in it, and all that it takes to find that out."""
+"""cmr demo --investigate: an emulated robot with a hidden effect, and the processes that diagnose it."""
 
 import argparse
 import webbrowser
@@ -23,7 +23,7 @@ def add_investigate(options: argparse.ArgumentParser) -> None:
     options.add_argument(
         "--investigate",
         action="store_true",
-        help="let an emulated robot find out by itself what is hidden in it, and open a page on which to watch it",
+        help="let an emulated robot diagnose its own hidden effects, and show it on a page",
     )
     options.add_argument(
         "--hide",
@@ -36,8 +36,8 @@ def add_investigate(options: argparse.ArgumentParser) -> None:
 
 
 def demonstrate(options: argparse.Namespace, folder: Path, url: str) -> int:
-    """Let a robot be investigated with all processes in real time, and say what was hidden in it."""
-    from cmr.commands.investigating.command import PAGE  # which --help does without
+    """Investigate a robot with all processes in real time, and print what was hidden in it."""
+    from cmr.commands.investigating.command import PAGE  # not needed for --help
     from cmr.commands.scenarios import parse
 
     parameters, settings = _write_robot(options, folder)
@@ -54,7 +54,7 @@ def demonstrate(options: argparse.Namespace, folder: Path, url: str) -> int:
 
 
 def _write_robot(options: argparse.Namespace, folder: Path) -> tuple[Path, Path]:
-    """Write what is believed of the robot, and how it is emulated; return both paths."""
+    """Write the believed parameters of the robot, and the emulator's settings; return both paths."""
     from cmr.commands.investigating.emulated import believed
 
     parameters, settings = folder / BELIEVED, (options.settings or folder / HIDING).absolute()

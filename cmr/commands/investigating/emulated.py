@@ -1,4 +1,4 @@
-"""An emulated robot that is investigated in simulated time: pilot, driver, bytes, controller, plant and sensors."""
+"""Investigate an emulated robot in simulated time: pilot, driver, bytes, controller, plant and sensors."""
 
 import argparse
 from collections.abc import Callable
@@ -12,8 +12,10 @@ from cmr.plant.parameters import TYPICAL
 from robot_driver.emulator.settings import Settings, SettingsError, load_settings
 from robot_driver.simulated.drive import SimulatedDrive
 
-BELIEVED = {"k2_over_k3": 0.9, "k1": 1.05, "base_width": 1.05}  # of the emulated robot's own: as a data sheet is off
-OVERHEAD, MORE = 2.0, 10.0  # times the driving, and s more, that an investigation may take, pauses included
+# Relative to the emulated robot's own, like an inaccurate data sheet.
+BELIEVED = {"k2_over_k3": 0.9, "k1": 1.05, "base_width": 1.05}
+# Factor of the driving time, and further s, that an investigation may take, including pauses.
+OVERHEAD, MORE = 2.0, 10.0
 
 
 def add_emulated(options: argparse.ArgumentParser) -> None:
@@ -36,9 +38,9 @@ def add_emulated(options: argparse.ArgumentParser) -> None:
 def drive_emulated(
     options: argparse.Namespace, behaviour: Investigate, log: Path, on_second: Callable[[], object]
 ) -> None:
-    """Let the emulated robot that the options ask for be driven by its behaviour, and write the event log.
+    """Let the emulated robot be driven by its behaviour, and write the event log.
 
-    Raises CommandError where there is no such robot, or the behaviour ended with a problem.
+    Raises CommandError for invalid settings, or if the behaviour ended with a problem.
     """
     settings = _settings(options)
     drive = SimulatedDrive(
@@ -56,7 +58,7 @@ def drive_emulated(
 
 
 def _settings(options: argparse.Namespace) -> Settings:
-    """Return the emulated robot, with what is to be hidden in it at its usual size."""
+    """Return the settings of the emulated robot, with hidden effects at their typical size."""
     try:
         settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)
     except SettingsError as error:
@@ -66,7 +68,7 @@ def _settings(options: argparse.Namespace) -> Settings:
 
 
 def believed(settings: Settings, robot_id: int) -> ParameterFile:
-    """Return what is believed of the emulated robot: off as much as a data sheet is."""
+    """Return the believed parameters of the emulated robot, as inaccurate as a data sheet."""
     robot = settings.robot
     values = {"wheel_radius": Value(robot.wheel_radius)}
     values |= {name: Value(share * getattr(robot, name)) for name, share in BELIEVED.items()}

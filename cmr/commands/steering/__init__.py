@@ -1,1 +1,1 @@
-"""What cmr-pilot and cmr-investigate share: a process that steers a robot, and its options."""
+"""Shared by cmr-pilot and cmr-investigate: the process that steers a robot, and its options."""

@@ -1,4 +1,4 @@
-"""Steer a real robot by a behaviour, as a process on the bus; cmr-pilot and cmr-investigate do."""
+"""Steer a real robot by a behaviour, as a process on the bus; used by cmr-pilot and cmr-investigate."""
 
 import argparse
 import os
@@ -51,9 +51,9 @@ def steer(
 ) -> int:
     """Steer a robot until its behaviour is finished; return the exit code of the process, named `program`.
 
-    `options` are those of `add_limits` and of a bus. Where `begin_with` names a program, the robot stands until that
-    one is ready. What is received goes to `hear`, too, and what `tell` returns is said on PROCESS_STATUS while nothing
-    else is. Raises CommandError where somebody else took over, or the behaviour ended with a problem.
+    `options` are those of `add_limits` and of a bus. With `begin_with` the robot stands until that program is ready.
+    Received messages also go to `hear`, and the text from `tell` is the status if there is no other. Raises
+    CommandError if another process took over, or the behaviour ended with a problem.
     """
     pilot.prepare()
     confirmed = Event()
@@ -87,13 +87,13 @@ def steer(
 
 
 def _hand_over(received: Received, *handlers: Callable[[int, str, Message], object]) -> None:
-    """Give a message to all its handlers."""
+    """Return a handler that passes a message to all its handlers."""
     for handle in handlers:
         handle(received.message.utime, received.channel, received.message)
 
 
 def _listen(process: Process, robot: int) -> None:
-    """Subscribe to what the pilot and its claim take."""
+    """Subscribe to the inputs of the pilot and its claim."""
     process.subscribe(WORLD_STATE, every=True)
     process.subscribe(ESTOP, every=True)
     process.subscribe(ESTOP_LATCH, robot)
@@ -103,25 +103,25 @@ def _listen(process: Process, robot: int) -> None:
     process.subscribe(PARAMETERS, robot)
     process.subscribe(WAYPOINTS, robot)
     process.subscribe(COMMAND_OWNER, robot)
-    process.subscribe(INVESTIGATION_STATUS, robot, every=True)  # its own: a recorder of what is received has it, too
+    process.subscribe(INVESTIGATION_STATUS, robot, every=True)  # its own, for recorders of received messages
 
 
 def _confirm(pilot: Pilot, confirmed: Event) -> None:
-    """Use the parameters that wait, once a person has confirmed them."""
+    """Use the waiting parameters, once a person has confirmed them."""
     if confirmed.is_set():
         confirmed.clear()
         pilot.confirm_parameters()
 
 
 def _end(process: Process, pilot: Pilot, claim: Claim) -> None:
-    """Stop the robot and give it up, unless somebody else commands it."""
+    """Stop and release the robot, unless another process commands it."""
     if not claim.others(now_utime()):
         process.publish(COMMANDS_OF[pilot.kind], pilot.stop(), pilot.robot_id)
         process.publish(COMMAND_CLAIM, claim.end(now_utime()), pilot.robot_id)
 
 
 def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
-    """Command the robot, unless somebody else does; return what is waited for."""
+    """Command the robot, unless another process does; return what it waits for."""
     claimed = claim.message(utime)
     if claimed is not None:
         process.publish(COMMAND_CLAIM, claimed, pilot.robot_id)
@@ -132,7 +132,7 @@ def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
 
 
 def _report(process: Process, pilot: Pilot, waiting_for: str, told: str) -> None:
-    """Say what the robot waits for, what was refused, which parameters wait; and what is `told`."""
+    """Report what the robot waits for, refusals, waiting parameters, and `told`."""
     new = f"{pilot.new_parameters} {CONFIRMING.format(pid=os.getpid())}" if pilot.new_parameters else ""
     waiting = f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message
     sentences = [pilot.left_fence or waiting, pilot.gate.problem(), new]
@@ -156,7 +156,7 @@ def add_fence(options: argparse.ArgumentParser) -> None:
 
 
 def add_limits(options: argparse.ArgumentParser) -> None:
-    """Add what is commanded, who may command, and whether robots in the way are kept clear of."""
+    """Add options on the kind of command, the claim, and collision avoidance."""
     options.add_argument(
         "--command",
         choices=KINDS,
@@ -173,14 +173,14 @@ def add_limits(options: argparse.ArgumentParser) -> None:
         "--no-keep-clear",
         dest="keep_clear",
         action="store_false",
-        help="do not stop in front of other robots, real and virtual ones",
+        help="do not stop before other robots, real or virtual",
     )
 
 
 def geofence(text: str) -> Geofence:
-    """Return the polygon that a command line names.
+    """Parse a geofence.
 
-    Raises argparse.ArgumentTypeError where it is none.
+    Raises argparse.ArgumentTypeError if it is invalid.
     """
     try:
         numbers = [float(number) for number in text.split(",")]
@@ -194,8 +194,8 @@ def geofence(text: str) -> Geofence:
 
 
 def margin(text: str) -> float:
-    """Return the distance [m] that a command line gives.
+    """Parse a distance [m].
 
-    Raises argparse.ArgumentTypeError where it is none.
+    Raises argparse.ArgumentTypeError if it is invalid.
     """
     return parse_number(text, f"{text!r} is not a distance of 0 m or more", least=0.0, most=FURTHEST)

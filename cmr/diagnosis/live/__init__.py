@@ -1,10 +1,10 @@
-"""Watch robots while they drive, and say when one begins to move differently, and why that may be.
+"""Monitor robots while they drive, detect changes in their motion, and suggest causes.
 
-Once a second, `second` puts what was heard of a robot (`hearing`) beside what its parameters predict (`twin`).
-`measures` are the differences looked at, `expectation` learns from the first seconds of motion how large they are for
-this robot on this floor. `changes` are the ways in which they may shift, `detection` notices that one has,
-`explaining` finds out which of the `causes` fits best. What needs no statistics is in `faults`. `robot` puts these
-together for one robot, `watcher` for all on the bus.
+Once a second, `second` compares what was received from a robot (`hearing`) with the predictions from its parameters
+(`twin`). `measures` are the differences used, and `expectation` learns their usual sizes for this robot and floor from
+the first seconds of motion. `changes` are the possible shifts of the measures, `detection` detects a change,
+`explaining` finds the best of the `causes`. Faults that need no statistics are in `faults`. `robot` combines these for
+one robot, `watcher` for all on the bus.
 """
 
 from cmr.diagnosis.live.watcher import Watcher

@@ -1,16 +1,16 @@
-"""What may be behind a change: the physical cause, and what to do about it."""
+"""Causes of changes, and what to do about them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from cmr.diagnosis.live.changes import BY_NAME, Sizes
 
-LEAST_FALL = 0.02  # share by which a battery's voltage has fallen at least if it slows the wheels
+LEAST_FALL = 0.02  # least relative drop of a battery's voltage that slows the wheels noticeably
 
 
 @dataclass(frozen=True)
 class Voltage:
-    """What the battery shows [V] at the start and now; NaN where nobody reports it."""
+    """The battery voltage [V] at the start and now; NaN if not reported."""
 
     start: float
     now: float
@@ -22,7 +22,7 @@ class Voltage:
 
     @property
     def fall(self) -> float:
-        """The share by which it has fallen; NaN where nobody reports it."""
+        """The share by which it has fallen; NaN if not reported."""
         return 1.0 - self.now / self.start
 
     @property
@@ -39,9 +39,9 @@ class Cause:
     """One cause. `changes` are the changes it makes, by name, with the sign that they must have: 0 for either.
 
     `title` names it in a few words, which may depend on the sizes of the changes, by name; `advice` says what to do.
-    `effect` is the effect of the catalogue that models it, empty if none does. `fits` says whether the battery's
-    voltage allows it; where `tells_voltage`, the sentence says what the battery shows. Robots that take speeds have
-    other causes than those that take duties: `by_speed` says which has this one; None for both.
+    `effect` is the effect of the catalogue that models it, empty if there is none. `fits` says whether the battery
+    voltage is consistent with it; with `tells_voltage`, the sentence includes the voltage. `by_speed` restricts the
+    cause to robots that take speeds (True) or duties (False); None for both.
     """
 
     key: str
@@ -61,7 +61,7 @@ class Cause:
         )
 
     def sentence(self, sizes: Sizes, voltage: Voltage) -> str:
-        """Return what is seen, the cause suspected, and what to do."""
+        """Return a sentence on the observation, the suspected cause, and what to do."""
         seen = " and ".join(BY_NAME[name].clause(sizes[name]) for name in self.changes)
         shows = f"; {voltage}" if self.tells_voltage and voltage.known else ""
         effect = f" (effect {self.effect})" if self.effect else ""
@@ -78,7 +78,7 @@ def _both_slip(sizes: Sizes) -> str:
 
 
 def _held_back(wheels: str, change: str) -> Cause:
-    """Return the cause of wheels that do not reach the commanded speed any more as they did at the start."""
+    """Return the cause for wheels that no longer reach the commanded speed as at the start."""
     return Cause(
         f"{change}_held",
         {change: 0},

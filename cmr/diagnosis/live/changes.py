@@ -1,4 +1,4 @@
-"""The ways in which a robot, its floor or its sensors may change, as shifts of the measures."""
+"""Possible changes of a robot, its floor or its sensors, as shifts of the measures."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ Sizes: TypeAlias = Mapping[str, float]  # by change
 
 @dataclass(frozen=True)
 class Change:
-    """One way to change. `size` is what is looked for; half of that is passed over as nothing that matters, and more
-    than `largest` is not believed.
+    """One way to change. `size` is the size to detect; less than half of it is ignored, and more than `largest` is
+    implausible.
 
-    `shifts` says by how much each measure of a second would shift if the size were 1. `clause` says in words what is
-    seen, for a size.
+    `shifts` gives the shift of each measure in a second for a size of 1. `clause` describes the observation in words,
+    for a size.
     """
 
     name: str
@@ -28,7 +28,7 @@ class Change:
 
 
 def per_cent(size: float) -> str:
-    """Return the size of a share, as in `6 %`."""
+    """Format a share as in `6 %`."""
     return f"{100.0 * abs(size):.0f} %"
 
 
@@ -37,7 +37,7 @@ def _wheels(left: float, right: float) -> Shifts:
 
 
 def _ground(second: Second, left: float, right: float) -> Shifts:
-    """Return the shifts where the sides go by these shares less far [-] over the ground than their wheels turned."""
+    """Return the shifts if the sides travel less far over the ground than their wheels turned, by these shares [-]."""
     parameters = second.parameters
     lost_left, lost_right = (
         share * parameters.wheel_radius * angle for share, angle in zip((left, right), second.turned, strict=True)
@@ -47,7 +47,7 @@ def _ground(second: Second, left: float, right: float) -> Shifts:
 
 
 def _turn(angle: float) -> Shifts:
-    """Return the shifts where the robot turns by this angle [rad] more than its wheels say."""
+    """Return the shifts if the robot turns by this angle [rad] more than its wheels indicate."""
     return {"turn_by_gyro": angle, "turn_by_pose": angle}
 
 
@@ -57,7 +57,7 @@ def _gyro(angle: float) -> Shifts:
 
 
 def _pose(forward: float, turn: float) -> Shifts:
-    """Return the shifts where the poses go this much further [m], and turn more [rad], than the robot."""
+    """Return the shifts if the poses move this much further [m], and turn more [rad], than the robot."""
     return {"forward": forward, "turn_by_pose": turn, "heading": turn}
 
 

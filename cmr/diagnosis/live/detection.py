@@ -1,10 +1,10 @@
-"""Notice that something has changed: for each change, and both its signs, a cumulative sum of likelihood ratios.
+"""Detect changes: for each change, with either sign, a cumulative sum of log likelihood ratios.
 
-The sum (CUSUM, Page 1954) adds for each second the logarithm of how much likelier its residuals are after the change
-than before it, and never falls below zero. Nothing having changed, the mean ratio is 1, whatever the seconds were
-like, and one sum takes on average at least exp(threshold) seconds to exceed the threshold (Lorden 1971). If the
-variance of the noise is larger by a factor f than was learnt, exp(threshold / f). What one second may add is cut:
-that makes false alarms rarer still, and one strange second is none.
+The sum (CUSUM, Page 1954) adds, for each second, the log likelihood ratio of its residuals with and without the change,
+and never falls below zero. Without a change, the mean ratio is 1 whatever the drive, and one sum takes on average at
+least exp(threshold) seconds to exceed the threshold (Lorden 1971). If the variance of the noise is larger by a factor f
+than was learnt, exp(threshold / f). The contribution of one second is limited: this makes false alarms even rarer, and
+a single odd second cannot cause one.
 """
 
 import math
@@ -16,11 +16,11 @@ from cmr.diagnosis.live.expectation import Residual
 from cmr.diagnosis.live.second import Second
 
 FALSE_ALARMS_PER_HOUR = 0.1
-NOISE_UNDERESTIMATED = 1.3  # times, at most: what is learnt in 20 s is that uncertain
+NOISE_UNDERESTIMATED = 1.3  # largest underestimation of the noise, since 20 s of learning are uncertain
 SUMS = 2 * len(CHANGES)
 THRESHOLD = NOISE_UNDERESTIMATED**2 * math.log(SUMS * 3600.0 / FALSE_ALARMS_PER_HOUR)
 MOST_OF_A_SECOND = THRESHOLD / 3.0  # at least three seconds must support a change
-SURE = 0.25  # of the shift; where the expectation is more uncertain, a measure does not support or contradict it
+SURE = 0.25  # of the shift; a measure with a less certain expectation neither supports nor contradicts it
 
 Residuals: TypeAlias = Mapping[str, Residual]
 Key: TypeAlias = tuple[str, bool]
@@ -34,15 +34,15 @@ class Detector:
         self._since: dict[Key, int] = {}
 
     def reset(self) -> None:
-        """Begin again, as if nothing had been seen."""
+        """Start again from zero."""
         self._sums.clear()
         self._since.clear()
 
     def add(self, second: Second, residuals: Residuals, present: Sizes) -> int | None:
-        """Add a second; return the time [us] since when something has changed, None as long as it seems not.
+        """Add a second; return the time [us] of the detected change, None without one.
 
-        The residuals are those beyond the changes that are known to be `present`; what these are looked for is that
-        they go away, or come once more.
+        The residuals are those beyond the changes known to be `present`; for these, the test is whether they disappear,
+        or grow by the same amount again.
         """
         for change in CHANGES:
             size = max(change.size, abs(present.get(change.name, 0.0)))
@@ -53,7 +53,7 @@ class Detector:
 
     @property
     def level(self) -> float:
-        """How near the nearest sum is to the threshold, 0 to 1 and more."""
+        """The largest sum relative to the threshold, 0 to 1 and more."""
         return max(self._sums.values(), default=0.0) / THRESHOLD
 
     def _add(self, change: Change, size: float, second: Second, residuals: Residuals) -> None:
@@ -66,7 +66,7 @@ class Detector:
 
 
 def log_likelihood_ratio(change: Change, size: float, second: Second, residuals: Residuals) -> float:
-    """Return by how much the residuals are likelier, in nats, if there were a change of this size than if not."""
+    """Return the log likelihood ratio, in nats, of residuals with a change of this size to those without."""
     ratio = 0.0
     for name, unit_shift in change.shifts(second).items():
         residual, shift = residuals.get(name), size * unit_shift

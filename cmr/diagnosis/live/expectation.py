@@ -1,4 +1,4 @@
-"""What is to be expected of one measure: learnt by Bayesian linear regression from seconds in which nothing changed."""
+"""The expected value of one measure: Bayesian linear regression on seconds without a change."""
 
 import math
 from collections import deque
@@ -10,18 +10,18 @@ from cmr.diagnosis.live.measures import Measure
 from cmr.diagnosis.live.second import Second
 from cmr.recordings.signal import Floats
 
-MOST = 120  # seconds that are kept; a robot that moves in new ways is learnt again
-PASSES = 4  # in which noise and coefficients, each of which follows from the other, settle
-OUTLYING = 2.5  # standard deviations; what is further off weighs less (Huber)
-LEAST_NOISE = 0.5  # of the measure's scale; less is not believed of so few seconds
-STRONGEST_MEMORY = 0.6  # correlation of one second's noise with the next that is believed
-FURTHER = 1.25  # times; a regressor may be as much larger than ever before
-LIKELY = 4.0  # standard deviations; what is less likely is not learnt: it may be a change
-NOVEL = 0.5  # of the noise: where the expectation is more uncertain, a second is learnt instead of judged
+MOST = 120  # seconds kept; a robot that moves in new ways is learned again
+PASSES = 4  # iterations in which noise and coefficients, which depend on each other, converge
+OUTLYING = 2.5  # standard deviations; larger residuals get less weight (Huber)
+LEAST_NOISE = 0.5  # of the measure's scale; a smaller estimate from so few seconds is not trusted
+STRONGEST_MEMORY = 0.6  # largest trusted correlation of the noise of consecutive seconds
+FURTHER = 1.25  # times; a regressor may exceed its previous range by this factor
+LIKELY = 4.0  # standard deviations; a less likely second is not learned, as it may be a change
+NOVEL = 0.5  # of the noise: with a less certain expectation, a second is learned instead of judged
 
 
 class Residual(NamedTuple):
-    """By how much a second differs from what was expected, the standard deviations of noise and of the expectation."""
+    """The difference of a second from its expected value, with the standard deviations of noise and expectation."""
 
     value: float
     noise: float
@@ -29,17 +29,17 @@ class Residual(NamedTuple):
 
     @property
     def novel(self) -> bool:
-        """Whether the robot moved as it had not yet, so that nothing can be said."""
+        """Whether the robot moved in a new way, so that no judgement is possible."""
         return self.doubt > NOVEL * self.noise
 
     @property
     def likely(self) -> bool:
-        """Whether it may well be as expected."""
+        """Whether it is consistent with the expectation."""
         return abs(self.value) < LIKELY * math.hypot(self.noise, self.doubt)
 
 
 class Expectation:
-    """What is expected of a measure. It is `ready` to judge after the seconds that the measure asks for."""
+    """What is expected of a measure. It is `ready` to judge after the number of seconds that the measure requires."""
 
     def __init__(self, measure: Measure) -> None:
         self.measure = measure
@@ -69,14 +69,14 @@ class Expectation:
             self._fit()
         scale = self.measure.scale(second)
         regressors = np.array(self.measure.regressors(second))
-        # The model is straight only as far as it has been seen: beyond, nothing is known but the prior.
+        # The model is linear only within its data; beyond, only the prior is known.
         beyond = np.maximum(np.abs(regressors) - FURTHER * self._largest, 0.0) * self.measure.prior
         doubt = math.sqrt(max(float(regressors @ self._covariance @ regressors + beyond @ beyond), 0.0))
         expected = float(regressors @ self._coefficients)
         return Residual(self.measure.value(second) - expected, self._noise * scale, doubt)
 
     def _fit(self) -> None:
-        """Fit coefficients and noise, which is in units of the scale."""
+        """Fit coefficients and noise, relative to the scale."""
         rows = np.array(self._rows)
         regressors, values = rows[:, :-1], rows[:, -1]
         prior = np.diag(1.0 / np.square(self.measure.prior))
@@ -96,9 +96,9 @@ class Expectation:
 
 
 def _memory(residuals: Floats) -> float:
-    """Return by how much the variance of a sum of residuals exceeds that of independent ones: 1 or more."""
+    """Return the variance of a sum of residuals relative to independent ones: 1 or more."""
     power = float(residuals @ residuals)
     correlation = float(residuals[1:] @ residuals[:-1]) / power if power > 0.0 else 0.0
-    correlation += (1.0 + 3.0 * correlation) / len(residuals)  # what is too little in a short series (Kendall 1954)
+    correlation += (1.0 + 3.0 * correlation) / len(residuals)  # bias correction for short series (Kendall 1954)
     correlation = min(max(correlation, 0.0), STRONGEST_MEMORY)
     return (1.0 + correlation) / (1.0 - correlation)

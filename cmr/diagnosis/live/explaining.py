@@ -1,4 +1,4 @@
-"""Find the cause that fits best what has been seen since something changed: weighted least squares for each."""
+"""Find the cause that best fits the observations since a change: weighted least squares for each."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,16 +13,16 @@ from cmr.diagnosis.live.expectation import Residual
 from cmr.diagnosis.live.second import Second
 from cmr.recordings.signal import Floats
 
-ROUGH = 0.1  # share to which a large shift follows the form of a change
-RIVAL = 3.0  # nats; what fits as well within this is named, too
+ROUGH = 0.1  # relative model error of a large shift
+RIVAL = 3.0  # nats; causes within this of the best are named, too
 MOST_RIVALS = 2
 FEWEST = 3  # seconds that a change must have lasted
-KEPT = 3.0  # nats by which another explanation must be better than the present one
-LEAST_SHARE = 0.5  # of what is seen an explanation must explain
+KEPT = 3.0  # nats by which another explanation must exceed the current one
+LEAST_SHARE = 0.5  # of the observations must be explained
 
 
 class Observed(NamedTuple):
-    """A second, and how far its measures are off those of the start, and off what is explained at present."""
+    """A second, with the deviations of its measures from the start, and from the current explanation."""
 
     second: Second
     residuals: Residuals
@@ -30,9 +30,9 @@ class Observed(NamedTuple):
 
 
 class Explanation(NamedTuple):
-    """Causes with the sizes of their changes by name, and others that explain the same as well.
+    """Causes with the sizes of their changes by name, and others that fit as well.
 
-    No causes: everything is as at the start. `complete`: little of what is seen is left.
+    No causes: everything is as at the start. `complete`: little remains unexplained.
     """
 
     causes: tuple[tuple[Cause, Sizes], ...] = ()
@@ -51,9 +51,9 @@ class Explanation(NamedTuple):
 
 
 def explain(observed: Sequence[Observed], present: Explanation, voltage: Voltage) -> Explanation:
-    """Return the best explanation of what has been seen, and since when: until then the `present` one holds.
+    """Return the best explanation of the observations, and its onset; before it, `present` holds.
 
-    `voltage` is what the battery shows.
+    `voltage` is the battery voltage.
     """
     by_speed = any(item.second.by_speed for item in observed)
     known = [cause for cause in CAUSES if cause.fits(voltage) and cause.by_speed in (None, by_speed)]
@@ -87,7 +87,7 @@ class _After(NamedTuple):
         return cls(np.array([residual.value for residual in residuals]) / noise, columns)
 
     def fit(self, causes: Sequence[Cause]) -> tuple[float, Explanation] | None:
-        """Return the log-likelihood of causes, less what chance would give them, and their sizes; None if absurd."""
+        """Fit causes; return the log-likelihood minus what chance gives, and their sizes; None if implausible."""
         names = [name for cause in causes for name in cause.changes]
         design = np.array([self.columns[name] for name in names]).reshape(len(names), len(self.seen))
         values = np.linalg.lstsq(design.T, self.seen, rcond=None)[0]
@@ -97,7 +97,7 @@ class _After(NamedTuple):
         left = self.seen - values @ design
         power, unexplained = float(self.seen @ self.seen), float(left @ left)
         complete = unexplained <= max((1.0 - LEAST_SHARE) * power, 2.0 * len(left))
-        # What each size gains by being fitted, and each cause by being the best of all.
+        # The chance gain of fitting each size, and of choosing the best cause.
         chance = len(names) * (1.0 + 0.5 * math.log(max(len(left), 1))) + len(causes) * math.log(len(CAUSES))
         found = tuple((cause, {name: sizes[name] for name in cause.changes}) for cause in causes)
         return -0.5 * unexplained - chance, Explanation(found, (), complete)
@@ -113,7 +113,7 @@ def _power(residuals: Residuals) -> float:
 
 
 def _candidates(known: Sequence[Cause], present: Sequence[Cause]) -> Iterator[tuple[Cause, ...]]:
-    """Yield what may explain everything: nothing, one cause, one of those suspected so far and another."""
+    """Yield possible explanations: no cause, one cause, or one of the current causes and another."""
     yield ()
     for cause in known:
         yield (cause,)

@@ -1,4 +1,4 @@
-"""What is plain from single seconds: wheels that stand still, poses that freeze, jump or end, an empty battery."""
+"""Faults that single seconds reveal: stalled wheels, frozen, jumping or missing poses, a low battery."""
 
 import math
 import statistics
@@ -11,14 +11,14 @@ from cmr.diagnosis.live.second import FROZEN_WAY, LEAST_ANGLE, PoseSteps, Second
 from cmr.diagnosis.live.suspicion import Suspicion
 from cmr.msg import motor_feedback_t
 
-MEANT = 0.15  # duty; a smaller one may be too little to move the wheels, unless a controller sees to it
+MEANT = 0.15  # duty; a smaller one may not move the wheels, unless a controller regulates them
 STANDING = 0.1  # rad in a second
 SURE_AFTER = 2  # seconds of standing still
 MISSED_AFTER = 3  # seconds without a sensor that was there before
-LINGERING = 3  # seconds for which a fault must be gone
+LINGERING = 3  # seconds for which a fault must be absent
 JUMP, TURN_JUMP = 0.1, 0.2  # m, rad; smaller steps are left to the statistics
-UNUSUAL = 5.0  # times the usual; localisation that always jumps about is noise
-REMEMBERED = 60  # seconds from which the usual is taken
+UNUSUAL = 5.0  # times the usual jump; localisation that always jumps is noisy
+REMEMBERED = 60  # seconds that determine the usual jump
 LOW = 0.1  # share by which the voltage has fallen
 PRESENT_VOLTAGE = 10  # seconds over which the voltage is taken
 
@@ -37,15 +37,15 @@ CONDITIONS = (
 
 
 class Faults:
-    """The faults of one robot, by key; `muted` are the measures that the last second cannot be judged by."""
+    """The faults of one robot, by key; `muted` are measures made invalid by the last second's faults."""
 
     def __init__(self) -> None:
         self.present: dict[str, Suspicion] = {}
         self.muted: frozenset[str] = frozenset()
         self._number = 0  # of the second
-        self._seen: dict[str, int] = {}  # number of the second in which a fault was seen last
+        self._seen: dict[str, int] = {}  # number of the second in which a fault was last seen
         self._standing = [0, 0]  # seconds for which the wheels of each side have stood still
-        self._missed: dict[str, int] = {}  # seconds since a sensor was heard
+        self._missed: dict[str, int] = {}  # seconds since a sensor was last received
         self._jumps: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
         self._first_voltages: list[float] = []
         self._last_voltages: deque[float] = deque(maxlen=PRESENT_VOLTAGE)
@@ -58,11 +58,11 @@ class Faults:
         return Voltage(statistics.median(self._first_voltages), statistics.median(self._last_voltages))
 
     def hears(self, sensor: str) -> bool:
-        """Return whether gyro or poses come."""
+        """Return whether gyro or poses are received."""
         return self._missed.get(sensor, MISSED_AFTER) < MISSED_AFTER
 
     def add(self, second: Second) -> None:
-        """Look at one more second."""
+        """Process one more second."""
         self._number += 1
         self.muted = frozenset()
         for find in (self._standing_still, self._sensors, self._localisation, self._battery):
@@ -74,7 +74,7 @@ class Faults:
 
     def _standing_still(self, second: Second) -> Iterator[tuple[str, Suspicion]]:
         for side in (0, 1):
-            # A driver that passes nothing on leaves the twin standing, too.
+            # A driver that forwards no commands also keeps the twin standing.
             wanted = second.commanded[side] > (0.0 if second.by_speed else MEANT) and (
                 second.wanted.path[side] > LEAST_ANGLE or second.applied[side] == 0.0
             )
@@ -137,7 +137,7 @@ class Faults:
             )
 
     def _jump(self, pose: PoseSteps) -> str:
-        """Return by how much the pose jumped, with unit; empty if it did not."""
+        """Return the size of a jump of the pose, with unit; empty without a jump."""
         usual = [statistics.median(sizes) for sizes in zip(*self._jumps, strict=True)] or [0.0, 0.0]
         self._jumps.append((pose.jump, pose.turn_jump))
         if pose.jump > JUMP + UNUSUAL * usual[0]:
@@ -162,7 +162,7 @@ class Faults:
 
 
 def _moves(second: Second, side: int) -> bool:
-    """Return whether the robot's side moves over the ground by the poses, as far as its wheels should have turned."""
+    """Return whether, by the poses, a side of the robot moves as far as its wheels should have turned."""
     if second.pose is None:
         return False
     parameters = second.parameters

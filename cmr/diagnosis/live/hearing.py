@@ -1,4 +1,4 @@
-"""What was heard of one robot lately: each stream on its own time line, in bounded memory."""
+"""Recent messages of one robot: each stream on its own time line, in bounded memory."""
 
 from collections import deque
 from typing import TypeAlias
@@ -25,13 +25,13 @@ class Hearing:
         self._rows: dict[str, deque[Row]] = {name: deque(maxlen=MOST) for name in COLUMNS}
 
     def take(self, stream: str, utime: int, row: Row) -> None:
-        """Keep what a message of time `utime` [us] says: the stream's columns, in their order."""
+        """Store the values of a message of time `utime` [us]: the stream's columns, in order."""
         self._rows[stream].append((utime, *row))
 
     def between(self, stream: str, first: int, last: int, origin: int) -> Floats:
         """Return what was measured from utime `first` to `last`, shape (n, 1 + columns), ordered in time.
 
-        The first column is the time [s] since utime `origin`; of messages with the same time the last counts.
+        The first column is the time [s] since utime `origin`; of messages with the same time the last is used.
         """
         by_time = {row[0]: row for row in self._rows[stream] if first <= row[0] <= last}
         rows = np.array(sorted(by_time.values()), np.float64).reshape(len(by_time), 1 + len(COLUMNS[stream]))
@@ -39,7 +39,7 @@ class Hearing:
         return rows
 
     def keep(self, first: int, last: int) -> None:
-        """Forget what is stamped before utime `first` or after `last`."""
+        """Drop values stamped before utime `first` or after `last`."""
         for name, rows in self._rows.items():
             self._rows[name] = deque((row for row in rows if first <= row[0] <= last), MOST)
 

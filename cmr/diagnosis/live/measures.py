@@ -1,7 +1,7 @@
-"""The differences looked at in each second, and what may explain them without anything having changed.
+"""The differences measured in each second, and regressors that explain them without a change.
 
-No robot is exactly its model. What it does otherwise from the start on, in proportion to these regressors, is learnt
-(`expectation`) and expected: they are the effects of the catalogue to first order.
+No robot matches its model exactly. Initial deviations proportional to these regressors are learned (`expectation`) and
+expected: they are effects of the catalogue to first order.
 """
 
 import math
@@ -10,17 +10,17 @@ from dataclasses import dataclass
 
 from cmr.diagnosis.live.second import Second
 
-MOVING_SECONDS, RESTING_SECONDS = 20, 3  # that are learnt from before anything is judged
+MOVING_SECONDS, RESTING_SECONDS = 20, 3  # seconds learned before judging
 
 Row = tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One difference, in `unit`: what was measured in a second minus what was to be expected; NaN if unknown.
+    """One difference, in `unit`: measured minus predicted value of a second; NaN if unknown.
 
     `regressors` of a second may explain it; `prior` are the usual sizes of their coefficients. `scale` is roughly the
-    noise to expect, as it grows with the way. It is judged after it was learnt in `fewest` seconds.
+    expected noise, which grows with distance. It is judged after `fewest` seconds of learning.
     """
 
     name: str
@@ -33,12 +33,12 @@ class Measure:
 
 
 def common(left: float, right: float) -> float:
-    """Return what both sides have in common."""
+    """Return the mean of both sides."""
     return (left + right) / 2.0
 
 
 def opposite(left: float, right: float) -> float:
-    """Return what turns the robot counter-clockwise."""
+    """Return the component that turns the robot counter-clockwise."""
     return (right - left) / 2.0
 
 

@@ -1,4 +1,4 @@
-"""Watch one robot, second by second."""
+"""Monitor one robot, second by second."""
 
 import math
 from collections import deque
@@ -13,14 +13,14 @@ from cmr.diagnosis.live.measures import MEASURES, MOVING_SECONDS
 from cmr.diagnosis.live.second import Second
 from cmr.diagnosis.live.suspicion import Announcer, Suspicion
 
-WINDOW = 20  # seconds that are explained together, at most
-CONSIDERED = 2_000_000  # us after an alarm until it is explained: the first seconds may look like many things
-CALM = 0.3  # of the threshold; what is new is learnt only if no change is about to show
+WINDOW = 20  # seconds explained together, at most
+CONSIDERED = 2_000_000  # us after an alarm until it is explained, as the first seconds may fit many causes
+CALM = 0.3  # of the threshold; new motion is learned only while no alarm is near
 UNEXPLAINED_FOR = 20_000_000  # us after which an alarm without a cause is forgotten
 
 
 class RobotWatch:
-    """The watch of one robot, from its parameters on; feed it seconds by `add`, which says what is new."""
+    """Monitors one robot with its parameters; pass seconds to `add`, which returns news."""
 
     def __init__(self) -> None:
         self.faults = Faults()
@@ -36,7 +36,7 @@ class RobotWatch:
         self._announcer = Announcer()
 
     def add(self, second: Second) -> list[str]:
-        """Take one more second; return what is to be said."""
+        """Process one more second; return the sentences to report."""
         self.faults.add(second)
         self._moving_seconds += second.moving
         residuals = self._residuals(second)
@@ -63,18 +63,18 @@ class RobotWatch:
 
     @property
     def suspected(self) -> list[str]:
-        """What is suspected at present, in the sentences in which it was said."""
+        """The current suspicions, in the sentences in which they were reported."""
         return list(self._announcer.present.values())
 
     def activity(self) -> str:
-        """Return, for a person, what is being done while nothing is suspected."""
+        """Return a sentence on the current activity while nothing is suspected."""
         if self._moving_seconds < MOVING_SECONDS:
             return f"learning how it moves: {self._moving_seconds} of {MOVING_SECONDS} s in motion."
         signals = ["wheels", *(name for name in ("gyro", "poses") if self.faults.hears(name))]
         return f"watching {', '.join(signals)}; it moves as at the start."
 
     def _residuals(self, second: Second) -> dict[str, Residual]:
-        """Compare the second with what is expected; learn from it where that is not known yet."""
+        """Compare the second with the expectation; learn from it if necessary."""
         calm = not self._explanation.causes and self._since is None and self._detector.level < CALM
         residuals: dict[str, Residual] = {}
         for name, expectation in self._expectations.items():
@@ -88,7 +88,7 @@ class RobotWatch:
         return residuals
 
     def _beyond_present(self, second: Second, residuals: Residuals) -> Residuals:
-        """Return the residuals less what the present explanation explains."""
+        """Return the residuals minus the current explanation."""
         beyond = dict(residuals)
         for change, size in self._explanation.sizes.items():
             for name, shift in BY_NAME[change].shifts(second).items():
@@ -98,7 +98,7 @@ class RobotWatch:
         return beyond
 
     def _explain(self, utime: int, since: int) -> None:
-        """Find out what has changed since then."""
+        """Find the cause of a change since then."""
         observed = [item for item in self._window if item.second.end >= since]
         found = explain(observed, self._explanation, self.faults.voltage)
         if found.complete or found.names == self._explanation.names:
@@ -118,7 +118,7 @@ class RobotWatch:
 
 
 def unexplained(found: Explanation) -> Suspicion:
-    """Return the suspicion that something has changed which no cause explains well."""
+    """Return the suspicion of a change that no cause explains well."""
     nearest = " and ".join(BY_NAME[name].clause(size) for name, size in found.sizes.items())
     return Suspicion(
         "the unexplained change",

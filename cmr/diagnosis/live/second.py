@@ -1,4 +1,4 @@
-"""One second of a drive: what the sensors say, and what the robot's parameters make of its commands."""
+"""One second of a drive: sensor readings, and predictions from commands and parameters."""
 
 import math
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 
 SECOND = 1_000_000  # us
-AROUND = 500_000  # us before and after the second that are looked at, too
-LONGEST_GAP, LONGEST_POSE_GAP = 0.25, 0.5  # s; over a longer one wheels and gyro, or poses, are not followed
-SPAN = 5  # steps of the grid over which turning is followed
-LAG = 0.2  # s by which a second is shifted to see what a lag makes of it
+AROUND = 500_000  # us before and after the second that are also used
+LONGEST_GAP, LONGEST_POSE_GAP = 0.25, 0.5  # s; wheels and gyro, or poses, are not tracked over longer gaps
+SPAN = 5  # steps of the grid over which rotation is measured
+LAG = 0.2  # s of time shift used to measure the effect of a lag
 RESTING = 0.5  # rad/s; slower wheels count as resting
-LEAST_ANGLE = 0.3  # rad; a wheel that turned less in the second, and should have, counts as resting
-FROZEN_WAY, FROZEN_ANGLE = 0.03, 0.1  # m and rad that wheels must make until equal poses are called frozen
+LEAST_ANGLE = 0.3  # rad; a wheel that turned less in the second although it should have counts as resting
+FROZEN_WAY, FROZEN_ANGLE = 0.03, 0.1  # m and rad of wheel motion above which identical poses count as frozen
 
 GRID = np.arange(0.0, 1.0 + 0.5 * EVERY * STEP, EVERY * STEP)  # s
 
@@ -31,10 +31,11 @@ UNKNOWN: Pair = (math.nan, math.nan)
 
 
 class PoseSteps(NamedTuple):
-    """What a second of poses says: displacement ahead and to the left [m], of the heading half-way, and turn [rad].
+    """The motion of a second by the poses: displacement ahead and to the left [m], relative to the mid-way heading, and
+    turn [rad].
 
-    `jump` [m] and `turn_jump` [rad] are by how much the largest step from one pose to the next exceeds what turning
-    wheels can do in that time. `same`: all poses are equal; `moved`: by the wheels they should not be.
+    `jump` [m] and `turn_jump` [rad] are the excess of the largest step between poses over what the wheels can cause in
+    that time. `same`: all poses are equal; `moved`: by the wheels they should not be.
     """
 
     forward: float
@@ -47,7 +48,9 @@ class PoseSteps(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Displacement ahead and to the left, seen from the heading half-way, and turn [m, m, rad]; or these per second."""
+    """Displacement ahead and to the left, relative to the mid-way heading, and turn [m, m, rad]; or these per
+    second.
+    """
 
     forward: float
     sideways: float
@@ -55,9 +58,9 @@ class Motion(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What the robot's parameters make of its commands, for left and right wheels.
+    """The prediction from the commands, for left and right wheels.
 
-    `turned` [rad] is how far they should have turned (NaN while the twin is new), `path` [rad] that there and back,
+    `turned` [rad] is the net rotation (NaN while the twin is new), `path` [rad] the total rotation in both directions,
     `speed_change` [rad/s] the difference from beginning to end. Dry friction acts on `direction` [-1 to 1], the mean of
     the speed's sign, and drag on `square` [rad], the mean of its square in units of the top speed.
     """
@@ -70,12 +73,12 @@ class Wanted(NamedTuple):
 
 
 class Floor(NamedTuple):
-    """What the turning of the wheels makes on the floor, if they do not slip.
+    """The motion that the wheels' rotation causes without slip.
 
-    `forward` and `sideways` [m] are in the direction of the heading half-way, `turn` [rad] counter-clockwise, `path`
-    [m] the ways of left and right wheels, there and back; `turn_path` [rad] is the turn there and back, `turn_square`
-    [rad^2/s] the integral of the yaw rate times its size. `lag` is by how much forward, sideways and turn would differ
-    [m, m, rad per s] for somebody who sees everything later.
+    `forward` and `sideways` [m] are relative to the mid-way heading, `turn` [rad] counter-clockwise, `path` [m] the
+    total distances of left and right wheels; `turn_path` [rad] is the total rotation in both directions, `turn_square`
+    [rad^2/s] the integral of the yaw rate times its size. `lag` is the change of forward, sideways and turn per second
+    of delay [m, m, rad per s].
     """
 
     forward: float
@@ -89,12 +92,12 @@ class Floor(NamedTuple):
 
 @dataclass(frozen=True)
 class Second:
-    """One second of a drive that ends at `end` [us]; pairs are left and right, what was not measured is NaN.
+    """One second of a drive that ends at `end` [us]; pairs are left and right, NaN if not measured.
 
     `turned` [rad] is how far wheels turned, `gyro` [rad] the turn that the gyro reports. `commanded` and `applied` are
-    mean sizes of duties: what was asked for, and what the driver says it passed on. `status` are all bits of the
-    feedback, `voltage` [V] is the battery's. Where speeds are commanded, a duty of 1 stands for `top_speed` [rad/s] of
-    the wheels; where duties are, it is NaN.
+    mean magnitudes of duties: commanded, and reported as applied by the driver. `status` are all bits of the feedback,
+    `voltage` [V] is the battery's. Where speeds are commanded, a duty of 1 stands for `top_speed` [rad/s] of the
+    wheels; where duties are, it is NaN.
     """
 
     end: int
@@ -112,7 +115,7 @@ class Second:
 
     @property
     def by_speed(self) -> bool:
-        """Whether the robot takes speeds, not duties."""
+        """Whether the robot takes speeds instead of duties."""
         return math.isfinite(self.top_speed)
 
     @property
@@ -134,7 +137,7 @@ class Second:
 def observe(
     hearing: Hearing, twin: Twin, parameters: RobotParameters, begin: int, top_speed: float = math.nan
 ) -> Second | None:
-    """Return the second that begins at utime `begin`, through which the twin is driven; None if wheels are unknown.
+    """Return the second that begins at utime `begin`, and advance the twin by it; None without wheel data.
 
     `top_speed` is that of Second.
     """
@@ -165,11 +168,11 @@ def observe(
 
 
 def _wanted(twin: Twin, duties: Floats, parameters: RobotParameters) -> Wanted:
-    """Drive the twin for a second and return what its wheels do."""
+    """Advance the twin by a second and return the motion of its wheels."""
     speeds = twin.drive(duties)
     travel = EVERY * STEP * (speeds.sum(axis=0) - 0.5 * (speeds[0] + speeds[-1]))
     return Wanted(
-        turned=_pair(travel) if twin.seconds > 1 else UNKNOWN,  # before, it still remembers how it was started
+        turned=_pair(travel) if twin.seconds > 1 else UNKNOWN,  # before, it still depends on its initial state
         path=_pair(np.abs(speeds).mean(axis=0)),
         speed_change=_pair(speeds[-1] - speeds[0]),
         direction=_pair(np.clip(speeds / RESTING, -1.0, 1.0).mean(axis=0)),
@@ -181,7 +184,7 @@ def _floor(angles: Floats, lagged: Floats, parameters: RobotParameters) -> Floor
     """Return what wheel angles [rad], shape (n, 2), make on the floor; `lagged` are those LAG earlier."""
     now, before = (_rolled(part, parameters) for part in (angles, lagged))
     way = np.abs(np.diff(angles, axis=0)).sum(axis=0) * parameters.wheel_radius
-    # Over shorter spans the steps of coarse encoders would look like turns.
+    # Over shorter spans, quantisation of coarse encoders would look like rotation.
     turns = np.diff([turn(left, right, parameters) for left, right in angles[::SPAN]])
     span = SPAN * EVERY * STEP
     lag = Motion(*((old - new) / LAG for old, new in zip(before, now, strict=True)))
@@ -214,7 +217,7 @@ def _angles(wheels: Floats) -> Floats | None:
     time, speeds = wheels[:, 0], wheels[:, 1:3]
     if not np.isfinite(speeds).all() or not _covers(time, LONGEST_GAP):
         return None
-    # What a feedback reports is the mean speed since the one before.
+    # A feedback reports the mean speed since the previous one.
     return np.cumsum(speeds * np.diff(time, prepend=time[0])[:, None], axis=0)
 
 
@@ -232,7 +235,7 @@ def _at(moments: Floats, time: Floats, angles: Floats) -> Floats:
 
 
 def _gyro(hearing: Hearing, begin: int) -> float:
-    """Return the turn that the gyro reports [rad]; NaN where it does not."""
+    """Return the rotation that the gyro reports [rad]; NaN without gyro."""
     rows = hearing.between("gyro", begin - AROUND, begin + SECOND + AROUND, begin)
     if not np.isfinite(rows).all() or not _covers(rows[:, 0], LONGEST_GAP):
         return math.nan
@@ -242,7 +245,7 @@ def _gyro(hearing: Hearing, begin: int) -> float:
 
 
 def _pose(hearing: Hearing, begin: int, way: Floats, parameters: RobotParameters) -> PoseSteps | None:
-    """Return what the poses say; `way` [m] is how far each side's wheels went in each part of the second."""
+    """Return what the poses say; `way` [m] is the distance of each side's wheels in each part of the second."""
     rows = hearing.between("poses", begin - AROUND, begin + SECOND + AROUND, begin)
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not _covers(rows[:, 0], LONGEST_POSE_GAP):

@@ -1,17 +1,17 @@
-"""What is suspected of a robot, and when it is said."""
+"""Suspicions about a robot, and when to report them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-GROWN = 1.5  # times; what has grown by as much is said again
-SAID_AGAIN = 60_000_000  # us; nothing is said more often
+GROWN = 1.5  # factor of growth after which a suspicion is reported again
+SAID_AGAIN = 60_000_000  # us; shortest time between reports of a suspicion
 
 
 @dataclass(frozen=True)
 class Suspicion:
-    """What is suspected. `title` names it for when it is over; empty for an event, which is not said to be over.
+    """A suspicion. `title` names it in the report that it is over; empty for events, which do not end.
 
-    `size` says how far it has come, if it can grow.
+    `size` measures it, if it can grow.
     """
 
     title: str
@@ -20,19 +20,19 @@ class Suspicion:
 
 
 class Announcer:
-    """Says what is suspected once, again when it has grown, and when it is over; each at most once a minute.
+    """Reports suspicions once, again when they have grown, and when they are over; each at most once a minute.
 
-    `present` are the sentences on what is suspected, by key: as they were said last, not with the newest numbers, so
-    that what has been said does not look like news.
+    `present` are the sentences on current suspicions, by key, as last reported rather than with current numbers, so
+    that repeated text does not look new.
     """
 
     def __init__(self) -> None:
         self.present: dict[str, str] = {}
-        self._said: dict[str, tuple[int, float]] = {}  # when, and of what size, by key
-        self._open: dict[str, str] = {}  # titles of what was said and is not over, by key
+        self._said: dict[str, tuple[int, float]] = {}  # time and size of the last report, by key
+        self._open: dict[str, str] = {}  # titles of reported suspicions that are not over, by key
 
     def news(self, utime: int, suspicions: Mapping[str, Suspicion]) -> list[str]:
-        """Return what is to be said at utime."""
+        """Return the sentences to report at utime."""
         news = []
         for key, suspicion in suspicions.items():
             when, size = self._said.get(key, (utime - SAID_AGAIN, 0.0))
@@ -44,7 +44,7 @@ class Announcer:
         over = [title for key in self._open if key not in suspicions and (title := self._open[key])]
         self._open = {key: title for key, title in self._open.items() if key in suspicions}
         self.present = {key: self.present.get(key, suspicion.sentence) for key, suspicion in suspicions.items()}
-        # What has got another explanation is not over.
+        # A suspicion replaced by another explanation is not over.
         if news or not over:
             return news
         return [f"No longer: {', '.join(over)}." + ("" if suspicions else " Everything is as at the start again.")]

@@ -1,4 +1,4 @@
-"""How the wheels of one robot would turn by its parameters: the model, driven with the robot's duties."""
+"""Predicted wheel motion of one robot: the model, driven with the robot's duties."""
 
 import numpy as np
 
@@ -11,21 +11,21 @@ EVERY = 2  # steps after which wheel speeds are read: they change little within 
 
 
 class Twin:
-    """The simulated wheels of one robot, from these speeds [rad/s] on; they run freely, nothing corrects them.
+    """The simulated wheels of one robot, starting with these speeds [rad/s]; they run freely, without corrections.
 
-    Motor and gearing forget where they began within a second. What an effect remembers for longer, the heat of the
-    motors and the energy drawn, counts from here.
+    The initial state of motor and gearing decays within a second. Longer memories, such as motor heat and energy drawn,
+    start from zero here.
     """
 
     def __init__(self, parameters: RobotParameters, psi_left: float, psi_right: float) -> None:
-        from cmr.model.fleet import Fleet  # imports Numba, which commands that never simulate should not wait for
+        from cmr.model.fleet import Fleet  # imports Numba, which is slow; commands that do not simulate skip it
 
         self._fleet = Fleet(STEP)
         self._fleet.add(RobotState.at_rest()._replace(psi_left=psi_left, psi_right=psi_right), parameters)
         self.seconds = 0  # driven so far
 
     def drive(self, duties: Floats) -> Floats:
-        """Drive for a second with one pair of duties for each step, shape (1 / STEP, 2).
+        """Simulate a second with one pair of duties per step, shape (1 / STEP, 2).
 
         Returns the wheel speeds [rad/s] at its beginning and after every EVERY steps, shape (n, 2).
         """

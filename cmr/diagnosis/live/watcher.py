@@ -1,7 +1,7 @@
-"""Watch all real robots on the bus. It knows no bus and no clock: messages go in, sentences come out.
+"""Monitor all real robots on the bus. Independent of bus and clock: messages in, sentences out.
 
-All decisions follow from the time stamps of the messages, so a log gives the same sentences at any speed, if messages
-come less than LATEST later than those of the wheels with the same time stamp.
+All decisions depend only on the messages' time stamps, so a log gives the same sentences at any speed, as long as
+messages arrive less than LATEST after wheel feedback with the same stamp.
 """
 
 import math
@@ -20,18 +20,18 @@ from cmr.parameters.file import ParameterFileError
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.commanding import COMMANDS, duties_of
 
-MOST_WATCHED = 1_000  # robots; strangers may send as any number of them
+MOST_WATCHED = 1_000  # robots; senders may use any number of ids
 LATEST = 1_000_000  # us by which messages may be late
-LONGEST_GAP = 3_000_000  # us without feedback, or in which its clock goes back, after which it is another drive
+LONGEST_GAP = 3_000_000  # us without feedback, or by which its clock goes back, that start a new drive
 SILENT = 3_000_000  # us
-LINGERING = 10_000_000  # us for which what was said stays visible though it is no state, such as the end of a suspicion
+LINGERING = 10_000_000  # us for which a past event, such as the end of a suspicion, stays visible
 
 
 class Watcher:
     """All robots that send MOTOR_FEEDBACK_N, or the one of `robot_id`.
 
-    `follow` makes the parameter follower of a robot id. `ready` says whether robots can be simulated by some
-    parameters without delay; until then, nothing is watched.
+    `follow` makes the parameter follower of a robot id. `ready` says whether robots with certain parameters can be
+    simulated without delay; until then, nothing is monitored.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Watcher:
             self._robot(robot_id)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take one message from the bus or from a log."""
+        """Handle one message from the bus or from a log."""
         stream, robot_id = identify(channel) or (None, None)
         if robot_id is None or self._robot_id not in (None, robot_id):
             return
@@ -61,7 +61,7 @@ class Watcher:
             self._robot(robot_id).take(utime, channel, message)
 
     def advance(self, utime: int) -> list[str]:
-        """Let time pass, look for replaced parameter files, and return what is to be said since the last call."""
+        """Advance to `utime`, check for replaced parameter files, and return the sentences since the last call."""
         self._now = utime
         for robot in self._robots.values():
             robot.look_for_parameters()
@@ -69,7 +69,7 @@ class Watcher:
 
     @property
     def problem(self) -> str:
-        """What keeps robots from being watched; empty if nothing does."""
+        """What prevents robots from being monitored; empty if nothing does."""
         return " ".join(problem for robot in self._robots.values() if (problem := robot.problem))
 
     @property
@@ -79,12 +79,12 @@ class Watcher:
 
     @property
     def alarms(self) -> str:
-        """What is suspected, or has just been said; empty if nothing is. It only changes when there is news."""
+        """Current suspicions and recent news; empty without any. Changes only when there is news."""
         alarms = [(robot.robot_id, robot.alarm(self._now)) for _, robot in sorted(self._robots.items())]
         return " ".join(f"Robot {robot_id}: {alarm}" for robot_id, alarm in alarms if alarm)
 
     def status(self) -> str:
-        """Return one line: what is suspected at present or has just been said, or what is being watched."""
+        """Return one line: suspicions and recent news, or what is being monitored."""
         lines = [robot.status(self._now) for _, robot in sorted(self._robots.items()) if robot.heard]
         who = "a robot" if self._robot_id is None else f"robot {self._robot_id}"
         channel = f"{MOTOR_FEEDBACK.name}_{'N' if self._robot_id is None else self._robot_id}"
@@ -97,7 +97,7 @@ class Watcher:
 
 
 class _Robot:
-    """What is kept of one robot: what was heard of it lately, and the watch that goes by its time stamps."""
+    """The state of one robot: its recent messages, and the monitor that uses their time stamps."""
 
     def __init__(self, robot_id: int, follower: ParameterFollower, ready: Callable[[RobotParameters], bool]) -> None:
         self.robot_id = robot_id
@@ -105,7 +105,7 @@ class _Robot:
         self.heard = 0  # us, of the newest feedback
         self._ready = ready
         self._hearing = Hearing()
-        self._begin = 0  # us, of the second that comes next
+        self._begin = 0  # us, of the next second
         self._parameters: RobotParameters | None = None
         self._sha256 = ""
         self._incomplete = ""
@@ -113,12 +113,12 @@ class _Robot:
         self._twin: Twin | None = None
         self._watch: RobotWatch | None = None
         self._news: list[str] = []
-        self._said: list[str] = []  # at last
+        self._said: list[str] = []  # the last sentences
         self._said_at = 0  # us
         self.look_for_parameters()
 
     def roll(self, utime: int, message: motor_feedback_t) -> None:
-        """Take a MOTOR_FEEDBACK_N; its time stamps are the clock of the watch."""
+        """Take a MOTOR_FEEDBACK_N; its time stamps are the monitor's clock."""
         if not -LATEST <= utime - self.heard <= LONGEST_GAP:
             self._hearing, self._twin = Hearing(), None
             self.heard = utime
@@ -146,7 +146,7 @@ class _Robot:
             self._hearing.take("poses", utime, (message.x, message.y, message.theta))
 
     def look_for_parameters(self) -> None:
-        """Use the newest parameters; with other ones than before the watch begins again."""
+        """Use the newest parameters; if they have changed, start monitoring again."""
         self.follower.poll()
         if self.follower.parameters is None or self.follower.sha256 == self._sha256:
             return
@@ -165,20 +165,20 @@ class _Robot:
         self._watch, self._twin = RobotWatch(), None
 
     def tell(self, utime: int) -> list[str]:
-        """Return what is to be said since the last call."""
+        """Return the sentences to report since the last call."""
         news, self._news = self._news, []
         if news:
             self._said, self._said_at = news, utime
         return [f"Robot {self.robot_id}: {sentence}" for sentence in news]
 
     def alarm(self, utime: int) -> str:
-        """Return what is suspected, each sentence once, and for a while what was said last; empty if there is none."""
+        """Return suspicions, each sentence once, and for a while the last news; empty without any."""
         suspected = self._watch.suspected if self._watch else []
         recent = self._said if utime - self._said_at < LINGERING else []
         return " ".join(dict.fromkeys([*recent, *suspected]))
 
     def status(self, utime: int) -> str:
-        """Return what is suspected, or what is being done."""
+        """Return suspicions, or the current activity."""
         if self.problem or self._watch is None:
             return self.problem or f"Robot {self.robot_id}: its model is loading."
         if utime - self.heard > SILENT:
@@ -187,7 +187,7 @@ class _Robot:
 
     @property
     def problem(self) -> str:
-        """What keeps the robot from being watched; empty if nothing does."""
+        """What prevents the robot from being monitored; empty if nothing does."""
         channel = PARAMETERS.channel(self.robot_id)
         if self.follower.parameters is None:
             why = self.follower.message or f"none are announced on {channel}."
@@ -196,7 +196,7 @@ class _Robot:
         return f"Robot {self.robot_id}: {problem}" if problem else ""
 
     def _watch_second(self) -> None:
-        """Watch the second that comes next."""
+        """Process the next second."""
         if self._watch is None or self._parameters is None:
             return
         if self._twin is None:
@@ -210,7 +210,7 @@ class _Robot:
             self._say(sentence)
 
     def _new_twin(self, parameters: RobotParameters) -> Twin | None:
-        """Return a twin whose wheels turn like the robot's; None where those are unknown."""
+        """Return a twin with the robot's current wheel speeds; None if these are unknown."""
         wheels = self._hearing.between("wheels", self._begin - AROUND, self._begin + AROUND, self._begin)
         if not len(wheels):
             return None

@@ -1,4 +1,4 @@
-"""Look for structure in residuals: their means in bins of a regressor, with standard errors."""
+"""Binned means of residuals over a regressor, with standard errors, to reveal structure."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from cmr.recordings.signal import Floats
 
 BINS = 15  # between the first and the last percent of a regressor
-FEWEST = 2.0  # independent samples in a bin; from fewer no standard error is known
-MOST_SAMPLES = 10_000  # that are looked at, evenly spread; more sharpen no picture
-TAIL = 0.005  # share of the samples left out at either end of a regressor, where bins would be all but empty
-# Samples between two that are compared; between these numbers, correlation is taken to change evenly.
+FEWEST = 2.0  # independent samples in a bin; with fewer, the standard error is unknown
+MOST_SAMPLES = 10_000  # samples used, evenly spread; more do not improve a plot
+TAIL = 0.005  # share of samples excluded at either end of a regressor, where bins would be almost empty
+# Lags at which correlation is computed; it is interpolated in between.
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-UNCORRELATED = 0.05  # correlation from which on samples count as independent
+UNCORRELATED = 0.05  # correlation below which samples count as independent
 
 Places = NDArray[np.int64]
 
@@ -21,7 +21,7 @@ Places = NDArray[np.int64]
 class Bins(NamedTuple):
     """Means of a residual in bins of a regressor, shape (BINS,), or empty.
 
-    The bins' centres, how many samples each has, its mean and the standard error of that; NaN where that is not known.
+    The bins' centres, how many samples each has, its mean and its standard error; NaN if unknown.
     """
 
     centre: Floats
@@ -31,15 +31,15 @@ class Bins(NamedTuple):
 
     @property
     def structure(self) -> float:
-        """Sum over all samples of the squared mean of their bin, less what standard errors make of it by chance."""
+        """Sum over all samples of the squared mean of their bin, minus its expectation due to noise."""
         return float(np.nansum(self.samples * (self.mean**2 - self.error**2)))
 
 
 def binned(regressor: Floats, residual: Floats, edges_of_all: Floats | None = None) -> Bins:
     """Return the means of a residual in bins of equal width of a regressor, both (n,), in order of time.
 
-    Bins with too few samples have no mean, and samples that are not finite do not count. `edges_of_all` are the borders
-    where all of the residual counts, if they are known: to find them takes longer than all else.
+    Bins with too few samples have no mean, and samples that are not finite do not count. `edges_of_all` are the edges
+    for the complete residual, if known, because computing them takes longer than the rest.
     """
     known = np.isfinite(residual)
     usable = np.isfinite(regressor) & known
@@ -60,7 +60,7 @@ def binned(regressor: Floats, residual: Floats, edges_of_all: Floats | None = No
 
 
 def edges_of(regressor: Floats) -> Floats:
-    """Return the borders of the bins, shape (BINS + 1,); none where the regressor does not vary."""
+    """Return the bin edges, shape (BINS + 1,); empty if the regressor is constant."""
     if not len(regressor):
         return np.empty(0)
     low, high = np.quantile(regressor, (TAIL, 1.0 - TAIL))
@@ -73,10 +73,10 @@ def thinned(count: int, most: int) -> Places:
 
 
 def _independent(place: Places, deviation: Floats, count: Places) -> Floats:
-    """Return how many independent samples the samples of each bin are worth, shape (BINS,).
+    """Return the effective number of independent samples in each bin, shape (BINS,).
 
-    Deviations last: neighbours in time err alike. The variance of the mean of m samples, as a multiple of that of one,
-    is the sum of the correlations of all their pairs over m^2; so the pairs in each bin are counted by their lag.
+    Deviations are autocorrelated. The variance of the mean of m samples, as a multiple of that of one, is the sum of
+    the correlations of all their pairs over m^2; so the pairs in each bin are counted by their lag.
     """
     power = float(deviation @ deviation)
     pairs, last, last_lag = count.astype(np.float64), count.astype(np.float64), 0  # each sample with itself

@@ -1,4 +1,4 @@
-"""The decisions of the search in a folded table: why each effect was named or not."""
+"""The decisions of the search as a collapsed table: why each effect was named or not."""
 
 from cmr.diagnosis.result import Diagnosis
 from cmr.diagnosis.why import EXPLAINED, HEADINGS
@@ -9,7 +9,7 @@ from cmr.report.table import table
 
 
 def decisions(diagnosis: Diagnosis) -> Section:
-    """Return the table of the decisions, folded; nothing where nothing was decided."""
+    """Return the collapsed table of decisions; empty without decisions."""
     rows = [_row(decision) for decision in diagnosis.decisions]
     if not rows:
         return section("Why")

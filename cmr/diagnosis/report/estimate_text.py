@@ -1,4 +1,4 @@
-"""Estimates as a paper prints them, rounded to two digits of their standard deviation."""
+"""Format estimates, rounded to two digits of their standard deviation."""
 
 import math
 

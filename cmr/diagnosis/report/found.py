@@ -68,7 +68,7 @@ RECOGNISE = (
     "If you recognise the physics in the plots of the unexplained residuals, add it as an effect of your own: see "
     "docs/how_to/add_an_effect.md."
 )
-# A command in a sentence, and the full stop behind it: between backquotes, or with options of one value at most.
+# A command in a sentence, and the following full stop: in backquotes, or with options of one value at most.
 COMMAND = re.compile(r"(?:`(cmr-[^`]+)`|(cmr-[a-z]+(?: --[a-z][a-z-]*(?:[ =](?!-)[^\s;`]*[^\s;`.,:)])?)+))\.?")
 
 
@@ -81,7 +81,7 @@ def header(diagnosis: Diagnosis) -> Html:
 
 
 def key_numbers(diagnosis: Diagnosis) -> Html:
-    """Return the numbers that a hurried reader wants."""
+    """Return the key numbers."""
     numbers = [tag("div", tag("dt", words), tag("dd", value)) for words, value in _key_numbers(diagnosis)]
     return tag("dl", *numbers, class_="key") if numbers else Html("")
 
@@ -104,7 +104,7 @@ def _key_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _times(ratio: float) -> str:
-    """Return in words how an error before compares with that after."""
+    """Return the ratio of the errors before and after, in words."""
     if f"{ratio:.2f}" == "1.00":
         return "unchanged"
     return f"{number(ratio, 3)} times smaller" if ratio >= 1.0 else f"none: {number(1.0 / ratio, 3)} times larger"
@@ -130,7 +130,7 @@ def _found_row(effect: NamedEffect) -> list[str]:
 
 
 def _rivals(effect: NamedEffect) -> Html:
-    """Return what explains the data as well, and the manoeuvre that would decide."""
+    """Return indistinguishable effects, and the manoeuvre that would decide."""
     entry = CATALOGUE.get(effect.name)
     told_apart_by = entry.confused_with if entry else {}
     lines = [
@@ -159,7 +159,7 @@ def evidence(tested: NamedEffect | Candidate) -> Html:
 
 
 def tell_tales(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Section:
-    """Return for each effect the plot that shows it best, with and without it, and its equation.
+    """Return for each effect its equation and the plot that shows it best, with and without it.
 
     `pairs` are those of all residuals.
     """
@@ -195,7 +195,7 @@ def equation(effect: Effect) -> str:
 
 
 def runners_up(diagnosis: Diagnosis) -> Section:
-    """Return the effects that were tested and not named."""
+    """Return the effects that were tested and rejected."""
     explaining = [candidate for candidate in diagnosis.candidates if not candidate.statistic <= 0.0]
     rows = [
         [
@@ -219,7 +219,7 @@ def runners_up(diagnosis: Diagnosis) -> Section:
 
 
 def next_steps(diagnosis: Diagnosis) -> Section:
-    """Return what to drive next, with the commands that do it, and how to use the result."""
+    """Return what to drive next, with commands, and how to use the result."""
     asked = [("", diagnosis.next_experiment), *((effect.name, effect.next_experiment) for effect in diagnosis.effects)]
     texts: dict[str, list[str]] = {}
     for name, text in asked:
@@ -249,7 +249,7 @@ def _step(text: str, names: tuple[str, ...]) -> Html:
 
 
 def with_commands(text: str) -> Html:
-    """Return a text in which commands stand in lines of their own, to be copied."""
+    """Return a text with its commands in separate lines, for copying."""
     parts, end = [], 0
     for match in COMMAND.finditer(text):
         parts += [text[end : match.start()], tag("pre", tag("code", match[1] or match[2]))]

@@ -1,4 +1,4 @@
-"""The generic term that extends the model where nothing explains what remains."""
+"""The generic term that extends the model if structure remains unexplained."""
 
 import math
 
@@ -16,7 +16,7 @@ from cmr.report.table import table
 
 
 def generic_term(diagnosis: Diagnosis) -> Html:
-    """Return what the generic term is and what it is worth; nothing where there is none."""
+    """Describe the generic term and its gain; empty without one."""
     term = diagnosis.unexplained.generic
     if term is None:
         return Html("")
@@ -34,7 +34,7 @@ def generic_term(diagnosis: Diagnosis) -> Html:
 
 
 def generic_figure(diagnosis: Diagnosis) -> Html:
-    """Return what remains unexplained without and with the generic term; nothing where there is none."""
+    """Return the figure of unexplained residuals with and without the generic term; empty without one."""
     unexplained = diagnosis.unexplained
     if unexplained.generic is None:
         return Html("")

@@ -1,4 +1,4 @@
-"""By how much errors shrink, from the nominal robot to the extended model, and how far the paper's parameters moved."""
+"""Reduction of errors from the nominal robot to the extended model, and shifts of the paper's parameters."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,10 +16,10 @@ from cmr.report.section import Section, code, paragraph, quiet, section
 from cmr.report.style import AFTER, BEFORE
 from cmr.report.table import table
 
-MOVED = 1.0  # standard deviations; a parameter that moved by less stayed where it was
+MOVED = 1.0  # standard deviations; a smaller shift does not count
 PATH = "pose"  # the signal of a gain that has a row of its own
 HELD_OUT_PATH = "path, held-out data"
-# What is shown of each model: words, unit as it is set behind a number, and the number.
+# The rows of each model: label, unit, and number.
 ERRORS: tuple[tuple[str, str, Callable[[Fitted], float]], ...] = (
     (HELD_OUT_PATH, " m", lambda model: model.held_out_path_rmse),
     ("path, held-out data, median", " m", lambda model: model.held_out_path_median),
@@ -30,7 +30,7 @@ ERRORS: tuple[tuple[str, str, Callable[[Fitted], float]], ...] = (
 
 
 class _Compared(NamedTuple):
-    """A model with what it is called, and what the last model gains over it on held-out data; None for the last."""
+    """A model with its label, and the last model's gain over it on held-out data; None for the last."""
 
     words: str
     model: Fitted
@@ -38,7 +38,7 @@ class _Compared(NamedTuple):
 
 
 def gain(diagnosis: Diagnosis) -> Section:
-    """Return the errors of all models, by how much they shrink, and how far the paper's parameters moved."""
+    """Return the errors of all models, the gains, and the shifts of the paper's parameters."""
     models = list(_models(diagnosis))
     rows = [*_error_rows(models), *_signal_rows(models)] if len(models) > 1 else []
     intro = quiet(
@@ -56,7 +56,7 @@ def gain(diagnosis: Diagnosis) -> Section:
 
 
 def _models(diagnosis: Diagnosis) -> Iterator[_Compared]:
-    """Yield the models to compare: nominal, the paper's, extended, as far as they are there and differ."""
+    """Yield the models to compare: nominal, the paper's, extended, as far as they exist and differ."""
     if diagnosis.nominal:
         yield _Compared("nominal robot", diagnosis.nominal, diagnosis.gain_over_nominal)
     if diagnosis.baseline:
@@ -67,7 +67,7 @@ def _models(diagnosis: Diagnosis) -> Iterator[_Compared]:
 
 
 def _error_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:
-    """Yield the rows of the errors that are known of the last model and of one before it."""
+    """Yield the rows of errors that are known for the last model and an earlier one."""
     for words, unit, error in ERRORS:
         errors = [error(one.model) for one in models]
         ratios = [_ratio(before, errors[-1]) for before in errors[:-1]]
@@ -82,7 +82,7 @@ def _error_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:
 
 
 def _signal_rows(models: Sequence[_Compared]) -> Iterator[list[str]]:
-    """Yield the rows of the signals but the path of which the last model's gain is known over one before it."""
+    """Yield the rows of signals other than the path with a known gain of the last model over an earlier one."""
     gains = [one.gain.signals if one.gain else {} for one in models[:-1]]
     for name in dict.fromkeys(name for of_model in gains for name in of_model):
         ratios = [of_model.get(name, math.nan) for of_model in gains]
@@ -96,7 +96,7 @@ def _ratio(before: float, after: float) -> float:
 
 
 def _interval(found: Gain | None) -> str:
-    """Return the interval of a ratio in brackets; nothing where it is not known."""
+    """Return the interval of a ratio in brackets; empty if unknown."""
     known = found is not None and all(map(math.isfinite, found.interval))
     return " ({} to {})".format(*(number(end, 3) for end in found.interval)) if found and known else ""
 
@@ -115,7 +115,7 @@ def _bar(ratio: float) -> Html:
 
 
 def _shifts(effects: Sequence[NamedEffect], baseline: Mapping[str, Estimate]) -> Html:
-    """Return from where to where each parameter of the paper's model moved when each effect came in, if it did."""
+    """Return the shift of each of the paper's parameters with each added effect."""
     values = {name: estimate.value for name, estimate in baseline.items()}
     rows = []
     for effect in effects:
@@ -138,13 +138,13 @@ def _shifts(effects: Sequence[NamedEffect], baseline: Mapping[str, Estimate]) ->
 
 
 def _matters(by: float, before: Estimate | None) -> bool:
-    """Return whether a parameter moved at all, compared with how well it is known."""
+    """Return whether a parameter shifted significantly."""
     doubt = before.std if before and math.isfinite(before.std) else 0.0
     return math.isfinite(by) and abs(by) > MOVED * doubt
 
 
 def _shift(name: str, before: float, by: float, baseline: Estimate | None) -> tuple[str, str, str]:
-    """Return a parameter before an effect came in and after it, and the share of its value by which it moved."""
+    """Return a parameter before and after an effect was added, and the relative shift."""
     unit = unit_text(DEFINITIONS[name].unit) if name in DEFINITIONS else ""
     std = baseline.std if baseline else math.nan
     if not math.isfinite(before):

@@ -1,4 +1,4 @@
-"""Laws: what they say, and the residual against a law's own variable with the law through it."""
+"""Laws: their description, and the residual over a law's own variable with the law as a curve."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ NOT_USED = "No law is used."
 
 
 def laws(diagnosis: Diagnosis) -> Section:
-    """Return what the search for laws answered; nothing where it has nothing to say."""
+    """Return the result of the search for laws; empty if there is nothing to report."""
     answer = diagnosis.laws
     if answer.answer == NO_LAW:
         open_question = bool(answer.manoeuvre) or diagnosis.unexplained.present
@@ -85,7 +85,7 @@ def _evidence(found: Sequence[LawFound]) -> str:
 
 
 def _figure(curve: Curve) -> Html:
-    """Return the residual over a law's variable, on the data fitted and on data held out, on the same axes."""
+    """Return the residual over a law's variable, on fitted and on held-out data, with common axes."""
     courses = [("data fitted", curve.training), *([("data held out", curve.held_out)] if curve.held_out else [])]
     limit = _limit([course for _, course in courses])
     plots = [_plot(curve, course, title, limit) for title, course in courses]
@@ -123,7 +123,7 @@ def _plot(curve: Curve, course: Course, title: str, limit: Range) -> Html:
 
 
 def _limit(courses: Sequence[Course]) -> Range:
-    """Return a range that holds zero and all that is drawn."""
+    """Return a range that contains zero and all that is drawn."""
     ends = [(one.before - one.std, one.before + one.std, one.after, one.law) for one in courses]
     drawn = np.concatenate([np.concatenate(arrays) for arrays in ends])
     drawn = drawn[np.isfinite(drawn)]

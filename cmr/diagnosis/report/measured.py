@@ -23,7 +23,7 @@ from cmr.report.numbers import (
 from cmr.report.section import Section, code, folded, paragraph, quiet, section
 from cmr.report.table import table
 
-MOST_REMAINING = 3  # regressors drawn of what remains
+MOST_REMAINING = 3  # regressors drawn for unexplained residuals
 
 
 def paths(diagnosis: Diagnosis) -> Section:
@@ -48,7 +48,7 @@ def paths(diagnosis: Diagnosis) -> Section:
 
 
 def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Section:
-    """Return what structure no effect of the catalogue explains; nothing where no residual was looked at."""
+    """Return the structure that no effect explains; empty if no residuals were examined."""
     unexplained = diagnosis.unexplained
     if unexplained.not_judged:
         return section("Unexplained residuals", paragraph(f"Not judged. {unexplained.not_judged}"))
@@ -70,7 +70,7 @@ def remains(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> Section:
 
 
 def parameters(diagnosis: Diagnosis) -> Section:
-    """Return the parameters of both models side by side; of the paper's alone where nothing was added to it."""
+    """Return the parameters of both models side by side; only those of the paper's model if it was not extended."""
     before = diagnosis.baseline.estimates if diagnosis.baseline else {}
     after = diagnosis.extended.estimates if diagnosis.extended else {}
     others = diagnosis.parameters
@@ -90,7 +90,7 @@ def parameters(diagnosis: Diagnosis) -> Section:
 
 
 def _definitions() -> dict[str, ParameterDefinition]:
-    """Return all parameters there are by now: those of laws come while a process runs."""
+    """Return the definitions of all parameters so far, since laws add some at run time."""
     return {**PAPER, **CONTROLLER_DEFINITIONS, **OF_MODEL}
 
 

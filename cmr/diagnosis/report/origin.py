@@ -1,4 +1,4 @@
-"""Problems in the data, and which recordings and which version made the diagnosis."""
+"""Problems in the data, and the recordings and the version behind the diagnosis."""
 
 from cmr.diagnosis.result import BAD_DATA, Diagnosis
 from cmr.distribution import version
@@ -8,7 +8,7 @@ from cmr.report.table import table
 
 
 def data(diagnosis: Diagnosis) -> Section:
-    """Return what was wrong with the data, in sentences, how late commands were, and which checks found nothing."""
+    """Return the problems of the data, command delays, and the checks without findings."""
     faults = [[code(check.check), f"{check.found:,}", check.sentence] for check in diagnosis.checks if check.found]
     clean = tuple(check.check for check in diagnosis.checks if not check.found)
     late = joined(*map(paragraph, diagnosis.lateness_sentences))
@@ -45,7 +45,7 @@ def provenance(diagnosis: Diagnosis) -> Section:
 
 
 def _against(diagnosis: Diagnosis) -> Html:
-    """Return which parameter file the robot was compared with; nothing without one."""
+    """Return the parameter file that the robot was compared with; empty without one."""
     against = diagnosis.against
     if against is None:
         return Html("")

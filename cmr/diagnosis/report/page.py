@@ -1,4 +1,4 @@
-"""The whole page: everything a reader needs in one file, in the order of what matters most."""
+"""The whole page: one self-contained file, ordered by importance."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from cmr.report.section import Section
 
 
 def report_of(diagnosis: Diagnosis) -> str:
-    """Return the report as HTML that needs no network and no other file."""
+    """Return the report as a self-contained HTML page."""
     title = f"Diagnosis of robot {diagnosis.robot_id}: {found.BADGES.get(diagnosis.verdict, diagnosis.verdict)}"
     return page_of(title, found.header(diagnosis), found.key_numbers(diagnosis), _sections(diagnosis))
 
@@ -26,7 +26,7 @@ def write_report(diagnosis: Diagnosis, path: Path) -> None:
 
 
 def _sections(diagnosis: Diagnosis) -> list[Section]:
-    """Return all sections, some empty; with bad data, what is wrong with them comes first."""
+    """Return all sections, some empty; with bad data, its problems come first."""
     pairs = pairs_of(diagnosis.evidence.residuals)
     data, next_steps = origin.data(diagnosis), found.next_steps(diagnosis)
     spoilt = diagnosis.verdict == BAD_DATA

@@ -1,4 +1,4 @@
-"""Every residual over every regressor, before and after: what the report plots, and chooses from."""
+"""Residuals over regressors, before and after extending the model: the candidates for plots."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -16,9 +16,9 @@ from cmr.recordings.signal import Floats
 class Pair:
     """One signal's residual over one regressor: samples of shape (n,), and their binned means.
 
-    `before` is what the simpler of two models leaves: the paper's, or the extended one without one of its effects.
+    `before` are the residuals of the simpler model: the paper's, or the extended one without one of its effects.
     `removed` is the share of the mean square of `before` that is structure over the regressor and gone in `after`.
-    `same` is another pair with the same regressor and the same `after`, which knows their means already.
+    `same` is another pair with the same regressor and the same `after`, whose means are shared.
     """
 
     signal: str
@@ -31,22 +31,22 @@ class Pair:
 
     @cached_property
     def means_before(self) -> Bins:
-        """Binned means of what the simpler model leaves."""
+        """Binned residuals of the simpler model."""
         return binned(self.over, self.before, self._edges)
 
     @cached_property
     def means_after(self) -> Bins:
-        """Binned means of what the extended model leaves."""
+        """Binned residuals of the extended model."""
         return self.same.means_after if self.same else binned(self.over, self.after, self._edges)
 
     @cached_property
     def _edges(self) -> Floats:
-        """The borders of the bins of a residual that is finite throughout."""
+        """The bin edges for a residual without gaps."""
         return self.same._edges if self.same else edges_of(self.over[np.isfinite(self.over)])
 
     @cached_property
     def removed(self) -> float:
-        """See above; below zero where structure was added."""
+        """See above; negative if structure was added."""
         total = float(np.nansum(self.before**2))
         return (self.means_before.structure - self.means_after.structure) / total if total else 0.0
 
@@ -57,9 +57,9 @@ def pairs_of(residuals: Iterable[Residual]) -> tuple[Pair, ...]:
 
 
 def pairs_without(residuals: Iterable[Residual], effect: str, pairs: Iterable[Pair] = ()) -> tuple[Pair, ...]:
-    """Return the pairs whose `before` is what the extended model leaves without one effect; none if that is unknown.
+    """Return the pairs whose `before` is the extended model without one effect; empty if unknown.
 
-    `pairs` are those of the same residuals, as far as they are there already.
+    `pairs` are those of the same residuals, if already computed.
     """
     known = [residual for residual in residuals if effect in residual.without]
     same = {(pair.signal, pair.regressor): pair for pair in pairs}

@@ -1,4 +1,4 @@
-"""Figures of paths: the real one, the free runs of both models, how far they are apart, and where they part most."""
+"""Figures of paths: the real one, free runs of both models, their distance, and where they differ most."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from cmr.report.svg import Curve, Frame, Range, band, dots, line, plot
 
 WIDTH, HEIGHT = 330.0, 270.0
 ROOM = 0.06  # of the range of a path, left free on all sides
-STRAYING = 0.5  # of the size of the real path; what strays farther beyond it is cut off
+STRAYING = 0.5  # of the size of the real path; what is farther outside is clipped
 SMALLEST = 0.1  # m; a robot that stood still is not drawn larger
 TIME = "time [s]"
 
@@ -24,10 +24,10 @@ TIME = "time [s]"
 def path_figure(
     path: Path, baseline: str, *, changed: bool, causes: Sequence[str] = (), window: float = math.nan
 ) -> Html:
-    """Return the figure of one piece; where nothing changed the model, only what the baseline makes of it.
+    """Return the figure of one piece; only the baseline if the model was not extended.
 
-    `baseline` is what that is called, `causes` name what the extended model has and the baseline does not. The figure
-    marks the interval of `window` seconds in which the two differ most.
+    `baseline` is its label, `causes` are what the extended model has in addition. The interval of `window` seconds with
+    the largest difference is marked.
     """
     track = track_of(path)
     if not np.any(np.isfinite(track.real.x)):
@@ -72,7 +72,7 @@ def _path_plot(track: Track, simulated: Poses, title: str, part: slice | None) -
 
 
 def _parting_plot(track: Track) -> Html:
-    """Return the interval in which the models differ most: the real path, and both models' from the same pose."""
+    """Plot the interval in which the models differ most, with all paths starting from the same pose."""
     frame = _frame_around(track)
     seconds = f"{track.time[0]:.1f} s to {track.time[-1]:.1f} s"
     before, after = (f"{number(float(one.distance(track.real)[-1]), 2)} m" for one in (track.before, track.after))
@@ -92,9 +92,10 @@ def _parting_plot(track: Track) -> Html:
 
 
 def _parting_words(track: Track, baseline: str, causes: Sequence[str]) -> Html:
-    """Return how the robot drives in the interval, by how much the models miss it there, and what makes the difference.
+    """Describe the motion in the interval, the models' errors there, and the cause of the difference.
 
-    Both models begin the interval at the real pose. Poses of the extended one say how it drives: they have no noise.
+    Both models begin the interval at the real pose. The motion is described from the extended model's poses, which have
+    no noise.
     """
     before, after = (number(float(one.distance(track.real)[-1]), 2) for one in (track.before, track.after))
     seconds = float(track.time[-1] - track.time[0])
@@ -127,7 +128,7 @@ def _start(frame: Frame, track: Track) -> Html:
 
 
 def _distance_plot(track: Track, changed: bool, part: slice | None) -> Html:
-    """Return how far the simulated robots are from the real one, in time."""
+    """Plot the distance of the simulated robots from the real one over time."""
     before, after = (simulated.distance(track.real) for simulated in (track.before, track.after))
     drawn = np.concatenate([before, after])
     top = float(np.max(drawn[np.isfinite(drawn)], initial=1e-3))
@@ -160,9 +161,9 @@ def _root_mean_square(values: Floats) -> float:
 
 
 def _frame_around(track: Track) -> Frame:
-    """Return a frame in which a metre is as long in x as in y.
+    """Return a frame with equal scales in x and y.
 
-    It holds the real path, and the simulated ones unless they stray far beyond it.
+    It contains the real path, and the simulated ones unless they are far outside.
     """
     empty = Frame(x=(0.0, 1.0), y=(0.0, 1.0), width=WIDTH, height=HEIGHT)
     farthest = STRAYING * max(float(np.ptp(axis[np.isfinite(axis)])) for axis in track.real)

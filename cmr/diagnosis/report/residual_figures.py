@@ -1,4 +1,4 @@
-"""Figures of residuals: large ones of a single pair, and small multiples of all."""
+"""Figures of residuals: large ones of single pairs, and small multiples of all."""
 
 from collections.abc import Iterable, Sequence
 from itertools import groupby
@@ -19,12 +19,12 @@ from cmr.report.svg import Curve, Frame, Range, dots, error_bars, line, plot, sq
 MANY, FEW = 1500, 220  # samples of a scatter, in a large and in a small plot
 LARGE = {"width": 390.0, "height": 275.0}
 SMALL = {"width": 170.0, "height": 122.0, "text": 10.0, "room_left": 3.7, "room_top": 0.5}
-SEEN = 0.9  # share of the samples that a large plot shows at least; a small one shows fewer
+SEEN = 0.9  # share of samples within a large plot's range; small plots have less
 SEEN_SMALL = 0.6
 
 
 def tell_tale_figure(pair: Pair, caption: str, cause: str = "the effect") -> Html:
-    """Return a pair without and with what makes it, side by side, on the same axes."""
+    """Plot a pair with and without its cause, side by side, with common axes."""
     limit = _limit([pair.means_before, pair.means_after], [pair.before, pair.after], SEEN)
     plots = [_large(pair, pair.before, pair.means_before, f"without {cause}", limit)]
     plots.append(_large(pair, pair.after, pair.means_after, f"with {cause}", limit))
@@ -32,7 +32,7 @@ def tell_tale_figure(pair: Pair, caption: str, cause: str = "the effect") -> Htm
 
 
 def remaining_figure(pairs: Sequence[Pair], caption: str) -> Html:
-    """Return what the extended model leaves of a signal, over each of these regressors."""
+    """Plot the extended model's residual of a signal over each of these regressors."""
     limit = _limit([pair.means_after for pair in pairs], [pairs[0].after], SEEN)
     plots = [
         _large(pair, pair.after, pair.means_after, f"over {regressor(pair.regressor).words}", limit) for pair in pairs
@@ -41,7 +41,7 @@ def remaining_figure(pairs: Sequence[Pair], caption: str) -> Html:
 
 
 def all_residuals(pairs: Iterable[Pair], *, changed: bool) -> Html:
-    """Return small multiples of all pairs, a folded figure for each signal: they are some seventy plots."""
+    """Plot small multiples of all pairs, about seventy, in a collapsed figure per signal."""
     return joined(
         *(_multiples(signal, list(group), changed) for signal, group in groupby(pairs, key=lambda pair: pair.signal))
     )
@@ -115,7 +115,7 @@ def _means_after(frame: Frame, bins: Bins, size: float, name: str) -> Html:
 
 
 def _extent(values: Floats) -> Range:
-    """Return the range of a regressor without its rare ends, with some room."""
+    """Return the range of a regressor without its extreme tails, with some room."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return 0.0, 1.0
@@ -125,7 +125,7 @@ def _extent(values: Floats) -> Range:
 
 
 def _limit(bins: Sequence[Bins], residuals: Sequence[Floats], seen: float) -> Range:
-    """Return a range that holds zero, all means with their errors, and this share of each residual's samples."""
+    """Return a range that contains zero, all means with their errors, and this share of each residual's samples."""
     finite = [residual[np.isfinite(residual)] for residual in residuals]
     ends = [np.quantile(f, (0.5 - 0.5 * seen, 0.5 + 0.5 * seen)) for f in finite if len(f)]
     known = [np.isfinite(b.mean) for b in bins]
@@ -138,7 +138,7 @@ def _limit(bins: Sequence[Bins], residuals: Sequence[Floats], seen: float) -> Ra
 
 
 def _alt(pair: Pair, bins: Bins, title: str) -> str:
-    """Return in words how far the means go."""
+    """Describe the range of the means in words."""
     over = f"{signal_words(pair.signal)}, real minus model, over {regressor(pair.regressor).words}"
     if not np.any(np.isfinite(bins.mean)):
         return f"{over}, {title}: too few samples for means."

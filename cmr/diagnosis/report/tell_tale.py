@@ -1,14 +1,14 @@
-"""Choose the plot that shows an effect: the residual over the regressor where most structure is gone with it."""
+"""Choose the plot that shows an effect best: the pair from which it removes most structure."""
 
 from collections.abc import Iterable
 
 from cmr.diagnosis.report.pairs import Pair
 
-FAINTEST = 0.01  # share of the mean square of a residual; less structure than that nobody sees
-TRUST = 3  # power to which words count: they know where an effect shows that makes structure over much else
+FAINTEST = 0.01  # share of a residual's mean square; less structure is not visible
+TRUST = 3  # exponent of the weight of words: they identify the right plot if an effect has structure in many
 WHEELS = ("psi_left", "psi_right")
 COMMANDS = ("command_left", "command_right")
-# What words in `Effect.shows_in` say about the signal, and about the regressor.
+# Words in `Effect.shows_in` that refer to signals and regressors.
 SIGNAL_WORDS = {
     "wheel speed": WHEELS,
     "wheel acceleration": WHEELS,
@@ -54,17 +54,17 @@ REGRESSOR_WORDS = {
 
 
 def tell_tale(pairs: Iterable[Pair], shows_in: str) -> Pair | None:
-    """Return the pair that shows an effect best; None where no pair shows it.
+    """Return the pair that shows an effect best; None if none does.
 
-    That is where the most structure is gone, counted many times where `shows_in`, the catalogue's words on where the
-    effect shows, speak of this signal and of this regressor.
+    It has the most removed structure, weighted by matching words of `shows_in`, the catalogue's text on where the
+    effect is visible.
     """
     shown = [pair for pair in pairs if pair.removed > FAINTEST]
     return max(shown, key=lambda pair: pair.removed * fit(pair.signal, pair.regressor, shows_in), default=None)
 
 
 def fit(signal: str, regressor: str, shows_in: str) -> float:
-    """Return how many times a pair counts: once, and more for each of the words that speak of it."""
+    """Return the weight of a pair: 1, and more for each matching word."""
     of_signal, of_regressor = (
         _spoken_of(name, words, shows_in) for name, words in ((signal, SIGNAL_WORDS), (regressor, REGRESSOR_WORDS))
     )

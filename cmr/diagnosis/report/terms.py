@@ -1,4 +1,4 @@
-"""What signals and regressors of residuals are called, and their units."""
+"""Labels and units of signals and regressors."""
 
 import math
 from typing import NamedTuple
@@ -18,11 +18,11 @@ class Term(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name with its unit in brackets, as an axis bears it."""
+        """The name with its unit in brackets, as an axis label."""
         return f"{self.words} [{self.unit}]" if self.unit else self.words
 
 
-# Letters that stand behind the names of quantities.
+# Symbols for quantities.
 SYMBOLS = {
     "psi_left": "\u03c8",
     "psi_right": "\u03c8",
@@ -52,17 +52,17 @@ PERIODIC = ("heading", "wheel_angle_left", "wheel_angle_right")
 
 
 def signal_words(name: str) -> str:
-    """Return what a signal is called; its own name in words where it is not known."""
+    """Return what a signal is called; from its identifier if unknown."""
     return _with_symbol(signal_name(name), name)
 
 
 def regressor(name: str) -> Term:
-    """Return the term of a regressor; its own name in words where it is not known."""
+    """Return the term of a regressor; from its identifier if unknown."""
     return Term(_with_symbol(regressor_name(name), name), UNITS.get(name, ""), TURN if name in PERIODIC else 0.0)
 
 
 def place(name: str) -> int:
-    """Return where a regressor stands among all: in the order above, others last."""
+    """Return the position of a regressor in the order above, others last."""
     return list(UNITS).index(name) if name in UNITS else len(UNITS)
 
 

@@ -1,4 +1,4 @@
-"""The points of a path that are drawn, and the interval in which the models part most: where what was found shows."""
+"""The drawn points of a path, and the interval in which the models differ most."""
 
 import math
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from cmr.recordings.signal import Floats, Mask
 MOST_POINTS = 900  # of a drawn line
 Indices = NDArray[np.int64]
 Index = int | slice | Indices
-LEAST_PARTING = 1e-3  # m; models that part by less differ by nothing that a tracker would see
+LEAST_PARTING = 1e-3  # m; a tracker could not resolve a smaller difference of the models
 
 
 class Poses(NamedTuple):
@@ -37,13 +37,13 @@ class Poses(NamedTuple):
         return np.asarray(np.hypot(self.x - other.x, self.y - other.y))
 
     def travelled(self, first: Index, last: Index) -> tuple[Floats, Floats]:
-        """Return how far [m] ahead and to the left of some poses others lie, given the indices of both."""
+        """Return the displacement [m] ahead and to the left from some poses to others, given the indices of both."""
         x, y = self.x[last] - self.x[first], self.y[last] - self.y[first]
         cosine, sine = np.cos(self.theta[first]), np.sin(self.theta[first])
         return np.asarray(cosine * x + sine * y), np.asarray(cosine * y - sine * x)
 
     def begun_at(self, x: float, y: float, theta: float) -> "Poses":
-        """Return the poses moved as one so that the first is at this place and heading."""
+        """Return the poses moved rigidly so that the first is at this position and heading."""
         ahead, left = self.travelled(0, slice(None))
         cosine, sine = math.cos(theta), math.sin(theta)
         return Poses(
@@ -52,7 +52,7 @@ class Poses(NamedTuple):
 
 
 class Track(NamedTuple):
-    """The points of a path that are drawn, at `time` [s] since its beginning."""
+    """The points of a path to draw, at `time` [s] since its beginning."""
 
     time: Floats
     real: Poses
@@ -60,7 +60,7 @@ class Track(NamedTuple):
     after: Poses
 
     def begun_together(self, shown: slice) -> "Track":
-        """Return an interval in which both simulated robots begin at the real one's pose."""
+        """Return an interval with both simulated robots started at the real pose."""
         real = self.real.within(shown)
         start = (float(real.x[0]), float(real.y[0]), float(real.theta[0]))
         simulated = (poses.within(shown).begun_at(*start) for poses in (self.before, self.after))
@@ -68,7 +68,7 @@ class Track(NamedTuple):
 
 
 def track_of(path: Path) -> Track:
-    """Return the points to draw, evenly spread: more would cover one another. Gaps and new beginnings are kept."""
+    """Return the points to draw, evenly spread. Gaps and restarts are kept."""
     real = Poses(path.x, path.y, path.theta)
     before = Poses(path.before_x, path.before_y, path.before_theta)
     after = Poses(path.after_x, path.after_y, path.after_theta)
@@ -78,9 +78,9 @@ def track_of(path: Path) -> Track:
 
 
 def parting(track: Track, seconds: float) -> slice | None:
-    """Return the interval of this length [s], or half the path, in which the two models part most; None if nowhere.
+    """Return the interval of this length [s], or half the path, in which the two models diverge most; None if nowhere.
 
-    Both begin the interval at one pose, so errors that piled up before do not count.
+    Both start the interval at the same pose, so earlier errors do not count.
     """
     length = float(np.fmin(seconds, 0.5 * (track.time[-1] - track.time[0])))
     last = np.searchsorted(track.time, track.time + length, side="right") - 1
@@ -94,14 +94,14 @@ def parting(track: Track, seconds: float) -> slice | None:
 
 
 def _unbroken(track: Track, last: Indices) -> Mask:
-    """Return from which points to their `last` ones all poses are known and no free run begins again, shape (n,)."""
+    """Return the points from which the path is complete, without a restart, up to their `last` ones, shape (n,)."""
     known = np.all([np.isfinite(values) for poses in track[1:] for values in poses], axis=0)
-    unknown = np.concatenate([[0], np.cumsum(~known)])  # before each point
+    unknown = np.concatenate([[0], np.cumsum(~known)])  # count before each point
     begun = np.cumsum(_begun_anew(track.before, track.after))
     return np.asarray((unknown[last + 1] == unknown[:-1]) & (begun[last] == begun))
 
 
 def _begun_anew(before: Poses, after: Poses) -> Mask:
-    """Return where free runs that were apart meet, shape (n,): both begin again at the real pose there."""
+    """Return where separated free runs coincide again, shape (n,): both restart at the real pose there."""
     apart = before.distance(after)
     return np.asarray((apart == 0.0) & (np.concatenate([apart[:1], apart[:-1]]) > 0.0))

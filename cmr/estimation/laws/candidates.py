@@ -1,8 +1,8 @@
-"""All laws that are looked for: products of few factors at each place of the model, the simplest first.
+"""All candidate laws: products of a few factors at each place of the model, the simplest first.
 
 A factor is a piece of text in the grammar of formulas. Of two quantities of motion, products up to the third degree are
-formed in every even and odd variant, each also times what may modulate it: the heading, the place, the time, the charge
-drawn, the turn, what happened a while ago, or another quantity that has come to its limit.
+formed in every even and odd variant, each also multiplied by a possible modulation: heading, position, time, charge
+drawn, rotation, past values, or another quantity at its limit.
 """
 
 from collections.abc import Iterator, Mapping
@@ -33,9 +33,9 @@ SENSORS = tuple(name for name, place in PLACES.items() if place.of_sensors)
 class Candidate:
     """A law to be tested: each formula is the product of its `factors`; of several, each has a coefficient.
 
-    `factors` of the second and later formulas stand in `others`. `size` counts factors with their degree, by which
-    simpler laws come first. `constants` are the values that factors name; those `scaled` stand for a share of the usual
-    size of a quantity of the drive, by its name. `reach` says of some how far off the best one may be, in their unit.
+    The factors of the second and later formulas are in `others`. `size` counts factors with their degree, to order laws
+    by simplicity. `constants` are the values named in factors; those `scaled` are shares of the usual size of a
+    quantity in the drive, given by name. `reach` is how far off the best value of a constant may be, in its unit.
     """
 
     place: str
@@ -64,11 +64,11 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, str, tuple[str, ...]]:
-        """What distinguishes a law from others, whatever its constants: place, side and formulas."""
+        """The identity of a law apart from its constants: place, side and formulas."""
         return self.place, self.side, self.formulas
 
     def on(self, side: str) -> "Candidate":
-        """Return the same law on other wheels."""
+        """Return the same law for other wheels."""
         return replace(self, side=side)
 
     def with_constants(self, constants: Mapping[str, float]) -> "Candidate":
@@ -121,7 +121,7 @@ def _of_body(place: str) -> Iterator[Candidate]:
 
 def _of_sensor(place: str) -> Iterator[Candidate]:
     if place == "pose_lateness":
-        yield Candidate(place, ("t ** 2",), 2)  # what grows with t is a clock that runs fast, which the catalogue has
+        yield Candidate(place, ("t ** 2",), 2)  # a term linear in t is clock skew, which is in the catalogue
         return
     degree = 2 if place in ("pose_x", "pose_y") else DEGREES
     for factors, size in _products("v", "w", degree):
@@ -134,9 +134,9 @@ def _of_sensor(place: str) -> Iterator[Candidate]:
 
 
 def _of_wheel(place: str) -> Iterator[Candidate]:
-    """Yield laws of wheels. None goes with the wheel's own acceleration.
+    """Yield laws of wheels, none with the wheel's own acceleration.
 
-    At the motor that is its gain, and at the encoder its lateness, which the model and the catalogue have.
+    At the motor that would be its gain, and at the encoder its latency, which the model and the catalogue contain.
     """
     own, other = ("s", "u") if place == "wheel_voltage" else ("psi", "u")
     for factors, size in _products(own, other):
@@ -171,14 +171,14 @@ def _of_wheel(place: str) -> Iterator[Candidate]:
 
 
 def _fading(place: str, name: str) -> Iterator[Candidate]:
-    """Yield what acts at low speed alone: its sign, times what fades as it grows."""
+    """Yield terms that act only at low speed: the sign of the speed, times a decay with speed."""
     for share in SHARES:
         factors = f"sign({name})", f"exp(-abs({name}) / fade)"
         yield Candidate(place, factors, 2, constants={"fade": share}, scaled=name)
 
 
 def _modulated(base: Candidate) -> Iterator[Candidate]:
-    """Yield a law times what depends on the heading, the place or the time."""
+    """Yield a law modulated by heading, position or time."""
     factors = tuple(factor for factor in base.factors if factor != "1")
     for number, (cosine, sine) in enumerate(HEADINGS):
         size = base.size + 1 + number
@@ -192,7 +192,7 @@ def _modulated(base: Candidate) -> Iterator[Candidate]:
 
 
 def _remembering(base: Candidate, smoothed: tuple[str, ...]) -> Iterator[Candidate]:
-    """Yield a law times what happened a while ago."""
+    """Yield a law modulated by past values."""
     factors = tuple(factor for factor in base.factors if factor != "1")
     yield replace(base, factors=(*factors, "charge"), size=base.size + 1)
     for scales, name, what in ((SINCE, "since_turn", "since"), (WAYS, "way_since_turn", "way")):
@@ -206,7 +206,7 @@ def _remembering(base: Candidate, smoothed: tuple[str, ...]) -> Iterator[Candida
 
 
 def _limited(place: str, names: tuple[str, ...]) -> Iterator[Candidate]:
-    """Yield quantities that come to a limit, smoothly or at once, or that begin only beyond one."""
+    """Yield quantities with a saturation, smooth or hard, or with a dead zone."""
     for name in names:
         for share in SHARES:
             constants, scaled = {"limit": share}, name

@@ -1,7 +1,7 @@
-"""Whether a drive determines the inner constants of a law: do others, which say something else, explain as much?
+"""Check whether a drive determines the inner constants of a law, or other constants fit as well.
 
-A spot on the floor that a robot only touched has many centres and radii, and each of them adds other forces elsewhere
-on the drive.
+For example, a spot on the floor that a robot only touched is consistent with many centres and radii, which imply
+different forces elsewhere.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ WIDTHS = (1.0, 0.5, 0.25, 0.12, 0.06)  # of the steps to other constants, as sha
 
 
 def undetermined(fit: Polished, margin: float) -> bool:
-    """Return whether constants of a law, other than those of a fit, explain as much and say something else.
+    """Return whether other constants of a law explain as much as the fitted ones and imply something different.
 
-    They may explain less by `margin`, in -2 log likelihood.
+    "As much" allows for a difference of `margin` in -2 log likelihood.
     """
     return any(
         _undetermined(fit, number, margin) for number, law in enumerate(fit.laws) if law.constants and not law.others
@@ -39,7 +39,7 @@ def _undetermined(fit: Polished, number: int, margin: float) -> bool:
 
 
 def _said(model: Linearised, law: Candidate) -> Floats:
-    """Return what a law says along the drives, its coefficient left out."""
+    """Return the values of a law along the drives, without its coefficient."""
     sides: Sequence[int] = [k for k in (0, 1) if SIDES[law.side][k]] if is_of_wheels(law.place) else [-1]
     with model.only_tried():
         segments = range(len(model.variables))
@@ -47,5 +47,5 @@ def _said(model: Linearised, law: Candidate) -> Floats:
 
 
 def _shared(one: Floats, other: Floats) -> float:
-    """Return the share of one course that another explains."""
+    """Return the share of one signal that another explains."""
     return float(one @ other) ** 2 / max(float(one @ one) * float(other @ other), 1e-300)

@@ -1,7 +1,7 @@
-"""What a picture of a law draws: what the model lacks at the law's place, by the law's own variable.
+"""Data for the plot of a law: the residual at the law's place against the law's own variable.
 
-The variable is divided into bins. A force at the law's place in each of them is fitted to the white errors that the
-model leaves without and with the law: so both are in the unit of the place, whatever sensors showed them.
+The variable is divided into bins. In each bin, a force at the law's place is fitted to the white errors of the model
+without and with the law, so both are in the unit of the place, whichever sensors measured them.
 """
 
 import math
@@ -25,9 +25,9 @@ RIDGE = 1e-6
 
 
 def curve_of(fit: Polished, number: int, law: Law, tried: Polished | None, rows: Mask | None) -> Curve:
-    """Return the curve of one of the laws of a fit, on what it was fitted to and on what it was tried on.
+    """Return the curve of one law of a fit, on the fitted data and on the test data.
 
-    The latter is another fit with the same coefficients, or other rows of the same errors, or nothing.
+    The test data are another fit with the same coefficients, other rows of the same errors, or None.
     """
     candidate = fit.laws[number]
     variable = next((name for formula in law.parsed for name in formula.variables), "t")
@@ -83,7 +83,7 @@ def _course(fit: Polished, number: int, variable: str, edges: Floats, rows: Mask
 
 
 def _fitted(columns: Floats, left: Floats) -> tuple[Floats, Floats]:
-    """Return the forces in the bins that explain errors best, and their standard deviations; NaN where none shows."""
+    """Return the forces in the bins that explain errors best, and their standard deviations; NaN in empty bins."""
     normal = columns.T @ columns
     shown = np.diag(normal) > FEWEST
     forces, std = np.full(BINS, math.nan), np.full(BINS, math.nan)
@@ -96,7 +96,7 @@ def _fitted(columns: Floats, left: Floats) -> tuple[Floats, Floats]:
 
 
 def _said(fit: Polished, number: int) -> list[list[Floats]]:
-    """Return what a law adds at its place, in each segment and on each side."""
+    """Return the values of a law at its place, in each segment and on each side."""
     candidate = fit.laws[number]
     parts = [_along(fit.model, candidate, factors) for factors in candidate.all_factors]
     coefficients = fit.coefficients[number]

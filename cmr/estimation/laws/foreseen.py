@@ -1,9 +1,9 @@
-"""Foresee what laws explain, without observing any: only the promising ones need be observed.
+"""Predict the gains of laws without running the observer, so that it runs only for promising ones.
 
-A law's gain is its pull at the white errors, squared, over the square of its own traces: those freed of what the
-model's parameters do. Pulls come from one transposed recursion for all laws (`transposed.py`). So do the products with
-random vectors of signs, freed in the same way; their mean square estimates the square of the law's own traces
-(M. F. Hutchinson, Communications in Statistics - Simulation and Computation 19, 1990).
+A law's gain is the squared product of its traces with the white errors, over the squared norm of its own traces, after
+projecting out those of the model's parameters. The products come from one transposed recursion for all laws
+(`transposed.py`), and so do the products with random sign vectors, whose mean square estimates the squared norm (M. F.
+Hutchinson, Communications in Statistics - Simulation and Computation 19, 1990).
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,9 +22,9 @@ from cmr.estimation.unexplained.traces import DISTURBED
 from cmr.estimation.unexplained.transposed import pulls
 from cmr.recordings.signal import Floats
 
-VECTORS = 24  # of signs: a gain is foreseen to 30 %
-SURELY = 3.0  # times the gain that is foreseen: a law explains more in one case of ten thousand
-MOST = 128  # laws that are observed
+VECTORS = 24  # random sign vectors: a gain is predicted to 30 %
+SURELY = 3.0  # times the predicted gain: exceeded in one case of ten thousand
+MOST = 128  # laws for which the observer runs
 ABREAST = 64  # formulas multiplied side by side
 Formula = tuple[tuple[str, ...], tuple[tuple[str, float], ...]]  # its factors, and the constants that they name
 Kind = tuple[tuple[str, ...], bool]  # of formulas: places that ask for them, and whether of wheels
@@ -32,7 +32,7 @@ Kind = tuple[tuple[str, ...], bool]  # of formulas: places that ask for them, an
 
 @dataclass(frozen=True)
 class Expected:
-    """What is expected of laws: `gains` (L, S) on each side that they may have, else NaN, and their `penalties` (L,).
+    """Predicted `gains` (L, S) of laws on each possible side, else NaN, and their `penalties` (L,).
 
     `inflation` is how much larger gains are than chance has them.
     """
@@ -43,28 +43,28 @@ class Expected:
     inflation: float
 
     def best(self, most: int = MOST) -> list[Candidate]:
-        """Return the laws with the best scores that they may have, so many at most, in their order."""
+        """Return up to `most` laws with the best possible scores, in their order."""
         scores = SURELY * np.nanmax(self.gains, axis=1) / self.inflation - self.penalties
         return [self.laws[number] for number in np.sort(np.argsort(-scores, kind="stable")[:most]).tolist()]
 
     def of_one_coefficient(self, place: str = "") -> Floats:
-        """Return the gains of laws that have one coefficient, at a place or at all, on each side."""
+        """Return the gains on each side of laws with one coefficient, at one place or all places."""
         own = [one.count == 1 and place in ("", one.place) for one in self.laws]
         return self.gains[own][np.isfinite(self.gains[own])]
 
 
 class Foreseen:
-    """What laws will explain beside a model that leaves `rest`."""
+    """Predicts the gains of laws beside a model with the residuals `rest`."""
 
     def __init__(self, model: Linearised, rest: Rest) -> None:
         self.model, self.rest = model, rest
 
     def promising(self, laws: Sequence[Candidate], most: int = MOST) -> list[Candidate]:
-        """Return the laws with the best scores that they may have, so many at most, in their order."""
+        """Return up to `most` laws with the best possible scores, in their order."""
         return list(laws) if len(laws) <= most else self.expected(laws).best(most)
 
     def expected(self, laws: Sequence[Candidate]) -> Expected:
-        """Return what is expected of each law."""
+        """Return the predictions for all laws."""
         sized = [self.model.sized(one) for one in laws]
         products, gains = self._products(sized), np.full((len(sized), len(SIDES)), np.nan)
         for of_wheels, count in {(is_of_wheels(one.place), one.count) for one in sized}:
@@ -84,7 +84,7 @@ class Foreseen:
     def _products(self, laws: Sequence[Candidate]) -> Mapping[tuple[Formula, bool, str], Floats]:
         """Return the products of formulas at places, of wheels or not: (1 or 2 sides, V + 1).
 
-        What several places ask for is computed once.
+        Products shared by several places are computed once.
         """
         places: dict[tuple[Formula, bool], dict[str, None]] = {}
         for law in laws:
@@ -116,13 +116,13 @@ class Foreseen:
         return result.reshape(len(formulas), len(sides), len(places), -1).swapaxes(1, 2)
 
     def _weights(self, places: Sequence[str], side: int) -> list[Floats]:
-        """Return in each segment what acts at places, on a side, pulls in each step, (T, places (V + 1))."""
+        """Return the transposed traces of each segment at some places, on a side, in each step, (T, places (V + 1))."""
         acts = [shares_of(place, self.model.values)[side] for place in places]
         return [np.concatenate([_acting(act, one) for act in acts], axis=1, dtype=np.float32) for one in self.pulled]
 
     @cached_property
     def pulled(self) -> list[Floats]:
-        """What each of DISTURBED pulls at the white errors, and at vectors of signs, in each segment, (T, 14, V)."""
+        """The products of each of DISTURBED with the white errors and sign vectors, in each segment, (T, 14, V)."""
         model, rest, batch = self.model, self.rest, self.model.problem.batch
         signs = np.random.default_rng(model.problem.seed).choice((-1.0, 1.0), (len(rest.white), VECTORS))
         signs *= rest.mask[:, None]
@@ -160,7 +160,7 @@ def _blackened(name: str, vectors: Floats, rest: Rest, batch: Batch) -> Floats:
 
 
 def _lend_to_others(name: str, of: dict[str, Floats], rest: Rest, batch: Batch) -> None:
-    """Transpose `foreign_sums`: what a pose's errors owe to other signals' weighs these, too."""
+    """Transpose `foreign_sums`: the weights of pose errors also act on other signals through it."""
     ends = batch.ends[name]
     for weight, other in zip(rest.noise.of[name].foreign.tolist(), FOREIGN, strict=True):
         if not weight or other not in batch.signals:

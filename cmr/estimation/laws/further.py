@@ -1,4 +1,4 @@
-"""Further laws beside a fit: what all of them explain is foreseen, and the most promising are observed."""
+"""Further laws beside a fit: gains are predicted for all, and the observer runs for the most promising."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
 
 @dataclass(frozen=True)
 class Further:
-    """Laws beside a model that leaves something: what is `expected` of all, and the best `scores` to first order."""
+    """Laws beside a model with residuals: `expected` gains of all, and the best `scores` to first order."""
 
     foreseen: Foreseen
     expected: Expected
@@ -24,7 +24,7 @@ class Further:
 
     @classmethod
     def beside(cls, model: Linearised, rest: Rest) -> "Further":
-        """Look for laws beside a model that leaves a rest."""
+        """Search for laws beside a model with the residuals `rest`."""
         foreseen = Foreseen(model, rest)
         expected = foreseen.expected(candidates())
         return cls(foreseen, expected, scan(model, rest, expected.best()))
@@ -32,17 +32,17 @@ class Further:
     def inflation(self, place: str = "") -> float:
         """Return how much larger the usual law's gain is than chance would have it, at least 1.
 
-        Of laws at one place it says how inexact the model is there: with noisy encoders, of the motors alone.
+        For laws at one place it measures the model error there; with noisy encoders, only for the motors.
         """
         gains = self.expected.of_one_coefficient(place)
         return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if len(gains) else 1.0
 
     def best(self, inflation: float) -> float:
-        """Return the best score that a law has, with this inflation."""
+        """Return the best score of a law, with this inflation."""
         return max((one.gain / inflation - (one.gain - one.score) for one in self.scores), default=0.0)
 
     def with_local(self) -> list[Score]:
-        """Return the best scores of all laws; those of moments and places only where others find something."""
+        """Return the best scores of all laws; those local in time or space only if others find something."""
         model, rest = self.foreseen.model, self.foreseen.rest
         more = bool(self.scores) and self.scores[0].score > 0.0
         local = scan(model, rest, self.foreseen.promising(local_laws(model, rest, more)))

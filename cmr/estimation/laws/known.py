@@ -1,9 +1,9 @@
-"""What the catalogue has already: laws that do the same to the sensors are never offered.
+"""Exclude laws that are equivalent to an effect of the catalogue.
 
-No list says which formulas are which effects. An effect of the catalogue is made as large as it usually is, and small,
-and what that changes of the errors is compared with the traces of a law: so identities are found, too, such as the
-scale of poses, which is the wheels' radius. What a search has left is small; what is large may hold a wheel for longer
-than any small force would.
+There is no list of equivalent formulas. Each effect of the catalogue is applied at its typical and at a small size, and
+the resulting changes of the errors are compared with the traces of a law. This also finds identities, such as that
+between the scale of poses and the wheel radius. The small size matters because residuals of a search are small, while a
+large effect may hold a wheel for longer than a small force.
 """
 
 from collections.abc import Collection, Sequence
@@ -22,14 +22,14 @@ from cmr.model.catalogue import CATALOGUE, definition
 from cmr.recordings.signal import Floats
 
 SMALL = 0.1  # of the usual size, at which an effect is compared with a law, too
-ALIKE = 0.985  # share of a law's own trace that one effect does: they are then the same on this drive
+ALIKE = 0.985  # share of a law's own trace that one effect reproduces: they are then equivalent on this drive
 
 
 @dataclass(frozen=True)
 class Known:
-    """What effects of the catalogue do beside a model: orthonormal columns (n, k), and what each gains, by its name.
+    """The traces of effects beside a model: orthonormal columns (n, k), and the gain of each, by its name.
 
-    An effect has columns for each size at which it was tried, where its size is not all that it depends on.
+    An effect has columns for each size tested, if it has parameters besides its size.
     """
 
     columns: list[tuple[str, Floats]]
@@ -37,7 +37,7 @@ class Known:
     rest: Rest
 
     def same_as(self, model: Linearised, law: Candidate) -> str:
-        """Return the name of the effect that does what a law does; empty if there is none."""
+        """Return the name of the effect that is equivalent to a law; empty if there is none."""
         signals = seen_in(law.place)
         rows = self.rest.rows(signals)
         traces = np.zeros((len(self.rest.white), len(law.formulas)))
@@ -51,7 +51,9 @@ class Known:
 
 
 class Catalogued:
-    """What the catalogue has beside a model that leaves `rest` and has some effects `selected`, once it is asked."""
+    """The effects of the catalogue beside a model with the residuals `rest` and the effects `selected`, computed on
+    demand.
+    """
 
     def __init__(self, model: Linearised, rest: Rest, selected: Sequence[str]) -> None:
         self.model = model
@@ -59,23 +61,23 @@ class Catalogued:
 
     @cached_property
     def effects(self) -> Known:
-        """What they do."""
+        """The traces of the effects."""
         return known_beside(self.model, self._rest, self._selected)
 
     def has(self, law: Candidate) -> bool:
-        """Tell whether an effect does what a law does."""
+        """Return whether an effect is equivalent to a law."""
         return bool(self.effects.same_as(self.model, law))
 
     @cached_property
     def best(self) -> float:
-        """What the best effect explains, to first order."""
+        """The gain of the best effect, to first order."""
         return max(self.effects.gains.values(), default=0.0)
 
 
 def known_beside(model: Linearised, rest: Rest, selected: Sequence[str], among: Collection[str] | None = None) -> Known:
-    """Return what the effects of the catalogue do beside a model that leaves `rest` and has some `selected`.
+    """Return the traces of the catalogue's effects beside a model with the residuals `rest` and the effects `selected`.
 
-    Only those `among` some names, if these are given.
+    With `among`, only effects of these names.
     """
     problem = model.problem
     others = [one for one in problem.effects if one.name not in selected and one.beside in ("", *selected)]
@@ -98,7 +100,7 @@ def known_beside(model: Linearised, rest: Rest, selected: Sequence[str], among: 
 
 
 def _made_small(trial: Trial) -> Trial | None:
-    """Return a trial of an effect at a small size; None where its size is not all that it depends on."""
+    """Return a trial of an effect at a small size; None if it has parameters besides its size."""
     if trial.threshold or not is_rough(CATALOGUE[trial.effect]):
         return None
     origin = {name: trial.origin.get(name, definition(name).neutral or 0.0) for name in trial.values}
@@ -108,9 +110,9 @@ def _made_small(trial: Trial) -> Trial | None:
 
 
 def _alternatives(tried: Sequence[Trial], name: str) -> list[list[int]]:
-    """Return the trials of an effect, by number, in groups that say what it may do.
+    """Return the trials of an effect, by number, grouped by what it can do at once.
 
-    Trials of a limit are as many effects, and so are sizes: what one of them does is not what two do together.
+    Each trial of a limit, and each size, is a group of its own, because their traces do not add up.
     """
     own = [number for number, trial in enumerate(tried) if trial.effect == name]
     if any(tried[number].threshold for number in own):
@@ -120,7 +122,7 @@ def _alternatives(tried: Sequence[Trial], name: str) -> list[list[int]]:
 
 
 def _orthonormal(columns: Floats, before: Floats) -> Floats:
-    """Return an orthonormal basis of columns (n, k) of which enough is left of what they were `before`."""
+    """Return an orthonormal basis of the columns (n, k) that kept enough of their norm `before` projection."""
     left = np.sum(columns**2, axis=0) > LEAST_OWN * np.maximum(np.sum(before**2, axis=0), 1e-12)
     kept = columns[:, left]
     if not kept.shape[1]:

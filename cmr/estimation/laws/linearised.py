@@ -1,7 +1,7 @@
-"""A fitted model and all that may be added to it, linearised: errors, slopes of its parameters, and traces of laws.
+"""A linearised model: errors, slopes of its parameters, and traces of laws that may be added.
 
-Errors stay in the units of their signals here, and are made white by a noise afterwards: so the noise can be estimated
-again with a law in the model, which the noise would otherwise swallow.
+Errors are kept in the units of their signals and whitened later, so that the noise can be re-estimated with a law in
+the model; otherwise the noise would absorb the law.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ from cmr.model.laws.grammar import parse
 from cmr.model.laws.places import PLACES
 from cmr.recordings.signal import Floats
 
-# What a law disturbs, by its place; those of wheels on the left and on the right.
+# The quantities that a law disturbs, by its place; for wheels, left and right.
 OF_BODY = {
     "forward_speed": "forward",
     "yaw_rate": "yaw_rate",
@@ -41,7 +41,7 @@ OF_WHEELS = {
     "wheel_voltage": ("left", "right"),
     "encoder_rate": ("left_encoder", "right_encoder"),
 }
-# How the traces of the left and of the right wheel add up to those of a law of both.
+# How the traces of the left and right wheels combine for a law of both.
 SIDES: Mapping[str, Floats] = {
     "both": np.array([1.0, 1.0]),
     "opposite": np.array([1.0, -1.0]),
@@ -49,23 +49,25 @@ SIDES: Mapping[str, Floats] = {
     "right": np.array([0.0, 1.0]),
 }
 MAGNITUDES = ("v", "w", "v * w", "s", "u", "effort", "psi")
-USUAL = 0.95  # quantile of a quantity's size in the drives that is taken for its usual size
+USUAL = 0.95  # quantile of a quantity's magnitude in the drives that counts as its usual size
 
 
 def is_of_wheels(place: str) -> bool:
-    """Tell whether a law there has a side."""
+    """Return whether laws at a place have a side."""
     return PLACES[place].per_side
 
 
 def seen_in(place: str) -> tuple[str, ...]:
-    """Return the signals in which a law at a place leaves traces."""
+    """Return the signals in which a law at a place is visible."""
     if place == "wheel_slip":
         return SEEN_IN["yaw_rate"]
     return SEEN_IN[OF_WHEELS[place][0] if place in OF_WHEELS else OF_BODY[place]]
 
 
 def shares_of(place: str, values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Return how far a law there acts on what can be disturbed: of the body once, of wheels on the left and right."""
+    """Return the weights with which a law at a place acts on DISTURBED: one set for the body, two for wheels (left,
+    right).
+    """
     if place == "wheel_slip":
         ahead, turn = 0.5 * values["wheel_radius"], values["wheel_radius"] / values["base_width"]
         return [{"forward": ahead, "yaw_rate": -turn}, {"forward": ahead, "yaw_rate": turn}]
@@ -122,14 +124,14 @@ class Linearised:
 
     @contextmanager
     def only_tried(self) -> Iterator[None]:
-        """Forget afterwards the values of factors meanwhile: those of constants that are only tried are many."""
+        """On exit, drop the factor values cached meanwhile: there are many for constants that are only tested."""
         before = set(self._known)
         yield
         for key in set(self._known) - before:
             del self._known[key]
 
     def sized(self, candidate: Candidate) -> Candidate:
-        """Return a candidate whose constants are in units: what is a share of a usual size becomes one."""
+        """Return a candidate with constants in units: shares of usual sizes are converted."""
         if not candidate.scaled:
             return candidate
         usual = self.usual[candidate.scaled]
@@ -141,14 +143,14 @@ class Linearised:
         return {}
 
     def _only(self, signals: Sequence[str]) -> Batch:
-        """Return the segments with some signals only; the same ones each time, as much is known of them by then."""
+        """Return the segments restricted to some signals; the same objects each time, because they cache results."""
         key = tuple(signals)
         if key not in self._batches:
             self._batches[key] = Batch([only(predictor, signals) for predictor in self.problem.predictors])
         return self._batches[key]
 
     def raw(self, laws: Sequence[Candidate], signals: Sequence[str] = SIGNALS) -> list[Errors]:
-        """Return the traces of laws of one place in each segment: a column for each formula, of wheels two.
+        """Return the traces of laws of one place in each segment: a column per formula, two for wheels.
 
         Those of wheels are of the left and of the right, side by side.
         """
@@ -170,7 +172,7 @@ class Linearised:
         return traces(view, motion, self.values, self.problem.gains, disturbances)
 
     def white_traces_of(self, place: str, courses: Sequence[Sequence[Floats]], noise: Noise) -> Floats:
-        """Return white traces, over all errors, of what acts at a place with these courses in each segment.
+        """Return white traces, over all errors, of disturbances at a place with these time courses in each segment.
 
         Of wheels those of the left and the right side stand side by side.
         """
@@ -206,7 +208,7 @@ class Linearised:
 
 
 def mixed(candidate: Candidate, columns: Floats) -> Floats:
-    """Return the traces (n, k) of a law from its `columns`: of wheels, those of both sides added up for its side."""
+    """Return the traces (n, k) of a law from its `columns`; for wheels, both sides are combined for the law's side."""
     if not is_of_wheels(candidate.place):
         return columns
     return np.asarray(columns.reshape(len(columns), -1, 2) @ SIDES[candidate.side])

@@ -1,7 +1,7 @@
-"""Laws of a moment, of a place and of a vibration: where and how fast is looked for, not tried in steps.
+"""Laws local in time, space or frequency: their time, place or frequency is searched for.
 
-Vibrations leave lines in the spectra of the white errors, whatever they shake; moments and places are tried on a raster
-over all that the drives reached, and the polish moves them.
+Vibrations appear as lines in the spectra of the white errors; times and places are tried on a grid over the range of
+the drives and refined later.
 """
 
 from collections.abc import Sequence
@@ -14,10 +14,10 @@ from cmr.estimation.laws.rest import Rest
 from cmr.model.laws.places import PLACES
 from cmr.recordings.signal import Floats
 
-MOMENTS = 11  # at which something may begin
-DISCS, RADII = 7, (0.08, 0.15, 0.3)  # centres of places each way, and their radii as shares of the way across
+MOMENTS = 11  # candidate start times
+DISCS, RADII = 7, (0.08, 0.15, 0.3)  # centres of discs per axis, and radii as shares of the extent
 FREQUENCIES = 8  # highest lines of a spectrum
-SLOWEST, FASTEST = 0.3, 45.0  # Hz; slower or faster vibrations are not looked for
+SLOWEST, FASTEST = 0.3, 45.0  # Hz; range of vibrations searched
 HIGH = 12.0  # times the mean of a spectrum: chance makes such a line once in 1e5
 NEAR = 3  # lines that belong to one peak
 BASES = {
@@ -32,11 +32,11 @@ BASES = {
     "pose_ahead": ("1",),
     "pose_beside": ("1",),
 }
-SIZE = 4  # of a formula with a moment, a frequency or a place: what is chosen among so many is counted, too
+SIZE = 4  # of a formula with a time, frequency or place, which counts the selection among many
 
 
 def local_laws(model: Linearised, rest: Rest, more: bool) -> list[Candidate]:
-    """Return laws that belong to a frequency for what a model leaves; where there is `more`, to a moment or place."""
+    """Return laws with a frequency for the residuals of a model and, with `more`, laws with a time or place."""
     vibrations = _of_frequencies(rest)
     return [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
 
@@ -83,7 +83,7 @@ def _of_places(model: Linearised) -> list[Candidate]:
 
 
 def _of_frequencies(rest: Rest) -> list[Candidate]:
-    """Return vibrations at the highest lines of the white errors' spectra, at every place that shows there."""
+    """Return vibrations at the highest lines of the white errors' spectra, for every place visible in them."""
     reach = {"rate": 2.0 * np.pi / max(float(np.ptp(rest.time)), 1.0)}
     found = sorted({frequency for signal in np.unique(rest.signal) for frequency in _lines(rest, int(signal))})
     return [
@@ -103,7 +103,7 @@ def _of_frequencies(rest: Rest) -> list[Candidate]:
 
 
 def _lines(rest: Rest, signal: int) -> Sequence[float]:
-    """Return the frequencies [Hz] of the highest lines of a signal's spectrum: those that chance hardly makes."""
+    """Return the frequencies [Hz] of the highest lines of a signal's spectrum: those unlikely to arise by chance."""
     own = rest.signal == signal
     time, white = rest.time[own], rest.white[own]
     step = float(np.median(np.diff(time))) if len(time) > 2 else 0.0

@@ -1,9 +1,8 @@
-"""Whether a law has the right formula: do its coefficients stay the same along its own variables?
+"""Lack-of-fit test of a law: are its coefficients constant along its own variables?
 
-The range of each variable is divided into bins that hold equally many moments. In each of them what the law adds gets
-a factor of its own. What these factors explain of the white errors, beyond what one for all explains, is chi-squared
-where the formula is right (lack of fit; N. R. Draper, H. Smith, Applied Regression Analysis, 3rd ed., 1998, section
-2.1).
+The range of each variable is divided into bins with equal numbers of samples. In each bin the law gets a factor of its
+own. If the formula is right, the reduction of the sum of squares by these factors, beyond a common factor, is
+chi-squared (lack of fit; N. R. Draper, H. Smith, Applied Regression Analysis, 3rd ed., 1998, section 2.1).
 """
 
 import math
@@ -18,12 +17,12 @@ from cmr.model.laws.grammar import parse
 from cmr.recordings.signal import Floats
 
 BINS = 6  # of a variable, each with equally many moments
-ALIKE = 0.02  # of the largest: factors that the model's parameters, or others, nearly make up for do not count
-SURELY = 5.0  # standard deviations of chi-squared that a misfit must exceed its mean by
+ALIKE = 0.02  # of the largest: directions that the model's parameters or other factors nearly reproduce do not count
+SURELY = 5.0  # standard deviations above the mean of chi-squared that indicate a misfit
 
 
 def misfit_of(fit: Polished) -> float:
-    """Return how much more factors along the variables of its laws explain than chance does: below 0 where no more."""
+    """Return how much more factors along the laws' variables explain than chance; negative if no more."""
     beyond = [_beyond(fit, number, name) for number, law in enumerate(fit.laws) for name in variables_of_law(law)]
     return max(beyond, default=-math.inf)
 
@@ -34,7 +33,7 @@ def variables_of_law(law: Candidate) -> tuple[str, ...]:
 
 
 def _beyond(fit: Polished, number: int, variable: str) -> float:
-    """Return what factors along one variable of a law explain, less what chance does at most."""
+    """Return what factors along one variable of a law explain, minus the most that chance explains."""
     rest = fit.rest
     traces = _traces(fit, number, variable) * rest.mask[:, None]
     free = traces - rest.basis @ (rest.basis.T @ traces)

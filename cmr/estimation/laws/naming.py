@@ -1,4 +1,4 @@
-"""The name of a law that nobody has named yet: its place and what its formula says, in words."""
+"""Make a name for a new law from its place and formula."""
 
 import re
 from dataclasses import replace
@@ -8,12 +8,12 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.model.catalogue import LAWS
 from cmr.model.laws.law import LONGEST_NAME, PREFIX, Law
 
-ROOM = 4  # characters that a number behind a name may take
+ROOM = 4  # characters reserved for a number after the name
 PLAIN = {"**": " to ", "*": " ", "/": " per ", "+": " plus ", "-": " minus "}
 
 
 def law_of(candidate: Candidate) -> Law:
-    """Return the law that a candidate is, called after its place and its first formula."""
+    """Return a candidate as a law, named after its place and its first formula."""
     words = candidate.formulas[0]
     for sign, word in PLAIN.items():
         words = words.replace(sign, word)
@@ -33,7 +33,7 @@ def law_of(candidate: Candidate) -> Law:
 
 
 def _with_free_name(law: Law) -> Law:
-    """Return a law with a number behind its name where another law of this process has the name."""
+    """Append a number to a law's name if another law of this process has the name."""
     first = law.name
     for number in count(2):
         if law.name not in LAWS or LAWS[law.name].is_same(law):

@@ -1,12 +1,12 @@
-"""Fit laws together with a model's parameters, and the noise with both: to first order, again about what was found.
+"""Fit laws together with a model's parameters and the noise, to first order, and relinearise.
 
 With the errors e, the slopes E of the model's parameters and the traces G of the laws, all in the units of the signals,
 and a noise that makes white with W,
 
     minimise  sum rho(W (e + E d - G c))    over steps d (p,) and coefficients c (k,)
 
-where rho is Huber's loss. The noise is then estimated again from e + E d - G c: what the laws explain is noise no more.
-`quality` is -2 log likelihood but for a constant: the sum of rho and of 2 ln of the sizes of the noise.
+where rho is Huber's loss. The noise is then estimated again from e + E d - G c, without what the laws explain.
+`quality` is -2 log likelihood up to a constant: the sum of rho plus 2 ln of the noise's sizes.
 """
 
 import math
@@ -29,21 +29,20 @@ from cmr.recordings.signal import Floats, Mask
 
 RENEWED = 2  # times that the noise is estimated again
 STEPS = 3  # towards the least sum of Huber's loss
-RIDGE = 1e-10  # of a column's square: keeps columns that say the same solvable
+RIDGE = 1e-10  # of a column's square: keeps collinear columns solvable
 ROUNDS = 16  # of a search for inner constants, at most
 WIDEST, NARROWEST = 4.0, 0.015  # of its steps, at first and at last, as shares of the reach of each constant,
 NARROWER = 0.25  # to which share they shrink where none is better
-SHARES_OF_STEP = (1.0, 0.5, 0.25)  # at which it looks to either side,
-STRETCH, FURTHEST = 2.0, 64.0  # or a factor, of a constant that has no reach; and how far it may go in all
+SHARES_OF_STEP = (1.0, 0.5, 0.25)  # tested in either direction,
+STRETCH, FURTHEST = 2.0, 64.0  # or a factor, for a constant without a reach; and its largest total change
 
 
 @dataclass(frozen=True, eq=False)
 class Polished:
-    """A model fitted with laws: its `values`, the laws with their `coefficients`, and the noise that is left.
+    """A model fitted with laws: its `values`, the laws with their `coefficients`, and the remaining noise.
 
-    `model` is what it was linearised about, `white` (n,) are its errors made white, `columns` (n, p + k) the white
-    slopes of parameters and traces of laws, `mask` (n,) says which errors were fitted. `sizes` (n,) are those of the
-    noise.
+    `model` is the linearisation, `white` (n,) are its errors made white, `columns` (n, p + k) the white slopes of
+    parameters and traces of laws, `mask` (n,) says which errors were fitted. `sizes` (n,) are those of the noise.
     """
 
     model: Linearised
@@ -57,28 +56,28 @@ class Polished:
     sizes: Floats
 
     def quality(self, rows: Mask | None = None) -> float:
-        """Return -2 log likelihood, but for a constant, over the rows that were fitted, or over others."""
+        """Return -2 log likelihood, up to a constant, over the fitted rows or over others."""
         counted = self.mask if rows is None else rows
         return float(np.sum(loss(self.white[counted]) + 2.0 * np.log(self.sizes[counted])))
 
     @cached_property
     def rest(self) -> Rest:
-        """What the model leaves with its laws, freed of what these and its parameters can do."""
+        """The residuals of the model with its laws, orthogonal to the traces of laws and parameters."""
         return self._left(self.columns, np.clip(self.white, -LARGE, LARGE))
 
     def of_law(self, number: int) -> slice:
-        """Return in which columns the traces of one of the laws stand."""
+        """Return the columns with the traces of one law."""
         first = len(self.model.names) + sum(len(one) for one in self.coefficients[:number])
         return slice(first, first + len(self.coefficients[number]))
 
     def rest_without(self, number: int) -> Rest:
-        """What the model would leave without one of its laws, with all else, the noise too, as it is with it."""
+        """Return the residuals without one law, with everything else, including the noise, unchanged."""
         own = self.of_law(number)
         white = np.clip(self.white, -LARGE, LARGE) - self.columns[:, own] @ np.array(self.coefficients[number])
         return self._left(np.delete(self.columns, own, axis=1), white)
 
     def _left(self, columns: Floats, white: Floats) -> Rest:
-        """Return what is left of white errors (n,) that are freed of what these columns (n, k) can do."""
+        """Return white errors (n,) after projecting out these columns (n, k)."""
         mask = self.mask.astype(np.float64)
         basis = np.linalg.qr(columns * mask[:, None])[0]
         white = white * mask
@@ -100,7 +99,7 @@ def polished(
 ) -> Polished | None:
     """Fit laws with a model's parameters to the errors that are `counted` (n,), by default all.
 
-    Where coefficients are `fixed`, nothing but the noise is. None where the data do not determine them.
+    With `fixed` coefficients only the noise is estimated. Returns None if the data do not determine the parameters.
     """
     stacked = _stacked(model, laws)
     step = np.zeros(next(iter(stacked[0].of.values())).shape[1] - 1)
@@ -139,15 +138,15 @@ def _by_law(laws: Sequence[Candidate], coefficients: Floats) -> tuple[tuple[floa
 def polished_twice(
     problem: Problem, names: Sequence[str], first: Polished, counted: Mask | None = None
 ) -> Polished | None:
-    """Fit the laws of a model again, linearised about the values that were found with them."""
+    """Fit the laws of a model again, relinearised about the values found with them."""
     return polished(Linearised.about(problem, first.values, names), first.laws, counted)
 
 
 def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candidate:
-    """Return a law with the inner constants with which it explains most of what is left, by a search in all directions.
+    """Optimise the inner constants of a law for the residuals, by pattern search.
 
-    Steps go to either side of each constant, and of two at once, from its whole reach down to a small part of it. So a
-    constant that was tried far from the best one still comes there.
+    Steps change one or two constants in either direction, from their whole reach down to a small share of it, so even a
+    poor initial constant reaches the optimum.
     """
     best = _gained(model, rest, [law], law)[1] if law.constants else 0.0
     width, first = WIDEST, law
@@ -164,7 +163,7 @@ def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candid
 
 
 def _within(law: Candidate, first: Candidate) -> bool:
-    """Return whether no constant is further from where it was at first than a law may go, and a place has a size."""
+    """Return whether all constants are within the allowed distance of their initial values, and radii are positive."""
     if law.constants.get("radius", 1.0) <= 0.0:
         return False
     pairs = [(value, first.constants[name]) for name, value in law.constants.items() if name not in law.reach]
@@ -172,13 +171,13 @@ def _within(law: Candidate, first: Candidate) -> bool:
 
 
 def _gained(model: Linearised, rest: Rest, laws: Sequence[Candidate], first: Candidate) -> tuple[Candidate, float]:
-    """Return the law of several of one size that explains most, and how much; the `first` where none says anything."""
+    """Return the best of several laws of one size, and its gain; `first` if none has any effect."""
     found = scan(model, rest, laws) if laws else []
     return (found[0].candidate, found[0].gain) if found else (first, -math.inf)
 
 
 def around(law: Candidate, width: float) -> list[Candidate]:
-    """Return a law with constants that lie around its own, at steps as wide as this share of the reach of each."""
+    """Return laws with neighbouring constants, at steps of `width` times the reach of each."""
     names = [*law.constants]
     single = [{name: sign * share * width} for name in names for sign in (-1.0, 1.0) for share in SHARES_OF_STEP]
     pairs = [{a: i * width, b: j * width} for a, b in combinations(names, 2) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]
@@ -186,7 +185,7 @@ def around(law: Candidate, width: float) -> list[Candidate]:
 
 
 def _moved_by(law: Candidate, steps: Mapping[str, float]) -> Candidate:
-    """Return a law with other constants: so many reaches away, or times as many factors."""
+    """Return a law with constants moved by these steps, in units of their reach, or as powers of a factor."""
     moved_to = dict(law.constants)
     for name, step in steps.items():
         reach = law.reach.get(name)
@@ -195,7 +194,7 @@ def _moved_by(law: Candidate, steps: Mapping[str, float]) -> Candidate:
 
 
 def _fitted(columns: Floats, errors: Floats, mask: Mask, start: Floats) -> Floats:
-    """Return the step (m,) that leaves least of white errors (n,)."""
+    """Return the step (m,) that minimises Huber's loss of white errors (n,)."""
     step = start.copy()
     inside = columns[mask]
     normal = inside.T @ inside
@@ -221,7 +220,7 @@ def _stacked(model: Linearised, laws: Sequence[Candidate]) -> list[Errors]:
 
 
 def _combined(stacked: Sequence[Errors], step: Floats) -> list[Errors]:
-    """Return the errors (n, 1) that are left by a step."""
+    """Return the errors (n, 1) after a step."""
     weights = np.append(1.0, step)[:, None]
     return [replace(one, of={name: of @ weights for name, of in one.of.items()}) for one in stacked]
 
@@ -234,7 +233,7 @@ def _sizes(model: Linearised, noise: Noise) -> Floats:
 
 
 def score_of(before: Polished, after: Polished, inflation: float = 1.0) -> float:
-    """Return by how much laws that one model has more improve it, less what so free a search finds by chance."""
+    """Return the improvement by additional laws, minus what a search of this size finds by chance."""
     samples = int(np.count_nonzero(after.mask))
     more = sum(penalty(law, samples) for law in after.laws) - sum(penalty(law, samples) for law in before.laws)
     return (before.quality() - after.quality()) / inflation - more

@@ -1,4 +1,4 @@
-"""Propose laws for what a search of the catalogue has left, and put them into the model."""
+"""Propose laws for the residuals of a search of the catalogue, and add them to the model."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -37,12 +37,12 @@ from cmr.model.laws.places import PLACES
 
 BY_FREE_RUNS = "Models were fitted to free runs, whose errors say nothing of single moments: no law was looked for."
 WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
-LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm,
-LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
+LARGEST_LOSS = 0.97  # gain of free runs on left-out data below which a law does harm,
+LEAST_GAIN = 1.05  # and that at least one signal must reach, as for generic terms
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
 UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
-SURE = 3.0  # standard deviations from 0 that a coefficient of each law must have
+SURE = 3.0  # standard deviations from 0 required of at least one coefficient of each law
 LAST_THIRD = (
     "The law was tried on the last third of the drive, which is weak evidence: a held-out drive of another kind would "
     "say more."
@@ -52,22 +52,22 @@ UNSURE = "Other constants explain the errors as well, and say something else: th
 SERIES = "Two terms of the same variables stand for one formula that is not known."
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
-DECISIVE = 100.0  # -2 log likelihood on data held out that a law adds from which it matters, whatever free runs say
-# And that a law of a sensor must add, which no free run shows. Its variables are of the model, which has followed the
-# readings with their noise: over a few centimetres, robots without any law added up to 20.
-# A gyro's readings are not followed: what drives its laws owes nothing to them.
+DECISIVE = 100.0  # improvement in -2 log likelihood on held-out data from which a law matters regardless of free runs
+# Required of a law of a sensor, which free runs do not show. Its variables come from the observer, which follows the
+# noisy readings: over a few centimetres, robots without any law reached up to 20. Gyro readings are not followed, so
+# the variables of its laws are independent of them.
 OF_A_SENSOR, OF_A_GYRO = 50.0, 20.0
-INEXACT = 0.008  # share of a coefficient by which the model is inexact; as of effects
+INEXACT = 0.008  # model-form uncertainty of a coefficient, as a share, as for effects
 UNKNOWN = Gain(ratio=math.nan, interval=(math.nan, math.nan), signals={})
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """The answer of a search for laws.
+    """The result of a search for laws.
 
-    Where laws stand in the model, `extension` is the fit with them, and `before` that without, which lacks the names
-    that are `withdrawn`. `seen` is the best fit with a formula, where it says that something is there, whether it holds
-    or not.
+    If laws are in the model, `extension` is the fit with them, and `before` the one without them and without the
+    `withdrawn` effects. `seen` is the best fit with a formula that shows that structure exists, whether or not the
+    formula holds.
     """
 
     laws: Laws
@@ -78,7 +78,7 @@ class Proposal:
 
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
-    """Look for laws beside what a search of a problem found, and without it; `more` says that structure remains."""
+    """Search for laws beside the effects found, and without them; `more` says that structure remains."""
     if not problem.one_step:
         return Proposal(Laws(reasons=(BY_FREE_RUNS,)))
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
@@ -92,7 +92,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     alone = without_names(problem, found, other)
     if not alone.is_worth_it(effects):
         return _answered(beside, beside.offer(promising), found, held_out)
-    law = alone.offer()  # something is there, as the effects say
+    law = alone.offer()  # the effects show that there is structure
     if isinstance(law, Refused) or beside.before is None:
         return _answered(beside, beside.offer(promising), found, held_out)
     rivalry = against_names(alone.data, law, beside.before, len(effects))
@@ -111,7 +111,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
 def _alone(
     alone: Hypothesis, law: Offer, found: Search, other: Problem | None, held_out: Sequence[Segment]
 ) -> Proposal:
-    """Return the proposal of a law that stands without names, but for those that explain something beside it."""
+    """Return the proposal of a law that replaces effects, except those that still explain something beside it."""
     needed, named = still_needed(law, found), [one.candidate.effect.name for one in found.named]
     if not needed:
         return _in_the_model(alone, law, found, held_out, tuple(named))
@@ -121,9 +121,9 @@ def _alone(
 
 
 def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
-    """Return the proposal where effects together explain as much as one law: those named stay, and the law is a rival.
+    """Return the proposal if effects together explain as much as one law: they stay, and the law is a rival.
 
-    Effects that were too small to be named are no answer: then the law stands in the model.
+    If the effects were too small to be named, the law is used in the model instead.
     """
     reason = f"{' and '.join(one.effect.name for one in effects_of(found))} together explain the errors as well."
     if any(not one.estimates for one in found.named):
@@ -144,7 +144,7 @@ def _answered(
     held_out: Sequence[Segment],
     withdrawn: tuple[str, ...] = (),
 ) -> Proposal:
-    """Return the proposal of a law beside a model, or of none."""
+    """Return a proposal with a law beside a model, or without a law."""
     if isinstance(offer, Offer):
         return _in_the_model(beside, offer, found, held_out, withdrawn)
     rivals = tuple(map(_rival, offer.rivals))
@@ -154,7 +154,9 @@ def _answered(
 
 
 def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
-    """Return the problem of segments held out; None without any, or where effects of chance were taken out of data."""
+    """Return the problem of segments held out; None without segments, or if random effects were removed from the
+    data.
+    """
     segments = [one for one in held_out if len(one.observations.given) == 0]
     if not segments or any(one.estimates for one in found.named):
         return None
@@ -164,7 +166,7 @@ def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
 def _in_the_model(
     beside: Hypothesis, offer: Offer, found: Search, held_out: Sequence[Segment], withdrawn: tuple[str, ...]
 ) -> Proposal:
-    """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on."""
+    """Add the laws of an offer to the model and the catalogue, and fit the model."""
     data, before, known = beside.data, beside.fit, set(LAWS)
     laws = [law_of(candidate) for candidate in offer.laws]
     sizes = {
@@ -200,7 +202,7 @@ def _in_the_model(
 
 
 def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound]) -> str:
-    """Return why laws are not taken as they stand in a fit; empty if they are."""
+    """Return why fitted laws are rejected; empty if they are accepted."""
     if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
         return HARM
     if any(all(abs(one.value) < SURE * one.std for one in law.estimates.values()) for law in laws):
@@ -209,9 +211,9 @@ def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound]) -> str:
 
 
 def _matters(offer: Offer, gain: Gain) -> bool:
-    """Return whether laws are seen: in free runs, or beyond doubt in what sensors read from moment to moment.
+    """Return whether laws matter: in free runs, or beyond doubt in one-step predictions of the sensors.
 
-    No path shows a law of a sensor: what that sensor reads on data held out decides.
+    A law of a sensor does not affect the path, so its readings on held-out data decide.
     """
     of_sensors = any(PLACES[law.place].of_sensors for law in offer.laws)
     seen = not of_sensors and max(gain.signals.values(), default=1.0) >= LEAST_GAIN
@@ -219,7 +221,7 @@ def _matters(offer: Offer, gain: Gain) -> bool:
 
 
 def _decisive(laws: Sequence[Candidate]) -> float:
-    """Return how much laws must add, in -2 log likelihood, to be there beyond doubt."""
+    """Return the improvement in -2 log likelihood from which laws exist beyond doubt."""
     if all(law.place == "gyro" for law in laws):
         return OF_A_GYRO
     return OF_A_SENSOR if any(PLACES[law.place].of_sensors for law in laws) else DECISIVE
@@ -228,20 +230,20 @@ def _decisive(laws: Sequence[Candidate]) -> float:
 def _least_unseen(beside: Hypothesis) -> float:
     """Return the score to first order that a law must have where the diagnosis sees no structure in what is left.
 
-    To fit it takes seconds, and one that scores less would hardly be decisive.
+    A fit takes seconds, and a lower score would hardly be decisive.
     """
     first = beside.first
     return _decisive([first.scores[0].candidate]) if isinstance(first, Scanned) and first.scores else DECISIVE
 
 
 def _forget(laws: Sequence[Law]) -> None:
-    """Take laws that were only tried out of the catalogue."""
+    """Remove laws that were only tested from the catalogue."""
     for law in laws:
         unlearn(law.name)
 
 
 def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
-    """Return a law as it stands in a fit."""
+    """Return a law with its results from a fit."""
     estimates = {
         name: Estimate(fit.values[name], math.hypot(math.sqrt(inflation) * fit.std(name), INEXACT * fit.values[name]))
         for name in law.coefficients
@@ -252,7 +254,7 @@ def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> La
 
 
 def _moved(before: Fit, offer: Offer) -> Mapping[str, float]:
-    """Return the values of the model's own parameters as they are with the laws."""
+    """Return the model's own parameters with the laws in place."""
     return {name: offer.after.values[name] for name in before.names if name in offer.after.values}
 
 
@@ -281,7 +283,7 @@ def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
 
 
 def _rival(fit: Polished) -> LawFound:
-    """Return a law that does not stand in the model, as it was fitted to first order."""
+    """Return a law that is not in the model, as fitted to first order."""
     law = law_of(fit.laws[-1])
     estimates = {
         name: Estimate(value, math.nan) for name, value in zip(law.coefficients, fit.coefficients[-1], strict=True)
@@ -290,6 +292,6 @@ def _rival(fit: Polished) -> LawFound:
 
 
 def described(candidate: Candidate) -> str:
-    """Return a candidate in a few words, for those who study the search."""
+    """Return a short description of a candidate, for studies of the search."""
     side = f" {candidate.side}" if is_of_wheels(candidate.place) else ""
     return f"{candidate.place}{side}: {' and '.join(candidate.formulas)} {dict(candidate.constants) or ''}".strip()

@@ -1,4 +1,4 @@
-"""What a linearised model leaves of the errors, made white, and freed of what its own parameters can do."""
+"""Residuals of a linearised model: whitened, and orthogonal to its own parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ Indices = np.typing.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Rest:
-    """White errors (n,), with large ones cut off, and an orthonormal basis (n, p) of what the parameters do.
+    """White errors (n,), with large ones clipped, and an orthonormal basis (n, p) of the parameters' traces.
 
-    Where `mask` (n,) is 0.0 errors do not count; `signal` (n,) is the number of each error's signal, `time` [s] its
-    moment. `inflation` is how much larger scores of laws that explain nothing are than chance has them.
+    Errors with `mask` (n,) 0.0 do not count; `signal` (n,) is the number of each error's signal, `time` [s] its time.
+    `inflation` is the factor by which scores of irrelevant laws exceed chance.
     """
 
     white: Floats
@@ -43,7 +43,7 @@ class Rest:
 
 
 def rest_of(model: Linearised, noise: Noise, counted: Mask | None = None) -> Rest:
-    """Return what a model leaves with a noise; where `counted` (n,) is false errors do not count."""
+    """Return the residuals of a model with a noise; errors with `counted` (n,) false do not count."""
     white = cut_off(model, noise)
     mask = np.ones(len(white)) if counted is None else counted.astype(np.float64)
     slopes = model.problem.made_white(model.slopes, noise) * mask[:, None]
@@ -54,14 +54,14 @@ def rest_of(model: Linearised, noise: Noise, counted: Mask | None = None) -> Res
 
 
 def cut_off(model: Linearised, noise: Noise) -> Floats:
-    """Return a model's white errors (n,), with large ones cut off, and none where large ones are no wonder."""
+    """Return a model's white errors (n,), with large ones clipped, and 0 where large ones are expected."""
     white = model.problem.made_white(model.errors, noise)[:, 0]
     white[jerks(model, noise)] = 0.0
     return np.clip(white, -LARGE, LARGE)
 
 
 def jerks(model: Linearised, noise: Noise) -> Mask:
-    """Return which white errors (n,) are a gyro's that fall together with a jump of the acceleration."""
+    """Return which white errors (n,) are a gyro's that coincide with a jump of the acceleration."""
     parts = []
     for number, (predictor, error) in enumerate(zip(model.problem.predictors, model.errors, strict=True)):
         for name in predictor.times:

@@ -1,4 +1,4 @@
-"""What a search for laws answers: the laws found, their rivals, and what a picture of them draws."""
+"""Results of a search for laws: the laws found, their rivals, and the data of their plots."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,11 +17,11 @@ ANSWERS = (LAW, APPROXIMATION, TIE, NO_LAW)
 
 @dataclass(frozen=True, kw_only=True)
 class LawFound:
-    """A law in the model, with what it is worth.
+    """A law in the model, with its gains.
 
     `estimates` are those of its parameters by name. `gain` is that of free runs over the model without the law, on data
     left out of the fit, `held_out` the log-likelihood that the law adds there. `score` is the drop of -2 log likelihood
-    on the data that it was fitted to, less what so free a search finds by chance; `left` is the best score of any
+    on the data that it was fitted to, minus what a search of this size finds by chance; `left` is the best score of any
     further law beside it.
     """
 
@@ -35,11 +35,11 @@ class LawFound:
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """A residual against a law's own variable, in equal bins of it: what a picture of the law draws.
+    """A residual against a law's own variable, in equal bins: the data of a plot.
 
     `at` (n,) are the bins' centres in the variable's unit, `count` (n,) how many errors each holds. `before` and
-    `after` (n,) are what the model lacks there without and with the law, in the unit of the law's place, `std` (n,) is
-    the standard deviation of the mean, and `law` (n,) what the law itself adds there. NaN where a bin is empty.
+    `after` (n,) are the residuals without and with the law, in the unit of the law's place, `std` (n,) is the standard
+    deviation of the mean, and `law` (n,) the values of the law itself. NaN where a bin is empty.
     """
 
     at: Floats
@@ -52,7 +52,7 @@ class Course:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """What a report draws of one law, on data that it was fitted to and on data held out, if there are any.
+    """The plot data of one law, on the fitted data and on held-out data, if any.
 
     `law` names the law, `variable` is a variable or an expression of the grammar, with its `unit`; `place_unit` is that
     of the law's place.
@@ -68,12 +68,12 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Laws:
-    """The answer of a search for laws.
+    """The result of a search for laws.
 
     `answer` is one of ANSWERS. `found` are at most two laws, which stand in the model together. `rivals` explain the
-    data as well as the first of them, or are left where no law is claimed because they tie. `names_withdrawn` are
-    effects that the catalogue's search had named and that the laws make up for. `reasons` are sentences that say why
-    the answer is what it is. `manoeuvre` names what a drive needs that would tell, empty where this one did.
+    data as well as the first one, or are the tied laws if none is claimed. `names_withdrawn` are effects from the
+    catalogue search that the laws replace. `reasons` are sentences that justify the answer. `manoeuvre` says what drive
+    would decide, empty if this one did.
     """
 
     answer: str = NO_LAW

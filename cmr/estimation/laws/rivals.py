@@ -1,7 +1,7 @@
-"""Names of effects, names and a law, and a law alone are rivals: what each explains, and which is to be believed.
+"""Compare rival hypotheses: effects, effects and a law, or a law alone.
 
-A law alone is preferred to names unless these, with a law, explain clearly more: it says with one formula what several
-effects only imitate together. Names that explain something beside it all the same are needed, and stay.
+A law alone is preferred to effects unless effects with a law explain clearly more, because one formula replaces several
+effects that only imitate it together. Effects that still explain something beside it stay.
 """
 
 import math
@@ -35,12 +35,12 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 
-# Share of what effects explain that a law alone must explain, to first order, to be fitted in their place.
+# To be fitted in place of effects, a law alone must explain this share of what they explain, to first order.
 WORTH = 0.3
 
 
 class Rivalry(Enum):
-    """How a law alone compares with names of effects."""
+    """The result of comparing a law alone with effects."""
 
     BETTER = "better"
     TIED = "as good"
@@ -49,9 +49,9 @@ class Rivalry(Enum):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model that laws may extend: its data, how laws score beside it, and the fit that is extended.
+    """A model that laws may extend: its data, the scores of laws beside it, and the fit.
 
-    `explained` is how much its effects explain.
+    `explained` is the gain of its effects.
     """
 
     data: Data
@@ -65,9 +65,9 @@ class Hypothesis:
         return self.first.best if isinstance(self.first, Scanned) else -math.inf
 
     def is_worth_it(self, effects: Sequence[CandidateEffect]) -> bool:
-        """Return whether the best law may stand in place of effects: it explains a share of what they do.
+        """Return whether the best law may replace effects: it explains a sufficient share of what they explain.
 
-        All to first order: noise that was found without them hides a part of either.
+        Both to first order, because noise estimated without them hides part of either.
         """
         if not isinstance(self.first, Scanned) or not self.first.scores:
             return False
@@ -76,11 +76,13 @@ class Hypothesis:
 
     @property
     def before(self) -> Polished | None:
-        """The model without a law; None where laws cannot be told."""
+        """The model without a law; None if laws cannot be distinguished."""
         return self.first.before
 
     def offer(self, promising: float = PROMISING) -> Offer | Refused:
-        """Return the law that stands beside the model, or why there is none; it must score as much to first order."""
+        """Return the accepted law beside the model, or why there is none; its first-order score must be at least
+        `promising`.
+        """
         if isinstance(self.first, Refused):
             return self.first
         return offered_of(self.first, self.explained, promising)
@@ -92,7 +94,7 @@ def effects_of(found: Search) -> list[CandidateEffect]:
 
 
 def beside_names(found: Search, other: Problem | None) -> Hypothesis:
-    """Return the model with all that was found, effects that are too small to be named included."""
+    """Return the model with all effects found, including those too small to be named."""
     fit = with_small_effects(found)
     names = [one.candidate.effect.name for one in found.named] + [one.effect.name for one in small_effects(found)]
     by_chance = sum(max(one.candidate.drop, 0.0) for one in found.named if one.estimates)
@@ -106,7 +108,7 @@ def without_names(problem: Problem, found: Search, other: Problem | None) -> Hyp
 
 
 def with_needed_names(found: Search, needed: Sequence[str], other: Problem | None) -> Hypothesis:
-    """Return the model with some of the effects that were named."""
+    """Return the model with only the `needed` effects."""
     leaving = [one.candidate.effect for one in found.named if one.candidate.effect.name not in needed]
     (fit,) = found.problem.without(found.final, [leaving])
     explained = max(0.0, found.base.squares - fit.squares)
@@ -122,10 +124,10 @@ def _hypothesis(
 
 
 def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Rivalry:
-    """Return how a law alone compares with so many effects, on the data fitted and on data held out.
+    """Compare a law alone with `effects` effects, on the fitted data and on held-out data.
 
-    Both pay for their parameters and for having been chosen among many. One effect is never tied: it is a name for what
-    the law says, and the simpler answer.
+    Both are penalised for their parameters and for selection among many. A single effect is never tied: it names what
+    the law says and is the simpler answer.
     """
     samples = int(np.count_nonzero(data.fitted))
     spared = (len(names.model.names) - len(alone.after.model.names)) * math.log(samples)
@@ -139,7 +141,7 @@ def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Ri
 
 
 def against_both(data: Data, alone: Offer, both: Offer) -> Rivalry:
-    """Return how a law alone compares with names and a law."""
+    """Compare a law alone with effects and a law."""
     explained = alone.before.quality() - both.after.quality()
     as_well = data.held_out(both.after, alone.after) > -ALONE * alone.held_out
     margin = 0.0 if alone.approximate and not both.approximate else ALONE
@@ -147,7 +149,7 @@ def against_both(data: Data, alone: Offer, both: Offer) -> Rivalry:
 
 
 def leaves_nothing(alone: Offer) -> bool:
-    """Return whether no name can add anything to a law that stands alone."""
+    """Return whether no effect can improve a law alone."""
     return alone.left < ANOTHER and not alone.approximate
 
 

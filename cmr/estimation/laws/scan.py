@@ -1,13 +1,13 @@
-"""Score all laws beside a model, to first order: what would each explain of the errors that the model leaves?
+"""Score all laws beside a model: what would each explain of the residuals, to first order?
 
-With white errors w (n,), what the model's own parameters do, orthonormal, Q (n, p), and the traces of a law M (n, k)
+With white errors w (n,), an orthonormal basis Q (n, p) of the parameters' traces, and the traces M (n, k) of a law,
 
     pull  = M' (w - Q Q' w),    size = M' M - M' Q Q' M
     LR    = pull' size^-1 pull
     score = LR / inflation - k ln n - 2 (K + 1) ln 2 - 2 ln N_K - c ln n
 
-with K the size of the formula, N_K the number of formulas of that size, and c its inner constants: Schwarz's penalty of
-what is fitted, and twice the logarithm of how many laws were tried (G. Schwarz, Annals of Statistics 6, 1978).
+with K the size of the formula, N_K the number of formulas of that size, and c its inner constants: Schwarz's penalty
+for the fitted coefficients, and twice the log of the number of laws tried (G. Schwarz, Annals of Statistics 6, 1978).
 """
 
 import math
@@ -24,8 +24,8 @@ from cmr.estimation.laws.rest import Indices, Rest
 from cmr.recordings.signal import Floats
 
 ABREAST = 32  # traces observed side by side
-LEAST_OWN = 3e-4  # share of a trace's square below which the model's parameters imitate it
-NOTHING = 1e-9  # white errors squared: a law that changes less says nothing
+LEAST_OWN = 3e-4  # share of a trace's square; with less of its own, the model's parameters can imitate it
+NOTHING = 1e-9  # white errors squared: a law with a smaller change has no effect
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def scan(model: Linearised, rest: Rest, laws: Sequence[Candidate] | None = None)
 
 @cache
 def sizes_of_grammar() -> Mapping[int, int]:
-    """Return how many laws of each size there are, wheels counted with each of their sides."""
+    """Return the number of laws of each size, counting each side of wheels."""
     counts: Counter[int] = Counter()
     for one in candidates():
         counts[one.size] += len(SIDES) if is_of_wheels(one.place) else 1
@@ -63,7 +63,7 @@ def sizes_of_grammar() -> Mapping[int, int]:
 
 
 def penalty(candidate: Candidate, samples: int) -> float:
-    """Return what a law's likelihood ratio must exceed for a score above 0."""
+    """Return the likelihood ratio of a law with score 0."""
     fitted = candidate.count + len(candidate.constants)
     tried = math.log(max(sizes_of_grammar().get(candidate.size, 1), 1))
     return fitted * math.log(max(samples, 2)) + 2.0 * (candidate.size + 1) * math.log(2.0) + 2.0 * tried
@@ -86,7 +86,7 @@ def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a model leaves of some signals: its basis and, below it, white errors (p + 1, n), and the mask (n,)."""
+    """The residuals of some signals: basis and white errors stacked (p + 1, n), and the mask (n,)."""
 
     against: Floats
     mask: Floats
@@ -98,10 +98,10 @@ class _Seen:
 
 
 def _scored(chunk: Sequence[Candidate], traces: Floats, rest: Rest, seen: _Seen) -> Iterator[Score]:
-    """Yield the scores of laws of one place whose white traces stand side by side."""
+    """Yield the scores of laws of one place from their white traces, stacked by column."""
     if rest.samples < len(rest.mask):
         traces *= seen.mask[:, None]
-    shared = seen.against @ traces  # at once: the traces are many, and to read them takes longer than to multiply
+    shared = seen.against @ traces  # one product: reading the many traces takes longer than multiplying
     along, pulls = shared[:-1], shared[-1]
     before = np.einsum("nc,nc->c", traces, traces)
     of_side = 2 if is_of_wheels(chunk[0].place) else 1
@@ -125,9 +125,9 @@ def _scored(chunk: Sequence[Candidate], traces: Floats, rest: Rest, seen: _Seen)
 def _of_single(
     side: str, first: Indices, before: Floats, along: Floats, pulls: Floats, between: Floats | None = None
 ) -> tuple[list[float], list[float]]:
-    """Return likelihood ratios and coefficients of laws of one formula on a side, at these columns and those behind.
+    """Return likelihood ratios and coefficients of laws of one formula on a side, from column `first` on.
 
-    A ratio is NaN where the model imitates the law, or it does nothing. `between` are products of left and right.
+    A ratio is NaN if the model imitates the law, or the law has no effect. `between` are products of left and right.
     """
     if between is None:
         whole, seen_along, pull = before[first], along[:, first], pulls[first]
@@ -164,7 +164,7 @@ def _on_side(size: Floats, imitated: Floats, pull: Floats, side: str) -> tuple[F
 def _judged(size: Floats, imitated: Floats, pull: Floats) -> tuple[float, tuple[float, ...]] | None:
     """Return the likelihood ratio and coefficients of a law of several formulas.
 
-    None where the model imitates it, or it does nothing.
+    Returns None if the model imitates it, or it has no effect.
     """
     before = np.diag(size)
     if np.any(before < NOTHING):

@@ -1,10 +1,10 @@
-"""Search for a law where a model leaves structure: a formula of the state, proved on data that it was not fitted on.
+"""Search for a law that explains remaining structure: a formula of the state, validated on held-out data.
 
-Names of the catalogue, names and a law, and a law alone are rival hypotheses. A law is looked for beside both the model
-with all that was named and the paper's model; it is scored to first order (scan.py), the best are fitted with the
-model's parameters and the noise (polish.py), what the catalogue has is never offered (known.py), and what then is best
-must hold on data held out: with their coefficients from the data that were fitted. What is left beside it says whether
-it is a law, or an approximation of something unknown.
+Effects alone, effects with a law, and a law alone are rival hypotheses. Laws are searched for beside the model with all
+selected effects and beside the paper's model. They are scored to first order (scan.py), the best are fitted with the
+model's parameters and the noise (polish.py), equivalents of the catalogue are excluded (known.py), and the best one
+must hold on held-out data with its fitted coefficients. The remaining residuals show whether it is a law or an
+approximation of something unknown.
 """
 
 import math
@@ -27,22 +27,22 @@ from cmr.estimation.problem import Problem
 from cmr.recordings.signal import Mask
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
-PROMISING = -5.0  # score to first order from which a law is fitted: noise that was found without it hides a part
+PROMISING = -5.0  # first-order score from which a law is fitted: noise estimated without it hides part of its gain
 HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
 LEFT = 15.0  # score of a further law from which a law is only an approximation,
-ANOTHER = 0.0  # and from which such a law is fitted: noise that was found without it hides a part of it
-LARGEST_MOVE = 0.3  # share by which a law may move K2/K3: beyond, law and parameter run away against each other
-BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise brings
+ANOTHER = 0.0  # and from which such a law is fitted: noise estimated without it hides part of its gain
+LARGEST_MOVE = 0.3  # share by which a law may move K2/K3; beyond it, law and parameter diverge against each other
+BEST, NEWCOMERS = 4, 3  # laws that are refined, and further ones found with the new noise
 SETTLED = 3  # best of these whose constants are found again,
 SHARE_TO_SETTLE = 0.5  # unless they lie further behind the best one than by this share of the way to the worst
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
 # Formulas of a noisy state imitate its noise: sign(w) does where a robot drives straight on, and gained up to 225 in 56
 # robots that hid nothing.
-SEEN = 300.0  # gain from which something is there, even where no formula holds
+SEEN = 300.0  # gain from which structure exists, even if no formula holds
 INEXACT = 0.01  # share of a law's gain that the shape of its formula may leave: signs, for one, are smoothed
-MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
+MOST_ALIKE = 3  # laws that may remain tied; with more, the drive is not informative enough for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
 MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speeds, from which a robot moves
 # Spread of the speed as a share of its mean (0.05 on figure-eights, 0.9 on the rich drive), and of how much of the
@@ -50,20 +50,20 @@ MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speed
 ONE_SPEED, ONE_RADIUS = 0.25, 0.05
 NARROW = "This drive has one speed or one radius, at which formulas cannot be distinguished: no law was looked for."
 IDENTICAL = 0.99  # share of a law's own trace that another does where both are the same mathematics
-RESCORED = 400  # best laws that are scored again with the noise that the best one leaves
+RESCORED = 400  # best laws that are rescored with the noise of the best one
 SHOWN = 40  # best scores that are compared with what the catalogue has
 NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
 
 
 @dataclass(frozen=True)
 class Offer:
-    """Laws beside a model: the fit `before` them and `after`, and what they are worth.
+    """Laws beside a model: the fits `before` and `after` adding them, and their gains.
 
     `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
-    laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
-    those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
-    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are laws
-    beside them. `undetermined` says that other constants explain as much, and say something else.
+    laws, and `left` the best further law beside them. `alike` are indistinguishable fits, and `tied` those of them that
+    are as good. `misfit` is what the coefficients would explain if they varied along the laws' own variables, beyond
+    the tolerance: if positive, the formula is not right. `further` are laws beside them. `undetermined` says that other
+    constants explain as much but imply something different.
     """
 
     before: Polished
@@ -85,7 +85,7 @@ class Offer:
 
     @property
     def series(self) -> bool:
-        """Whether two laws at one place have the same variables: terms of a series, in place of a formula unknown."""
+        """Whether two laws at one place have the same variables: terms of a series for an unknown formula."""
         if len(self.laws) < 2:
             return False
         places, variables = ({of(law) for law in self.laws} for of in (_where, variables_of_law))
@@ -93,7 +93,7 @@ class Offer:
 
     @property
     def approximate(self) -> bool:
-        """Whether structure is left, or the formula is not quite right, or its constants need not be."""
+        """Whether structure remains, the formula does not quite fit, or its constants are not determined."""
         return self.left > LEFT or self.misfit > 0.0 or self.series or self.undetermined
 
 
@@ -101,8 +101,8 @@ class Offer:
 class Refused:
     """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
 
-    `several` says that another drive could tell. `seen` is the best fit with a formula where something is there that
-    no formula holds for.
+    `several` says that another drive could distinguish them. `seen` is the best fit with a formula if there is
+    structure that no formula describes.
     """
 
     reason: str
@@ -114,7 +114,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Data:
-    """A problem, which of its errors are fitted, and on which a law is tried: others of them, or another problem."""
+    """A problem, its fitted errors, and the test data: its other errors, or another problem."""
 
     problem: Problem
     fitted: Mask
@@ -124,7 +124,7 @@ class Data:
 
     @classmethod
     def of(cls, problem: Problem, model: Linearised, other: Problem | None) -> "Data":
-        """Return the data: of a problem alone, the last third of the time is for trying."""
+        """Return the data: for a problem alone, the last third of the time is test data."""
         times = times_of(model)
         if other is not None:
             return cls(problem, np.ones(len(times), np.bool_), None, other)
@@ -140,12 +140,12 @@ class Data:
 
     @property
     def share_tried(self) -> float:
-        """How many errors a law is tried on for each that it is fitted to, at most 1."""
+        """The ratio of test errors to fitted errors, at most 1."""
         tried = self.other.batch.rows if self.other is not None else int(np.count_nonzero(~self.fitted))
         return min(1.0, tried / max(int(np.count_nonzero(self.fitted)), 1))
 
     def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
-        """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
+        """Return a fit on the test data: the other problem with the fitted values, or rows of the same."""
         if self.other is None:
             return None, self.tried
         if fit not in self._elsewhere:
@@ -154,7 +154,7 @@ class Data:
         return self._elsewhere[fit], None
 
     def _left_elsewhere(self, fit: Polished) -> float:
-        """Return -2 log likelihood of the other problem with all as it was fitted."""
+        """Return -2 log likelihood of the other problem with the fitted values."""
         fixed, _ = self.tried_on(fit)
         return np.inf if fixed is None else fixed.quality()
 
@@ -162,10 +162,10 @@ class Data:
 def offered(
     data: Data, model: Linearised, selected: Sequence[str], named: float, promising: float = PROMISING
 ) -> Offer | Refused:
-    """Return the law that stands beside a model which has some effects `selected`, or why there is none.
+    """Return the accepted law beside a model with the effects `selected`, or why there is none.
 
-    `named` is how much these explain: a law beside them must explain a share of it. A law that scores less than
-    `promising` to first order is not fitted.
+    `named` is the gain of these effects, of which the law must explain a share. Laws with a first-order score below
+    `promising` are not fitted.
     """
     first = scanned(data, model, selected)
     return first if isinstance(first, Refused) else offered_of(first, named, promising)
@@ -173,7 +173,7 @@ def offered(
 
 @dataclass(frozen=True)
 class Scanned:
-    """A model fitted without a law, what it leaves, and how laws score there to first order, the best first.
+    """A model fitted without a law, its residuals, and the first-order scores of laws, best first.
 
     It has the effects `selected`.
     """
@@ -191,12 +191,12 @@ class Scanned:
 
     @cached_property
     def catalogue(self) -> Catalogued:
-        """What the catalogue has beside the model."""
+        """The effects of the catalogue beside the model."""
         return Catalogued(self.before.model, self.rest, self.selected)
 
 
 def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned | Refused:
-    """Score all laws beside a model which has some effects `selected`, or say why none can be told."""
+    """Score all laws beside a model with the effects `selected`, or return why this is impossible."""
     if narrow(model):
         return Refused(NARROW, several=True)
     before = polished(model, (), data.fitted)
@@ -207,7 +207,7 @@ def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned |
 
 
 def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Offer | Refused:
-    """Return the law that stands beside a model where laws were scored; see `offered`."""
+    """Return the accepted law beside a model with scored laws; see `offered`."""
     before = first.before
     if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
@@ -223,9 +223,9 @@ def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Of
 
 
 def _fits(first: Scanned) -> list[Polished] | Refused:
-    """Return the fits of the best laws of a scan, and of further ones that the noise without the best one brings.
+    """Return the fits of the best laws of a scan, and of further ones found with the best law's noise.
 
-    The best get better constants at last.
+    Finally the constants of the best are refined.
     """
     data, model, rest, known = first.data, first.before.model, first.rest, first.catalogue
     promising = _promising(first.scores, known)
@@ -244,7 +244,7 @@ def _fits(first: Scanned) -> list[Polished] | Refused:
 
 
 def _settled(data: Data, fits: Sequence[Polished], known: Catalogued) -> list[Polished]:
-    """Return fits, the best of them with the inner constants that are best at the noise that each leaves."""
+    """Refine the inner constants of the best fits with their own noise; return all fits."""
     ordered = sorted(fits, key=lambda fit: _cost(fit, data))
     far = _cost(ordered[0], data) + SHARE_TO_SETTLE * abs(ordered[0].quality() - ordered[-1].quality())
     for number, fit in enumerate(ordered[:SETTLED]):
@@ -262,7 +262,7 @@ def _where(law: Candidate) -> tuple[str, ...]:
 
 
 def narrow(model: Linearised) -> bool:
-    """Return whether a robot drove at one speed, or round one radius: formulas are then the same to its sensors."""
+    """Return whether a robot drove at one speed or on one radius, so that formulas are indistinguishable."""
     v, w = (np.concatenate([of.body[name] for of in model.variables]) for name in ("v", "w"))
     rim = 0.5 * model.values["base_width"] * np.abs(w)
     moving = np.abs(v) + rim > MOVING * np.quantile(np.abs(v) + rim, FASTEST)
@@ -271,7 +271,7 @@ def narrow(model: Linearised) -> bool:
 
 
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
-    """Return the offer with a second law beside the first, where one holds and leaves less."""
+    """Return the offer with a second law beside the first, if one holds and leaves less."""
     model, rest = first.after.model, first.after.rest
     known = Catalogued(model, rest, selected)
     promising = [one.candidate for one in _promising(first.further.with_local(), known)]
@@ -306,9 +306,9 @@ def _promising(scores: Sequence[Score], known: Catalogued) -> list[Score]:
 def _polished_all(
     rest: Rest, laws: Sequence[Candidate], data: Data, known: Catalogued, beside: Sequence[Candidate] = ()
 ) -> list[Polished]:
-    """Return the fits of laws, `beside` others, each with its best inner constants, that make sense.
+    """Return the plausible fits of laws, `beside` others, each with its best inner constants.
 
-    With these, too, the catalogue must not have them.
+    With these constants, too, they must not be equivalent to the catalogue.
     """
     fits = []
     for law in laws:
@@ -322,7 +322,7 @@ def _polished_all(
 
 
 def _makes_sense(fit: Polished) -> bool:
-    """Return whether a law leaves the motor's gain about where it was without it."""
+    """Return whether a law leaves the motor's gain nearly unchanged."""
     moved = fit.values["k2_over_k3"] / fit.model.values["k2_over_k3"]
     return 1.0 / (1.0 + LARGEST_MOVE) < moved < 1.0 + LARGEST_MOVE
 
@@ -333,7 +333,7 @@ def _cost(fit: Polished, data: Data) -> float:
 
 
 def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float) -> Offer | Refused:
-    """Return the best of some fits with a law, if it holds, with those that are not distinguished from it."""
+    """Return the best of some fits with a law, if it holds, with those indistinguishable from it."""
     problem, names = data.problem, before.model.names
     best = min(fits, key=lambda fit: _cost(fit, data))
     after = polished_twice(problem, names, best, data.fitted) or best
@@ -362,7 +362,9 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:
-    """Return whether the last laws of two fits do the same, once the model's parameters are fitted, or say the same."""
+    """Return whether the last laws of two fits are equivalent after fitting the parameters, or have the same
+    formula.
+    """
     if fit.laws[-1].key == best.laws[-1].key:
         return True
     first = best.columns.shape[1] - len(best.coefficients[-1])
@@ -374,5 +376,5 @@ def _is_same(fit: Polished, best: Polished) -> bool:
 
 
 def _tried(data: Data, fit: Polished) -> float:
-    """Return -2 log likelihood on the data on which a fit is tried."""
+    """Return -2 log likelihood of a fit on the test data."""
     return fit.quality(data.tried) if data.tried is not None else 0.0

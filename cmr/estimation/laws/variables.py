@@ -1,4 +1,4 @@
-"""The variables of formulas along a drive, as the observer saw the robot move: in the middle of each step."""
+"""The variables of formulas along a drive, from the observer's motion, at the middle of each step."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 SIDES = ("left", "right")
-BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share takes off the duty; see cmr.model.stages
+BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share subtracts from the duty; see cmr.model.stages
 
 
 @dataclass(frozen=True)
 class Variables:
     """The variables of one segment by name, each (T,): those of the `body`, and of each side's wheels in `wheels`.
 
-    All mappings have the step `dt` [s], too, as what smooths needs it.
+    All mappings also contain the step `dt` [s], needed for smoothing.
     """
 
     body: Mapping[str, Floats]
@@ -28,7 +28,7 @@ class Variables:
 def variables_of(
     predictors: Sequence[Predictor], errors: Sequence[Errors], values: Mapping[str, float]
 ) -> list[Variables]:
-    """Return the variables in all segments, in which a robot with these values moved as `errors` say."""
+    """Return the variables in all segments, for a robot with these values and the motion in `errors`."""
     return [_of_segment(one, error.motion, values) for one, error in zip(predictors, errors, strict=True)]
 
 
@@ -69,7 +69,7 @@ def _of_body(left: Floats, right: Floats, values: Mapping[str, float]) -> tuple[
 
 
 def _delayed(duty: Floats, steps: float) -> Floats:
-    """Return the duties (T, 2) that take effect so many steps late."""
+    """Return the duties (T, 2) delayed by this number of steps."""
     if steps <= 0.0:
         return duty
     index = np.arange(len(duty), dtype=np.float64)
@@ -77,7 +77,7 @@ def _delayed(duty: Floats, steps: float) -> Floats:
 
 
 def _since_turn(v: Floats, w: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Return the time [s] and the way [m] since the turn reversed, or since the first turn; each (T,)."""
+    """Return time [s] and distance [m] since the rotation reversed, or since the first turn; each (T,)."""
     index = np.arange(len(w))
     latest = np.maximum.accumulate(np.where(np.abs(w) > TURNING, index, -1))
     sense = np.where(latest >= 0, np.sign(w[np.maximum(latest, 0)]), 0.0)

@@ -1,4 +1,6 @@
-"""Effects that no fit has: jitter and loss of commands, which act by chance, and coarse ticks, which are read off."""
+"""Effects that are not fitted: jitter and loss of commands, which are random, and encoder quantisation, which is read
+off the data.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,13 +26,13 @@ from cmr.estimation.search.command_timing import (
 from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect
 from cmr.model.catalogue import CATALOGUE
 
-LATE = (*MEANS, "slew_limit")  # as which jitter shows as long as its spread is not looked at
+LATE = (*MEANS, "slew_limit")  # which jitter resembles until the spread of delays is examined
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
-MAYBE_CHANCE = 10.0  # drop from which the delays of single commands show; below THRESHOLD both names stand
-STD_OF_JITTER = 0.05  # of its size: how delays are spread is not known
+MAYBE_CHANCE = 10.0  # drop from which the delays of single commands are evident; below THRESHOLD both effects are named
+STD_OF_JITTER = 0.05  # of its size: the distribution of delays is not known
 SURE_LOSS = 12.0  # drop from which commands are lost
-PERHAPS = 2.0  # standard deviations by which the share counted may be too small: that commands are lost is sure
-READ_OFF = 1e-3  # relative standard deviation of what is read off the data
+PERHAPS = 2.0  # standard deviations by which the counted share may be too small, given that commands are certainly lost
+READ_OFF = 1e-3  # relative standard deviation of values read off the data
 
 
 def chance_on_commands(
@@ -40,10 +42,10 @@ def chance_on_commands(
     final: Fit,
     seen: Fit,
 ) -> tuple[SelectedEffect, Problem] | None:
-    """Return jitter or loss of commands where the final fit leaves their traces, and the problem without them.
+    """Return jitter or loss of commands if the residuals of the final fit show it, and the problem without it.
 
-    A delay among `others`, which is there but too small to be named, may be the mean of jitter that is not. Friction
-    that is too small to be named would look like a loss: `seen` is the fit with all that is there.
+    A delay among `others`, too small to be named, may be the mean of jitter that is large enough. Friction that is too
+    small to be named would look like a loss, so `seen` is the fit with all effects present.
     """
     late = [one for one in named if one.candidate.effect.name in LATE]
     small = [one for one, why in others if why == TOO_SMALL and one.effect.name in MEANS and one.fit is not None]
@@ -58,9 +60,9 @@ def chance_on_commands(
 
 
 def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], final: Fit) -> list[SelectedEffect]:
-    """Return the effects; delays whose spread the data do not determine have jitter among their rivals.
+    """Add jitter to the rivals of delays whose spread the data do not determine; return the effects.
 
-    So have those that jitter itself may leave traces of, where it is named or a rival.
+    Effects that jitter can imitate also get it as a rival, if jitter is named or is a rival.
     """
     coarse = tick_of(problem) > COARSE
     timing = None
@@ -77,9 +79,9 @@ def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], fina
 
 
 def _perhaps_jitter(one: SelectedEffect, final: Fit, timing: Timing | None) -> SelectedEffect:
-    """Return a delay with jitter among its rivals, unless the spread of what follows commands contradicts it.
+    """Return a delay with jitter among its rivals, unless the spread of the response times contradicts it.
 
-    `timing` is None where ticks are too coarse to see single commands.
+    `timing` is None if ticks are too coarse to resolve single commands.
     """
     if one.candidate.effect.name not in MEANS:
         return one
@@ -89,19 +91,19 @@ def _perhaps_jitter(one: SelectedEffect, final: Fit, timing: Timing | None) -> S
 
 
 def _size(mean: float, timing: Timing) -> float:
-    """Return over how long [s] the delays of commands are spread that seem late by `mean` [s] because of jitter."""
+    """Return the width [s] of the jitter that causes an apparent mean delay of `mean` [s]."""
     return effective_size(largest_delay(mean, timing.period), timing.period)
 
 
 def _jitter(
     problem: Problem, final: Fit, late: Sequence[SelectedEffect], timing: Timing
 ) -> tuple[SelectedEffect, Problem] | None:
-    """Return jitter in place of the effects that make commands `late`, if delays are spread as it spreads them."""
+    """Return jitter in place of the delay effects `late`, if delays are spread accordingly."""
     names = [one.candidate.effect.name for one in late]
     mean = sum(final.values[parameter.name] for one in late for parameter in one.candidate.effect.parameters)
     if all(name in MEANS for name in names):
         size, drop = timing.jitter(_size(mean, timing))
-    else:  # how late commands are in the mean is not known
+    else:  # the mean delay of commands is unknown
         size, drop = timing.jitter()
         mean = 0.5 * size
     if drop < MAYBE_CHANCE:
@@ -115,7 +117,7 @@ def _jitter(
 
 
 def _lost(problem: Problem, final: Fit, timing: Timing | None) -> tuple[SelectedEffect, Problem] | None:
-    """Return the loss of commands, if it is there and matters."""
+    """Return the loss of commands, if it is significant and large enough."""
     loss = timing.loss() if timing else None
     if timing is None or loss is None or loss.drop < SURE_LOSS:
         return None
@@ -126,13 +128,13 @@ def _lost(problem: Problem, final: Fit, timing: Timing | None) -> tuple[Selected
 
 
 def coarse_ticks(problem: Problem, final: Fit) -> SelectedEffect | None:
-    """Return encoder_quantisation where the encoders have few ticks: the readings themselves show it."""
+    """Return encoder_quantisation if the encoders have few ticks, as the readings show."""
     tick = tick_of(problem)
     if not tick > COARSE:
         return None
     value = 2.0 * np.pi / tick
     readings = sum(int(np.sum(predictor.segment.observations.wheel_use)) for predictor in problem.predictors)
-    # Each reading that falls on a tick, where a fine encoder would fall anywhere, is evidence.
+    # Each reading that lies exactly on a tick is evidence, since those of a fine encoder would lie anywhere.
     drop = 2.0 * readings * float(np.log(tick / COARSE) + 1.0)
     return read_off("encoder_quantisation", Estimate(value, value * READ_OFF), drop, (), final)
 
@@ -143,7 +145,7 @@ def tick_of(problem: Problem) -> float:
 
 
 def read_off(name: str, estimate: Estimate, drop: float, rivals: tuple[str, ...], before: Fit) -> SelectedEffect:
-    """Return an effect that no fit has, with its size as it was estimated; `before` is the fit beside it."""
+    """Return an effect that is not fitted, with its estimated size; `before` is the fit beside it."""
     values = {**before.values, name: estimate.value}
     candidate = CandidateEffect(CATALOGUE[name], drop, values, None, 0.5 * drop)
     return SelectedEffect(candidate, rivals, before, {name: estimate})

@@ -1,11 +1,11 @@
-"""Commands that come late each by another time, or not at all: seen in what follows each change of the duty.
+"""Individual delays and losses of commands, estimated from the response to each change of the duty.
 
 Each command that changes the duty leaves a trace in the wheels' prediction errors if it takes effect late; its size is
 the delay. The delays of all commands are unknowns, and what remains is white noise: a linear model with random effects
-(Laird and Ware, Biometrics 38, 1982). What it says of each command, the others being unsure, is compared with laws by
-which delays may come: all alike; spread evenly, which is jitter; some late until the next command, which is loss. A
-computer that was held up for a moment makes outliers, which any law may have. So neither they nor a recording whose
-stamps are a little off make jitter or loss of a delay.
+(Laird and Ware, Biometrics 38, 1982). The resulting estimate for each command, marginalised over the others, is
+compared with distributions of delays: constant; uniform, which is jitter; some delayed until the next command, which is
+loss. Each distribution allows outliers, caused by moments of high load on a computer, so neither these nor slightly
+inaccurate stamps turn a delay into jitter or loss.
 """
 
 from collections.abc import Sequence
@@ -23,36 +23,36 @@ from cmr.recordings.signal import Floats, Mask
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-REACH = 0.5  # s after which a command's delay has left no trace
-LEAST_CHANGE = 1e-3  # duty; a smaller change of a command does not show when it came
+REACH = 0.5  # s after which the trace of a command's delay has decayed
+LEAST_CHANGE = 1e-3  # duty; a smaller change of a command does not reveal its delay
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
 SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
-UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which delays that are all alike may seem to differ
-OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands for which any delay may be found
+UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which constant delays may appear to differ
+OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands that are outliers
 OUTLYING = 0.05  # s, the standard deviation of theirs
-# Of the period: standard deviation of the other commands' delays while one is looked at. More hides jitter; with less,
-# the neighbours of a command that was held up seem lost.
+# Prior standard deviation of the other commands' delays, as a share of the period. More hides jitter; with less, the
+# neighbours of a delayed command appear lost.
 UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
-CLEAR = 1.0  # times its variance that the square of what is looked for must be, for a command to count
+CLEAR = 1.0  # required ratio of the squared delay sought to its variance, for a command to count
 FEWEST_CLEAR = 10  # commands that must count
 PARTS = 4  # of a recording
-PAUSE = 1.5  # times the period that lie between two commands where one was held up
+PAUSE = 1.5  # times the period between two commands that indicates a delayed sender
 SHARED = 2.0  # times its deviation a share may be off: neighbours depend on the same readings (8 made-up drives)
-LEAST = 1e-3  # 1/s^2; a delay of which so little is known counts as unknown
+LEAST = 1e-3  # 1/s^2; a delay with less information counts as unknown
 SIDES = ("psi_left", "psi_right")
-SMALLEST_BLOCK = 32  # of a banded matrix that is worked off block by block
-AGES = 200  # at which the age of the command in force is reckoned
+SMALLEST_BLOCK = 32  # of a banded matrix processed block by block
+AGES = 200  # at which the age of the command in force is computed
 MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
-CLOSE = 1e-13  # of the largest delay: it is found as exactly
+CLOSE = 1e-13  # of the largest delay: tolerance of the solution
 MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
 JITTER, LOSS = "command_jitter", "command_loss"
 
 
 @dataclass(frozen=True)
 class Loss:
-    """The share of commands that take effect with the next one only, and its standard deviation.
+    """The share of commands that take effect only with the next one, and its standard deviation.
 
-    `drop` is by how much it drops -2 log-likelihood, `lost` says of each command of all segments whether it was.
+    `drop` is its reduction of -2 log-likelihood, `lost` says which commands of all segments were lost.
     """
 
     share: float
@@ -63,7 +63,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class Timing:
-    """What the errors beside a fit say of the delay of each command of a problem, beyond the mean delay in the fit.
+    """Information on the delay of each command from the errors of a fit, relative to the fit's mean delay.
 
     Normal matrix, upper banded (bands, n), and right side (n,) of the delays [s]; `gaps` [s], (n,), until the next
     command, `splits` the number of each segment's first. `period` [s] is the usual time between commands.
@@ -76,7 +76,7 @@ class Timing:
     period: float
 
     def loss(self) -> Loss | None:
-        """Return the loss that explains the delays best; None if too little is known."""
+        """Return the loss that explains the delays best; None with too little information."""
         late, variance = self._alone((UNSURE_OF_LOSS * self.period) ** 2)
         clear = self._steady & (self.gaps**2 > CLEAR * variance)
         if np.count_nonzero(clear) < FEWEST_CLEAR:
@@ -98,8 +98,8 @@ class Timing:
     def jitter(self, size: float | None = None) -> tuple[float, float]:
         """Return the size [s] of delays that are spread evenly, and by how much that explains them better than none.
 
-        The size is the most likely one, or as it is given. The second, twice a log-likelihood, is 0 if too little is
-        known.
+        The size is the most likely one, or the given one. The second value, twice a log-likelihood ratio, is 0 with too
+        little information.
         """
         from scipy.special import ndtr
 
@@ -121,12 +121,14 @@ class Timing:
 
     @property
     def _steady(self) -> Mask:
-        """Which commands came neither before nor after a pause: a driver may have been held up while it sent them."""
+        """Which commands have no pause before or after them; at a pause, the sender may have been delayed."""
         paused = self.gaps > PAUSE * self.period
         return ~(paused | np.roll(paused, 1))
 
     def _alone(self, variance: float) -> tuple[Floats, Floats]:
-        """Return the delay [s] of each command and its variance from the errors alone; others have this variance."""
+        """Return the delay [s] of each command and its variance from the errors, with this prior variance for the
+        others.
+        """
         factor, solved = self._solved(variance)
         precision = np.maximum(1.0 / _inverse_diagonal(factor) - 1.0 / variance, LEAST)
         return solved * (1.0 + 1.0 / (variance * precision)), 1.0 / precision
@@ -142,7 +144,7 @@ class Timing:
 
 
 def timing_of(problem: Problem, fit: Fit) -> Timing | None:
-    """Return what is known of the delays of commands beside a fit; None where nothing is."""
+    """Return the information on delays of commands beside a fit; None if there is none."""
     commanded = [len(predictor.segment.observations.commands.time) > 1 for predictor in problem.predictors]
     if not all(commanded) or not any(SIDES[0] in predictor.times for predictor in problem.predictors):
         return None
@@ -155,9 +157,10 @@ def _normal(late: Floats, variance: Floats) -> Floats:
 
 
 def _throughout(drops: Floats) -> float:
-    """Return the sum of what each command drops, in order of time, as if no part of the recording stood out.
+    """Return the sum of the drops of all commands, in order of time, limited so that no part of the recording
+    dominates.
 
-    A computer that was held up for some seconds makes a burst of late commands; where they are lost, they are always.
+    A computer overloaded for some seconds causes a burst of late commands, whereas loss occurs throughout.
     """
     parts = [float(part.sum()) for part in np.array_split(drops, PARTS)]
     return (sum(parts) - max(parts)) * PARTS / (PARTS - 1)
@@ -180,7 +183,7 @@ def period_of(problem: Problem) -> float:
 def largest_delay(mean: float, period: float) -> float:
     """Return the largest of evenly spread delays [s] by which commands, one each `period` [s], seem `mean` [s] late.
 
-    Half of the largest, as long as it is shorter than the period; then newer commands overtake older ones.
+    The mean is half of the largest while that is shorter than the period; beyond, newer commands overtake older ones.
     """
 
     def missing(largest: float) -> float:
@@ -188,7 +191,7 @@ def largest_delay(mean: float, period: float) -> float:
 
     if 2.0 * mean <= period or missing(2.0 * mean) >= 0.0:
         return 2.0 * mean
-    # SciPy's `brentq` needs fewer steps, but a tenth of the time of a whole calibration to be imported.
+    # SciPy's `brentq` needs fewer steps, but importing it takes a tenth of the time of a calibration.
     low, high = 2.0 * mean, MOST_OVERTAKEN * mean
     while high - low > CLOSE * high:
         middle = 0.5 * (low + high)
@@ -197,7 +200,7 @@ def largest_delay(mean: float, period: float) -> float:
 
 
 def _seeming_delay(largest: float, period: float) -> float:
-    """Return by how much the command in force is older, in the mean, than if none were late: all newer ones are."""
+    """Return the mean additional age of the command in force due to delays, with all newer ones delayed."""
     age = (np.arange(AGES) + 0.5) / AGES * period  # of the newest command; others are whole periods older
     late, older = np.clip(1.0 - age / largest, 0.0, 1.0), 0.0
     while np.any(late > 0.0):
@@ -208,9 +211,9 @@ def _seeming_delay(largest: float, period: float) -> float:
 
 
 def effective_size(largest: float, period: float) -> float:
-    """Return the size [s] of a uniform distribution that is as wide as the delays after which commands take effect.
+    """Return the size [s] of a uniform distribution with the spread of the effective delays.
 
-    They are evenly spread up to `largest` [s], but a newer command may overtake: then it is that one's effect.
+    Delays are uniform up to `largest` [s], but a command overtaken by a newer one has no effect.
     """
     times = (np.arange(20 * AGES) + 0.5) / (20 * AGES) * largest
     later = np.ones(len(times))  # probability that none has come by then
@@ -222,12 +225,12 @@ def effective_size(largest: float, period: float) -> float:
 
 
 def without_jitter(problem: Problem, delays: Sequence[Floats], mean: float) -> Problem:
-    """Return the problem with commands that take effect when they seem to have; `mean` [s] is their mean delay."""
+    """Return the problem with commands shifted to their apparent times of effect; `mean` [s] is their mean delay."""
     return _taken(problem, [np.maximum(mean + of, 0.0) for of in delays])
 
 
 def without_loss(problem: Problem, timing: Timing, loss: Loss) -> Problem:
-    """Return the problem with the commands that seem lost coming with the next one."""
+    """Return the problem with apparently lost commands merged into the next one."""
     return _taken(problem, np.split(np.where(loss.lost, timing.gaps, 0.0), timing.splits[1:-1]))
 
 
@@ -235,7 +238,7 @@ def _taken(problem: Problem, delays: Sequence[Floats]) -> Problem:
     predictors = []
     for predictor, late in zip(problem.predictors, delays, strict=True):
         time = predictor.segment.observations.commands.time + late
-        # A command that comes after a newer one is overtaken.
+        # A command that arrives after a newer one has no effect.
         predictors.append(Predictor(predictor.segment.with_commands_at(np.minimum.accumulate(time[::-1])[::-1])))
     return Problem(predictors, problem.gains, problem.excitation)
 
@@ -264,15 +267,16 @@ def _timing(problem: Problem, fit: Fit, errors: Errors) -> Timing:
 def _response(
     fit: Fit, problem: Problem, noise: Noise, name: str, number: int, predictor: Predictor
 ) -> tuple[float, Floats, Floats]:
-    """Return the period [s] of a wheel's readings, and what one second of one more duty does to its next white errors.
+    """Return the period [s] of a wheel's readings, and the response of its white errors to an impulse of duty of one
+    second.
 
-    The third is the size of the errors, shape (n,), by which the second is still to be divided.
+    The third value is the size of the errors, shape (n,), by which the second must still be divided.
     """
     period = float(np.median(np.diff(predictor.segment.observations.wheel_time)))
     count = int(REACH / period)
     rate = fit.values["k1"] * fit.values["k2_over_k3"]
     kept = np.exp(-rate * period)
-    # An impulse of duty at time 0: a jump of the speed. The observer, which knows nothing of it, follows the angle.
+    # An impulse of duty at time 0: a jump of the speed. The observer, unaware of it, follows the angle.
     speed, angle, raw = fit.values["k2_over_k3"], 0.0, np.zeros(count)
     for index in range(1, count):
         angle += speed * (1.0 - kept) / rate
@@ -289,7 +293,7 @@ def _response(
 def _design(
     packets: Floats, changes: Floats, times: Floats, response: tuple[float, Floats, Floats]
 ) -> tuple[Floats, Indices, Indices]:
-    """Return what a second of delay of commands leaves in white errors: values, and numbers of errors and commands."""
+    """Return the design matrix, white errors per second of command delay: values, row and column indices."""
     period, trace, sizes = response
     count = len(trace)
     matters = np.flatnonzero(np.abs(changes) > LEAST_CHANGE)
@@ -318,7 +322,7 @@ def _banded(normal: "csr_matrix") -> Floats:
 def _inverse_diagonal(factor: Floats) -> Floats:
     """Return the diagonal of the inverse of a matrix whose Cholesky factor is given, in the upper banded form.
 
-    Only those blocks of the inverse are reckoned which lie on the diagonal (Takahashi, Fagan and Chen, 1973).
+    Only the diagonal blocks of the inverse are computed (Takahashi, Fagan and Chen, 1973).
     """
     from scipy.linalg import solve_triangular
 

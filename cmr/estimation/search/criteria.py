@@ -1,4 +1,4 @@
-"""Judge an effect that was tested: is it there, does it hold on other data, are its values possible, does it matter?
+"""Acceptance criteria of an effect: significance, validity on other data, possible values, and size.
 
 With the drop D = S(before) - S(after) that its k parameters bring, and the inflation of its score (inflation.py):
 
@@ -51,16 +51,17 @@ from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.model.parameters import ParameterDefinition
 from cmr.recordings.signal import Floats
 
-THRESHOLD = 30.0  # drop of the sum of squares that one parameter must bring
-PER_PARAMETER = 5.0  # more for each further one
-OF_A_PLACE = 50.0  # more for the best of thousands of places: poses that err slowly make one stand out
-CLEARLY = 3.0  # times what an effect must explain: with more to first order it is needed
-PER_FURTHER = 10.0  # the logarithm of some ten thousand errors: what each further parameter must explain to be better
-ABSURD = 4.0  # factor by which the paper's parameters may not change when an effect comes in
-LARGEST_STRETCH = 0.5  # of a usual distance from the origin, by which poses may be stretched
-FARTHEST = 1.5  # times its root mean square distance from the origin: farther a robot hardly is on a drive of loops
-AT_ONCE = 1.0  # s; what happens in one of them may be a bump, or a command that was stamped late
-AT_ITS_END = 1e-3  # of a bound; nearer than this a value is at it
+THRESHOLD = 30.0  # drop of the sum of squares required of one parameter
+PER_PARAMETER = 5.0  # additional, per further parameter
+# additional, for the best of thousands of places, because slowly varying pose errors make some stand out
+OF_A_PLACE = 50.0
+CLEARLY = 3.0  # times the required drop: an effect above it to first order is needed
+PER_FURTHER = 10.0  # about the log of the number of errors: required drop of each further parameter (BIC)
+ABSURD = 4.0  # factor of change of the paper's parameters that rules out an effect
+LARGEST_STRETCH = 0.5  # largest distortion of poses, relative to a usual distance from the origin
+FARTHEST = 1.5  # times its RMS distance from the origin, about the largest distance on a drive of loops
+AT_ONCE = 1.0  # s; an effect of one such moment may be a bump, or a command with a late stamp
+AT_ITS_END = 1e-3  # of a bound; nearer values count as being at it
 READINGS = {"gyro": ("yaw_rate",), "pose": POSE_SIGNALS}  # of sensors that move nothing, by their stage
 TOO_SMALL = "It is too small to matter."
 MAY_BE_CHANCE = "What it explains may be chance."
@@ -70,9 +71,9 @@ TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
 
 @dataclass(frozen=True)
 class CandidateEffect:
-    """An effect fitted beside others: its drop of the sum of squared white errors, and what it gains on left-out data.
+    """An effect fitted beside others: its drop of the sum of squared white errors, and its gain on left-out data.
 
-    `fit` is None where only a quick fit was made. `measure` is the number for which the effect is not named, if known.
+    `fit` is None after a quick fit. `measure` is the number that rules the effect out, if any.
     """
 
     effect: Effect
@@ -83,20 +84,20 @@ class CandidateEffect:
     measure: Measure | None = None
 
     def reason(self, why: str) -> str:
-        """Return the sentence that says why the effect is not named: that of its measure, else `why`."""
+        """Return the reason why the effect is not named: the sentence of its measure, otherwise `why`."""
         return self.measure.sentence if self.measure else why
 
     @property
     def evidence(self) -> float:
-        """The drop less what further parameters explain by chance (Schwarz, Annals of Statistics 6, 1978)."""
+        """The drop minus the penalty of further parameters (Schwarz, Annals of Statistics 6, 1978)."""
         return self.drop - PER_FURTHER * (len(self.effect.parameters) - 1) - rarity(self.effect.name)
 
 
 @dataclass(frozen=True)
 class SelectedEffect:
-    """An effect accepted, with its rivals: effects that explain the data as well in its place.
+    """An accepted effect with its rivals: effects that explain the data as well instead of it.
 
-    `estimates` are those of parameters that no fit has, because they act by chance or are read off the data.
+    `estimates` are those of parameters that are not fitted, because they are random or read off the data.
     """
 
     candidate: CandidateEffect
@@ -106,14 +107,14 @@ class SelectedEffect:
 
 
 def why_not(problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation) -> str:
-    """Return why an effect is not named, empty if nothing speaks against it; TOO_SMALL if nothing else does."""
+    """Return why an effect is not named, empty if it may be named; TOO_SMALL if that is the only reason."""
     return next((why for why, _ in _objections(problem, before, candidate, inflation)), "")
 
 
 def measured(
     problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation, why: str
 ) -> CandidateEffect:
-    """Return an effect with the measure behind a reason of `why_not`; as it is where the reason is another."""
+    """Return an effect with the measure behind a reason of `why_not`; unchanged for any other reason."""
     measures = (measure for reason, measure in _objections(problem, before, candidate, inflation) if reason == why)
     return replace(candidate, measure=next(measures, candidate.measure))
 
@@ -124,9 +125,9 @@ def too_small(candidate: CandidateEffect, excitation: Excitation) -> Measure | N
 
 
 def _stds(candidate: CandidateEffect) -> dict[str, float]:
-    """Return the standard deviations of an effect's parameters where everything was free in its fit, else none.
+    """Return the standard deviations of an effect's parameters if everything was free in its fit, otherwise none.
 
-    A parameter that only shapes the effect, and ended at its bound, leaves no doubt of whether there is an effect.
+    A shape parameter at its bound does not question the existence of the effect and is omitted.
     """
     if candidate.fit is None:
         return {}
@@ -138,7 +139,7 @@ def _stds(candidate: CandidateEffect) -> dict[str, float]:
 def _objections(
     problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation
 ) -> Iterator[tuple[str, Measure]]:
-    """Yield what speaks against naming an effect, each reason with the measure that decides."""
+    """Yield objections to naming an effect, each with the measure that decides."""
     values, drop, inflated = candidate.values, candidate.drop, inflation.of(candidate.effect.name)
     least = needed(candidate.effect)
     if drop < least * inflated:
@@ -161,16 +162,16 @@ def _objections(
 
 
 def _lost_readings(problem: Problem, before: Fit, candidate: CandidateEffect) -> float:
-    """Return by how much what a gyro or a tracker does raises the squares of its own white errors; 0 of other effects.
+    """Return how much a gyro or tracker effect raises the squares of its own sensor's white errors; 0 for others.
 
-    Where the robot is decides whether it is at a place that acts on its wheels, and poses say where it is. So an effect
-    of the tracker may predict wheels better by chance, at the expense of the poses.
+    The estimated position decides whether the robot is inside a place that acts on its wheels. So a tracker effect may
+    improve the prediction of wheels by chance, at the expense of the poses.
     """
     effect, fit = candidate.effect, candidate.fit
     if fit is None or not effect.is_sensor or not problem.one_step:
         return 0.0
     own = {name for stage in effect.equations for name in READINGS.get(stage.partition("_")[0], SIGNALS)}
-    rows = np.flatnonzero(problem.rows_of(own))  # by number: errors that are of no sensor, of priors, come after all
+    rows = np.flatnonzero(problem.rows_of(own))  # by number: prior terms, which belong to no sensor, come last
     return float(np.sum(fit.rest[rows] ** 2) - np.sum(before.rest[rows] ** 2)) if own < {*SIGNALS} else 0.0
 
 
@@ -192,7 +193,7 @@ def _at_once(problem: Problem, before: Fit, candidate: CandidateEffect) -> float
 def _impossible(
     problem: Problem, before: Fit, candidate: CandidateEffect, stds: Mapping[str, float]
 ) -> Iterator[tuple[str, Measure]]:
-    """Yield which values of an effect, or of the paper's parameters beside it, are impossible or unknown."""
+    """Yield objections to impossible or undetermined values of an effect, or of the paper's parameters beside it."""
     values, names = candidate.values, [parameter.name for parameter in candidate.effect.parameters]
     moment = values.get(f"{candidate.effect.name}_time")
     if moment is not None and not problem.moving[0] < moment < problem.moving[1]:
@@ -224,7 +225,7 @@ def _impossible(
 
 
 def _most_changed(before: Fit, after: Mapping[str, float]) -> tuple[str, float]:
-    """Return which of the paper's parameters an effect changes most, and its ratio; the motor's rate for k2_over_k3."""
+    """Return the paper's parameter that an effect changes most, and its ratio; for k2_over_k3, the motor's rate."""
     ratios = {name: after[name] / before.values[name] for name in before.names if name in PAPER}
     if "k2_over_k3" in ratios:
         rates = [one["k1"] * one["k2_over_k3"] for one in (before.values, after)]
@@ -234,9 +235,9 @@ def _most_changed(before: Fit, after: Mapping[str, float]) -> tuple[str, float]:
 
 
 def needs_another_robot(before: Fit, after: Mapping[str, float]) -> bool:
-    """Return whether the paper's parameters change so much that the robot would be another one.
+    """Return whether the paper's parameters change implausibly.
 
-    The motor's rate may change towards what is usual: without the effect that is there, it can be far off.
+    The motor's rate may change towards usual values, because without a present effect it can be far off.
     """
     ratios = [after[name] / before.values[name] for name in before.names if name in PAPER and name != "k2_over_k3"]
     if any(not 1.0 / ABSURD < ratio < ABSURD for ratio in ratios):
@@ -246,7 +247,7 @@ def needs_another_robot(before: Fit, after: Mapping[str, float]) -> bool:
 
 
 def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
-    """Return whether a value is as far from neutral as the parameter allows."""
+    """Return whether a value is at the bound farthest from neutral."""
     bounds = [bound for bound in (parameter.lower, parameter.upper) if bound != parameter.neutral]
     return parameter.switches and any(abs(value - bound) <= AT_ITS_END * abs(bound) for bound in bounds)
 
@@ -276,7 +277,7 @@ def left_out(fit: Fit, folds: np.typing.NDArray[np.int64]) -> float:
 def left_out_errors(fit: Fit, folds: np.typing.NDArray[np.int64]) -> Floats:
     """Return the white errors (n,), those of each of the `folds` (n,) predicted by a fit without it (to first order).
 
-    When and where an effect acts stays as found: without the moment itself, slopes say nothing of it.
+    The time and place of an effect are kept: without the data around them, slopes do not determine them.
     """
     errors = np.empty_like(fit.rest)
     refitted = [name in PAPER or definition(name).switches for name in fit.names]

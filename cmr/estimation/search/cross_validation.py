@@ -1,13 +1,14 @@
-"""Cross-validate an effect: refit on one part of the data, score on the other.
+"""Cross-validate an effect: refit on one fold, score on the other.
 
 For the parts j = 1, 2 (folds.py), with both models fitted on part j alone:
 
-    drop_j = S_j(before) - S_j(after)                 what it explains of the part it was fitted on
-    gain_j = (S_other(before) - S_other(after)) / 2   log-likelihood that it adds to the other part
-    share  = largest share of any signal's squares that it explains on the part left out
+    drop_j = S_j(before) - S_j(after)                 the drop on the part it was fitted on
+    gain_j = (S_other(before) - S_other(after)) / 2   the log-likelihood gained on the other part
+    share  = largest share of any signal's squares explained on the left-out part
 
-By moments, gain_j >= -LOST drop_j / 2 wherever part j supports the effect by itself; where none does, both drops exceed
-LEAST_SEEN and gain_1 + gain_2 > 0. By courses, also gain_1 + gain_2 > LEAST_GAIN and share >= LEAST_SHARE.
+With one-step errors, gain_j >= -LOST drop_j / 2 wherever part j supports the effect by itself; if none does, both drops
+must exceed LEAST_SEEN and gain_1 + gain_2 > 0. With free runs, gain_1 + gain_2 > LEAST_GAIN and share >= LEAST_SHARE
+are also required.
 
 Reference: M. Stone, Journal of the Royal Statistical Society B 36, 1974.
 """
@@ -27,22 +28,22 @@ from cmr.model.catalogue import definition
 from cmr.recordings.signal import Floats
 
 LEAST_SEEN = 4.0  # drop of the sum of squares that each part alone must show
-LOST = 0.1  # of what an effect explains of one part that it may cost the other, as no model is exact
+LOST = 0.1  # of the drop on one part that may be lost on the other, since no model is exact
 LEAST_GAIN = 10.0  # log-likelihood that an effect must add to the parts that it was not fitted on
 LEAST_SHARE = 0.05  # of a signal's squares on data left out that an effect must explain to matter
-IN_COMMON = 0.5  # correlation of what two effects explain from which on either may stand for the other
-SEEN = 0.7  # of the fastest turns: sensors err, and the ground gives a little
+IN_COMMON = 0.5  # correlation of the traces of two effects above which either may replace the other
+SEEN = 0.7  # of the fastest rotation, to allow for sensor errors and soft ground
 GYRO = "yaw_rate"
 DOES_NOT_HOLD = "It does not hold on another part of the data, fitted again without it."
 
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """What an effect does on data that it was not fitted on.
+    """The result of cross-validating an effect.
 
-    Fitted on the first part of the data and on the second, it has `drops` there of the sum of squares, and adds `gains`
-    of log-likelihood to the other part. `share` is the largest share of any signal's squares that it explains there: of
-    wheels and poses in free runs, of the gyro beside the wheels as they were measured.
+    `drops` of the sum of squares are those on the first and the second part when fitted there, `gains` the
+    log-likelihood gained on the other part. `share` is the largest share of any signal's squares explained there: of
+    wheels and poses in free runs, of the gyro given the measured wheels.
     """
 
     drops: tuple[float, float]
@@ -56,7 +57,7 @@ class Elsewhere:
 
     @property
     def gain(self) -> float:
-        """The log-likelihood that it adds to the parts that it was not fitted on."""
+        """The total log-likelihood gained on left-out parts."""
         return sum(self.gains)
 
     def spoken(self, significant: float) -> list[tuple[float, float]]:
@@ -66,7 +67,7 @@ class Elsewhere:
 
 
 def elsewhere(problem: Problem, before: Fit, after: Fit, by_kind: bool = True) -> Elsewhere:
-    """Fit the model before and after an effect came in on each of two parts, and try both on the other part.
+    """Fit the model with and without an effect on each of two parts, and evaluate both on the other part.
 
     The parts are those of `two_parts`.
     """
@@ -87,7 +88,7 @@ def elsewhere(problem: Problem, before: Fit, after: Fit, by_kind: bool = True) -
 
 
 def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
-    """Return whether two fits, each with another effect beside the model before, explain the same."""
+    """Return whether two fits, each with a different effect added to the model `before`, explain the same."""
     if one is None or other is None:
         return False
     first, second = before.rest - one.rest, before.rest - other.rest
@@ -95,9 +96,9 @@ def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:
 
 
 def _share(problem: Problem, models: Sequence[tuple[Mapping[str, float], ...]], by_kind: bool) -> float:
-    """Return the largest share of a signal's squares that an effect takes from free runs, the gyro's left out.
+    """Return the largest share of a signal's squares in free runs that an effect removes, except for the gyro.
 
-    `models` are those before and after, found on the first part and on the second; each runs on the other part.
+    `models` are those before and after, fitted on the first part and on the second; each runs on the other part.
     """
     segments = [predictor.segment for predictor in problem.predictors]
     first = first_recordings(problem.predictors, by_kind) if problem.several else None
@@ -124,9 +125,9 @@ def _squares(errors: Errors, name: str) -> float:
 
 
 def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, significant: float) -> str:
-    """Return why what an effect explains is not believed to hold elsewhere; empty if it is.
+    """Return why an effect fails cross-validation; empty if it passes.
 
-    `significant` is the drop of the sum of squares from which a part of the data supports it by itself.
+    `significant` is the drop above which a part of the data supports it by itself.
     """
     if after is None:
         return "It was not fitted."
@@ -134,7 +135,7 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
     if problem.one_step:
         return why_not_of_moments(found, significant)
     harmless = _harmless(found, significant)
-    if not found.seen and problem.several and harmless:  # then what both parts of a kind gain together counts
+    if not found.seen and problem.several and harmless:  # then the joint gain of both parts of a kind counts
         found = elsewhere(problem, before, after, by_kind=False)
     if not found.seen:
         return "Only a part of the data shows it."
@@ -144,10 +145,10 @@ def why_not_elsewhere(problem: Problem, before: Fit, after: Fit | None, signific
 
 
 def why_not_of_moments(found: Elsewhere, significant: float) -> str:
-    """Return why an effect does not hold elsewhere, moment by moment.
+    """Return why an effect fails cross-validation by one-step errors.
 
-    A drive in which an effect does not show says nothing against it. So what a part finds that supports the effect by
-    itself must not make the other part worse; where none does, both together must make each other better.
+    A drive that does not excite an effect is no evidence against it. So a fit on a part that supports the effect by
+    itself must not make the other part worse; if neither part does, both together must gain.
     """
     if found.spoken(significant):
         return "" if _harmless(found, significant) else DOES_NOT_HOLD
@@ -157,17 +158,17 @@ def why_not_of_moments(found: Elsewhere, significant: float) -> str:
 
 
 def _harmless(found: Elsewhere, significant: float) -> bool:
-    """Return whether what a part finds that supports the effect by itself makes the other part no worse."""
+    """Return whether no part that supports the effect by itself makes the other part worse."""
     return all(gain >= -0.5 * LOST * drop for drop, gain in found.spoken(significant))
 
 
 def contradicted(values: Mapping[str, float], excitation: Excitation) -> bool:
-    """Return whether an effect limits the turns to less than the robot was seen to turn."""
+    """Return whether an effect limits the yaw rate to less than was measured."""
     return as_seen(values, excitation) != values
 
 
 def as_seen(values: Mapping[str, float], excitation: Excitation) -> dict[str, float]:
-    """Return the values; a limit of the turns that the robot was seen to exceed becomes what it was seen to turn."""
+    """Return the values with yaw-rate limits raised to the fastest measured rotation."""
     exceeded = {name for name in values if _limits_turns(name) and values[name] < SEEN * excitation.fastest}
     return {name: excitation.fastest if name in exceeded else value for name, value in values.items()}
 

@@ -1,11 +1,11 @@
-"""Eliminate backwards: remove what has become redundant or does not matter, make sure of the values, put in order.
+"""Backward elimination: remove effects that are redundant or too small, refine the values, and order the effects.
 
 For each effect k of the final model, with S the sum of squares of the model and S_k that of the model fitted without k,
 
     D_k = S_k - S
 
-must pass criteria.py once more beside all others. Of those that fail, the one of least D_k leaves, and the rest is
-judged again. S_k is taken to first order where it exceeds CLEARLY times what is needed, else fitted.
+must pass criteria.py again beside all others. Of those that fail, the one with the least D_k is removed, and the rest
+is judged again. S_k is taken to first order where it exceeds CLEARLY times what is needed, else fitted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,9 +35,9 @@ from cmr.model.parameters import DEFINITIONS as PAPER
 
 @dataclass(frozen=True)
 class Finished:
-    """The effects named, each judged beside all others, and the final fit with what is to be added to its doubts.
+    """The selected effects, each judged beside all others, and the final fit with additional standard deviations.
 
-    `dropped` are effects that did not stand this, and why.
+    `dropped` are the removed effects, with reasons.
     """
 
     named: list[SelectedEffect]
@@ -47,10 +47,10 @@ class Finished:
 
 
 def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, inflation: Inflation) -> Finished:
-    """Finish a search that named some effects, with `current` as its last fit.
+    """Finish a search with the selected effects `named` and `current` as its last fit.
 
-    Where effects that are too small to be named are left out, others make up for them as far as they can, and may seem
-    to be chance. Such an effect stands if it does beside them.
+    If effects too small to be named are omitted, others compensate for them and may appear insignificant. An effect
+    that is significant beside the small ones is kept.
     """
     standing, small, final = _without_small(problem, named, current)
     dropped = [(tested, TOO_SMALL) for tested in small]
@@ -80,7 +80,7 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
 
 
 def _failing(problem: Problem, standing: Sequence[SelectedEffect], inflation: Inflation) -> dict[int, str]:
-    """Return why effects are not named, by number, but for those that are only too small."""
+    """Return why effects fail, by number, except those that are only too small."""
     reasons = [why_not(problem, one.before, one.candidate, inflation) for one in standing]
     return {number: why for number, why in enumerate(reasons) if why not in ("", TOO_SMALL)}
 
@@ -88,7 +88,7 @@ def _failing(problem: Problem, standing: Sequence[SelectedEffect], inflation: In
 def _standing_again(
     problem: Problem, standing: list[SelectedEffect], failing: Sequence[int], fit: Fit, inflation: Inflation
 ) -> list[int]:
-    """Return which of the `failing` effects, by number, stand in another fit; there is what they explain."""
+    """Return which of the `failing` effects, by number, pass in another fit, with what they explain there."""
     again = _beside_the_others(problem, [standing[number] for number in failing], fit, inflation)
     still = _failing(problem, again, inflation)
     found = [index for index in range(len(failing)) if index not in still]
@@ -100,7 +100,7 @@ def _standing_again(
 
 
 def _at(final: Fit, one: SelectedEffect) -> SelectedEffect:
-    """Return an effect that stands alone with its final values: what it explains is known."""
+    """Return a single effect with its final values; what it explains is already known."""
     return replace(one, candidate=replace(one.candidate, values=final.values, fit=final))
 
 
@@ -109,9 +109,9 @@ def _beside_the_others(
 ) -> list[SelectedEffect]:
     """Return each effect with what it explains beside all others, and the fit without it.
 
-    Where the effect is clearly needed, first order is enough for that; errors of free runs are not linear enough, nor
-    are those of what others stand in for. A fit without an effect begins from where first order leads, and from what
-    the paper's parameters were before the effect came in: from either alone, some are stuck.
+    If an effect is clearly needed, first order is sufficient, except for free runs and for effects that others can
+    imitate, which are not linear enough. A fit without an effect starts both from the first-order solution and from the
+    paper's parameters before the effect was added, because some fits get stuck from one of them.
     """
     fits = problem.without(final, [[one.candidate.effect] for one in standing])
     drops = [fit.squares - final.squares for fit in fits]
@@ -135,7 +135,7 @@ def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> S
 
 
 def _is_clear(problem: Problem, one: SelectedEffect, fit: Fit, drop: float, inflation: Inflation) -> bool:
-    """Return whether an effect is needed, by its `drop` to first order, whatever a fit without it would say."""
+    """Return whether the first-order `drop` alone shows that an effect is needed, without a fit."""
     others_do = one.candidate.effect.name == SLIP and {*fit.names} >= SEEM_LATE
     return problem.one_step and not others_do and drop > CLEARLY * _least(one, inflation)
 
@@ -146,7 +146,9 @@ def _least(one: SelectedEffect, inflation: Inflation) -> float:
 
 
 def _left_out(problem: Problem, one: SelectedEffect, final: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the values of a fit, with the paper's parameters from before an effect came in, and what is free in it."""
+    """Return the values of a fit with the paper's parameters from before an effect was added, and its free
+    parameters.
+    """
     values, names = without(problem, final, [one])
     return {**values, **{name: value for name, value in one.before.values.items() if name in PAPER}}, names
 
@@ -154,7 +156,9 @@ def _left_out(problem: Problem, one: SelectedEffect, final: Fit) -> tuple[dict[s
 def _without_small(
     problem: Problem, named: Sequence[SelectedEffect], current: Fit
 ) -> tuple[list[SelectedEffect], list[CandidateEffect], Fit]:
-    """Return the effects that matter, those that do not, with their values, and the fit without these."""
+    """Return the effects that are large enough, the small ones with their values, and the fit without the small
+    ones.
+    """
     matters = [_too_small(problem, one, current) is None for one in named]
     small = [one for one, does in zip(named, matters, strict=True) if not does]
     if not small:
@@ -169,14 +173,14 @@ def _without_small(
 
 
 def _too_small(problem: Problem, one: SelectedEffect, fit: Fit) -> Measure | None:
-    """Return by how much an effect is too small to be named, with its values in a fit; None if it matters."""
+    """Return by how much an effect with its values in a fit is too small to be named; None if it is large enough."""
     return too_small(replace(one.candidate, values=fit.values, fit=fit), problem.excitation)
 
 
 def pruned(
     problem: Problem, named: list[SelectedEffect], current: Fit, inflation: Inflation
 ) -> tuple[list[SelectedEffect], Fit, list[tuple[str, float, float]]]:
-    """Drop effects that the others have made redundant; return these with their drop and what it should have been."""
+    """Drop effects that the others have made redundant; return these with their drops and the required drops."""
     removed: list[tuple[str, float, float]] = []
     drops = [
         fit.squares - current.squares for fit in problem.without(current, [[one.candidate.effect] for one in named])
@@ -197,9 +201,9 @@ def pruned(
 
 
 def without(problem: Problem, fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the values of a fit, and the names of what is free in it, without some effects.
+    """Return the values and free parameters of a fit without some effects.
 
-    What slip did, gyro and poses do where both are free.
+    The delay caused by slip is moved to gyro and pose latency if both are free.
     """
     own = {parameter.name for one in effects for parameter in one.candidate.effect.parameters}
     values = problem.excitation.without(fit.values, own)

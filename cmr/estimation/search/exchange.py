@@ -1,9 +1,9 @@
-"""Exchange effects: up to two of those selected leave, up to two others come, where that explains the data better.
+"""Exchange effects: remove up to two selected effects and add up to two others, if that explains the data better.
 
-Adding one effect at a time fails where effects explain each other's traces: unequal gain and unequal back-EMF are
-first taken for one asymmetry, two asymmetries may each need the other, and slip may be taken for two latencies. The
-screening gives the products of what all effects change in the white errors (linear.py). From these, the sum of squares
-that any exchange would leave is known to first order without another run of the model: for trials A that come,
+Adding one effect at a time fails if effects imitate each other: unequal gain and unequal back-EMF are first taken for
+one asymmetry, two asymmetries may each need the other, and slip may be taken for two latencies. The screening provides
+the products of the traces of all effects (linear.py). They give the sum of squares after any exchange, to first order,
+without another run of the model: for added trials A,
 
     S_A = S_left - pull_A' N_A^-1 pull_A
 
@@ -39,10 +39,10 @@ from cmr.estimation.search.placement import placed
 from cmr.estimation.search.screening import MOST_OF_A_LIMIT, Score, Screening, one_sided, start_of
 from cmr.model.catalogue import CATALOGUE, definition
 
-OWN = 1e-4  # of a change's square that must be its own beside the changes that it joins
-BEST_PAIRS = 60  # of each set of effects that leave
-LARGEST_SHARE = 5.0  # of the typical size: first order holds no further
-# By how much the predicted score may be worse than the present one, as first order is not exact; how many are fitted.
+OWN = 1e-4  # of a trace's square that must be orthogonal to the traces it is combined with
+BEST_PAIRS = 60  # per set of removed effects
+LARGEST_SHARE = 5.0  # of the typical size: beyond it first order is invalid
+# By how much the predicted score may be worse than the current one, as first order is inexact; number of fits.
 WORSE_BY_ONE, FITTED_BY_ONE = 60.0, 6  # of exchanges in which one effect comes
 WORSE_BY_TWO, FITTED_BY_TWO = 10.0, 3  # in which two come
 FITTED_INSTEAD = 2  # of exchanges in which one effect comes for one that is known from data sheets
@@ -54,7 +54,7 @@ BETTER = 2.0  # by which the score must fall; less is a tie
 
 @dataclass(frozen=True)
 class _Proposal:
-    """An exchange to first order: effects that leave; trials, by number, that come, with shares of their sizes.
+    """An exchange to first order: effects removed; trials added, by number, with shares of their sizes.
 
     `score` is the sum of squares, with a penalty for the effects.
     """
@@ -67,7 +67,7 @@ class _Proposal:
 
 @dataclass(frozen=True)
 class Exchange:
-    """An exchange that explains the data better: the effects that leave, those that come, and the fit with them."""
+    """An exchange that explains the data better: effects removed, effects added, and the fit."""
 
     leaving: tuple[str, ...]
     selected: tuple[SelectedEffect, ...]
@@ -75,7 +75,7 @@ class Exchange:
 
     @property
     def coming(self) -> list[str]:
-        """The names of the effects that come."""
+        """The names of the added effects."""
         return [one.candidate.effect.name for one in self.selected]
 
 
@@ -110,14 +110,14 @@ def best_exchange(
 def possible_together(
     problem: Problem, current: Fit, candidates: Sequence[CandidateEffect], inflation: Inflation
 ) -> bool:
-    """Return whether nothing speaks against effects but that they may be too small to be named."""
+    """Return whether there is no objection to the effects except that they may be too small to be named."""
     return all(why_not(problem, current, one, inflation) in ("", TOO_SMALL) for one in candidates)
 
 
 def too_rare(current: Fit, fit: Fit, leaving: Sequence[str], candidates: Sequence[CandidateEffect]) -> bool:
-    """Return whether a rare effect comes for another one for little: where friction is, fits differ by chance.
+    """Return whether a rare effect would replace another for too little gain: with friction, fits differ by chance.
 
-    It may come for several that it makes superfluous.
+    It may replace several effects that it makes redundant.
     """
     gained = current.squares - fit.squares
     rare = [one for one in candidates if one.effect.name in IN_DATA_SHEETS]
@@ -125,9 +125,9 @@ def too_rare(current: Fit, fit: Fit, leaving: Sequence[str], candidates: Sequenc
 
 
 def without_idle_swaps(problem: Problem, current: Fit, exchange: Exchange, inflation: Inflation) -> Exchange:
-    """Return the exchange, or one in which an effect stays and another does not come for it, if that is as good.
+    """Return the exchange, or a smaller one without one of its swaps, if that is as good.
 
-    What the others that come explain would else be put down to that one, too.
+    Otherwise that swap would also get credit for what the other added effects explain.
     """
     if len(exchange.coming) < 2:
         return exchange
@@ -152,7 +152,7 @@ def without_idle_swaps(problem: Problem, current: Fit, exchange: Exchange, infla
 def _swapped(
     problem: Problem, current: Fit, exchange: Exchange, leaving: Sequence[str], coming: Sequence[str]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return where the fit of an exchange begins, between two that are known, and what is free in it."""
+    """Return the start of an exchange's fit, from two known fits, and its free parameters."""
     gone = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
     own = [parameter.name for name in coming for parameter in CATALOGUE[name].parameters]
     values = problem.excitation.without(current.values, gone)
@@ -163,7 +163,9 @@ def _swapped(
 def _quickly_fitted(
     problem: Problem, current: Fit, screening: Screening, proposals: Sequence[_Proposal]
 ) -> list[tuple[dict[str, float], float]]:
-    """Return values and sum of squares of each exchange, fitted as if what stays did as it does now."""
+    """Return values and sum of squares of each exchange, with the slopes of the remaining parameters taken from the
+    current fit.
+    """
     result: list[tuple[dict[str, float], float]] = [({}, np.inf)] * len(proposals)
     for leaving in dict.fromkeys(one.leaving for one in proposals):
         base = problem.without(current, [[CATALOGUE[name] for name in leaving]])[0] if leaving else current
@@ -178,7 +180,7 @@ def _quickly_fitted(
 
 
 def penalty_of(leaving: Sequence[str], coming: Sequence[str], inflation: Inflation) -> float:
-    """Return what effects that come must explain more than those that leave.
+    """Return the required additional drop of the effects added over those removed.
 
     Each further effect must explain as much as one that is added by itself: thousands of exchanges are compared. A
     simpler model may explain a little less (Schwarz, Annals of Statistics 6, 1978).
@@ -200,7 +202,7 @@ def _coming(screening: Screening, one: _Proposal) -> list[str]:
 def candidates_of(problem: Problem, fit: Fit, names: Sequence[str], inflation: Inflation) -> list[CandidateEffect]:
     """Return effects of a fit, by name, as candidates, each beside all others of the fit.
 
-    Where an effect is clearly needed, first order is enough to say what the others leave without it.
+    If an effect is clearly needed, first order is sufficient for the fit without it.
     """
     effects = [CATALOGUE[name] for name in names]
     without = problem.without(fit, [[effect] for effect in effects]) if effects else []
@@ -222,7 +224,7 @@ def candidates_of(problem: Problem, fit: Fit, names: Sequence[str], inflation: I
 def _start(
     problem: Problem, current: Fit, stay: Sequence[str], screening: Screening, one: _Proposal
 ) -> dict[str, float]:
-    """Return the values with which the fit of an exchange begins; parameters that `stay` are moved to first order."""
+    """Return the start values of an exchange's fit; parameters that `stay` are moved to first order."""
     own = {parameter.name for name in one.leaving for parameter in CATALOGUE[name].parameters}
     result = problem.excitation.without(current.values, own)
     result = moved(result, stay, screening.linear.step(stay, one.leaving, one.trials, one.shares))
@@ -231,7 +233,7 @@ def _start(
         start = start_of(Score(trial, 0.0, share))
         start = dict(placed(problem, CATALOGUE[trial.effect], {**result, **start}, current.noise))
         for parameter in CATALOGUE[trial.effect].parameters:
-            # Of two trials of one effect, each has another parameter that is not neutral, or not as it was.
+            # Two trials of one effect change different parameters.
             neutral = trial.origin.get(parameter.name, parameter.neutral)
             if start[parameter.name] != neutral or parameter.name not in result:
                 result[parameter.name] = start[parameter.name]
@@ -239,7 +241,7 @@ def _start(
 
 
 def _names(current: Fit, screening: Screening, one: _Proposal) -> tuple[str, ...]:
-    """Return what is free in the fit of an exchange."""
+    """Return the free parameters in the fit of an exchange."""
     own = {parameter.name for name in one.leaving for parameter in CATALOGUE[name].parameters}
     coming = [parameter.name for name in _coming(screening, one) for parameter in CATALOGUE[name].parameters]
     return (*(name for name in current.names if name not in own), *coming)
@@ -258,8 +260,8 @@ def _proposals(screening: Screening, current: Fit, selected: Sequence[str], infl
     ranked = sorted(found.values(), key=lambda one: one.score)
     by_one = [one for one in ranked if len(one.trials) == 1 and one.score < current.squares + WORSE_BY_ONE]
     by_two = [one for one in ranked if len(one.trials) == 2 and one.score < current.squares + WORSE_BY_TWO]
-    # Encoders that count wrongly look to the last bit like wheels of another size, which are more likely; but where
-    # that explains much, first order is thousands off.
+    # An encoder scale error is exactly equivalent to a different wheel size, which is more likely; but if it explains
+    # much, first order is off by thousands.
     instead = [one for one in ranked if len(one.trials) == 1 and len(one.leaving) == 1 and one not in by_one]
     rare = [one for one in instead if one.leaving[0] in IN_DATA_SHEETS]
     return [*by_one[:FITTED_BY_ONE], *rare[:FITTED_INSTEAD], *by_two[:FITTED_BY_TWO]]
@@ -272,7 +274,7 @@ def _subsets(selected: Sequence[str]) -> Iterator[tuple[str, ...]]:
 
 
 def _singles(screening: Screening, left: Left, leaving: tuple[str, ...], inflation: Inflation) -> Iterator[_Proposal]:
-    """Yield exchanges in which one trial comes for some effects."""
+    """Yield exchanges in which one trial replaces some effects."""
     sizes = np.diag(left.normal)
     for number in np.flatnonzero(sizes > OWN * screening.linear.sizes) if leaving else ():
         share = float(-left.pulls[number] / sizes[number])
@@ -283,7 +285,7 @@ def _singles(screening: Screening, left: Left, leaving: tuple[str, ...], inflati
 
 
 def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation: Inflation) -> Iterator[_Proposal]:
-    """Yield exchanges in which two trials come."""
+    """Yield exchanges that add two trials."""
     normal, pulls, sizes = left.normal, left.pulls, np.diag(left.normal)
     own = np.flatnonzero(sizes > OWN * screening.linear.sizes)
     first, second = (own[index] for index in np.triu_indices(len(own), 1))
@@ -293,7 +295,7 @@ def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation
     share = -(sizes[second] * pulls[first] - normal[first, second] * pulls[second]) / determinant
     other = -(sizes[first] * pulls[second] - normal[first, second] * pulls[first]) / determinant
     squares = left.squares + share * pulls[first] + other * pulls[second]
-    # Most pairs explain too little, whatever their penalty; they are not looked at one by one.
+    # Most pairs explain too little whatever their penalty, and are skipped as a whole.
     for index in np.argsort(squares)[:BEST_PAIRS]:
         numbers, shares = (int(first[index]), int(second[index])), (float(share[index]), float(other[index]))
         parts = zip(numbers, shares, strict=True)
@@ -303,7 +305,7 @@ def _pairs(screening: Screening, left: Left, leaving: tuple[str, ...], inflation
 
 
 def possible(screening: Screening, number: SupportsIndex, share: float) -> bool:
-    """Return whether a trial may come with this share of its size."""
+    """Return whether a trial may be added with this share of its size."""
     trial = screening.trials[number]
     if trial.threshold:
         return 0.0 < share < MOST_OF_A_LIMIT

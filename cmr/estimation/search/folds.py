@@ -1,7 +1,7 @@
-"""Two parts of the data, one to be predicted by the other: two kinds of manoeuvre where there are two.
+"""Split the data into two folds: by kind of manoeuvre if there are two kinds.
 
-What holds on circles need not hold on squares. Recordings are of one kind if they share their time alike among
-standing, straight driving, turns to either side and spins; a single recording is dealt out in blocks.
+An effect fitted on circles need not hold on squares. Recordings are of one kind if they spend similar shares of time
+standing, driving straight, turning to either side and spinning; a single recording is split into alternating blocks.
 """
 
 from collections.abc import Sequence
@@ -12,18 +12,18 @@ from cmr.estimation.free_runs import BLOCK
 from cmr.estimation.prediction import Predictor
 from cmr.recordings.signal import Floats, Mask
 
-WINDOW = 0.5  # s over which motion is looked at
+WINDOW = 0.5  # s; window for classifying motion
 STANDING = 0.05  # of the fastest wheel's speed
 STRAIGHT, SPINNING = 0.15, 3.0  # the wheels' difference over their sum, below and above
 SHARES = 5  # standing, straight, left, right, spinning
-UNLIKE = 0.3  # of the time that two kinds of manoeuvre must spend in another way
-ROUNDS = 10  # in which two means are found
+UNLIKE = 0.3  # share of time that two kinds of manoeuvre must spend differently
+ROUNDS = 10  # iterations of two-means clustering
 
 
 def two_parts(predictors: Sequence[Predictor], by_kind: bool = True) -> Mask:
-    """Return which of two parts each error belongs to, (n,), segment by segment and signal by signal.
+    """Return the fold of each error, (n,), segment by segment and signal by signal.
 
-    Several recordings are parted by what the robot does in them, or, unless `by_kind`, dealt out in turn.
+    Several recordings are split by the kind of motion or, unless `by_kind`, alternately.
     """
     if len({predictor.segment.recording for predictor in predictors}) > 1:
         first = first_recordings(predictors, by_kind)
@@ -40,7 +40,7 @@ def two_parts(predictors: Sequence[Predictor], by_kind: bool = True) -> Mask:
 
 
 def first_recordings(predictors: Sequence[Predictor], by_kind: bool = True) -> dict[int, bool]:
-    """Return of each of several recordings, by number, whether it belongs to the first part; see `two_parts`."""
+    """Return for each of several recordings whether it belongs to the first part; see `two_parts`."""
     recordings = sorted({predictor.segment.recording for predictor in predictors})
     if not by_kind:
         return {one: number % 2 == 0 for number, one in enumerate(recordings)}
@@ -49,9 +49,9 @@ def first_recordings(predictors: Sequence[Predictor], by_kind: bool = True) -> d
 
 
 def two_kinds(shares: Floats) -> Mask:
-    """Return which of two kinds each of n recordings is, (n,), from what it spends its time on, (n, SHARES).
+    """Return the kind of each of n recordings, (n,), from its shares of time, (n, SHARES).
 
-    Where all are of one kind, they are dealt out in turn. Two means are found from the two recordings least alike.
+    If all are of one kind, they alternate. Two-means clustering starts from the two least similar recordings.
     """
     distance = 0.5 * np.abs(shares[:, None] - shares[None]).sum(axis=2)
     centres = shares[list(np.unravel_index(np.argmax(distance), distance.shape))]

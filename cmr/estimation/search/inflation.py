@@ -1,10 +1,9 @@
-"""How much larger scores of effects that explain nothing are than chance would have them (genomic control).
+"""The factor by which scores of absent effects exceed chance (genomic control).
 
     inflation = max(1, median_c(drop_c) / MEDIAN_OF_CHI2)
 
-over the trials c that are left once the ASIDE best have explained their share. It stands for whatever is not quite as
-assumed. What is not as assumed of the wheels says nothing of gyro and pose: effects that show in these have an
-inflation of their own.
+over the trials c that remain after projecting out the ASIDE best. It covers violated assumptions. Those about the
+wheels do not concern gyro and pose: effects visible in these have an inflation of their own.
 
 Reference: B. Devlin and K. Roeder, Biometrics 55, 1999.
 """
@@ -19,7 +18,7 @@ from cmr.recordings.signal import Floats, Mask
 ASIDE, ASIDE_OF_BODY = 6, 3  # best trials that do not count
 FEWEST = 10  # others that must be left
 LEFT = 0.1  # of a trial's size that must be its own to count
-NOTHING = 1e-6  # white errors squared; a trial that changes less says nothing
+NOTHING = 1e-6  # white errors squared; a trial with a smaller change has no effect
 MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
 
 Indices = np.typing.NDArray[np.int64]
@@ -27,7 +26,7 @@ Indices = np.typing.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Inflation:
-    """The inflation of `all` effects, at least 1, and that of those, by name, which show in gyro and pose: `body`."""
+    """The inflation of `all` effects, at least 1, and that of those, by name, visible in gyro and pose: `body`."""
 
     all: float
     of_body: float = 1.0
@@ -44,10 +43,10 @@ class Inflation:
 
 @dataclass(frozen=True)
 class Beside:
-    """What c moves do beside a model, as far as it cannot do it itself, as sums over all white errors.
+    """Sums over all white errors of c traces, after projecting out the model's own.
 
-    Of the products of the moves with each other, `normal` (c, c), and with what the model leaves, `pulls` (c,); and of
-    the squares of what they move in the wheels, `of_wheels` (c,).
+    The sums are those of products of traces with each other, `normal` (c, c), with the residuals, `pulls` (c,), and of
+    squared traces in the wheels, `of_wheels` (c,).
     """
 
     normal: Floats
@@ -76,21 +75,21 @@ class Beside:
         return np.diag(self.normal)
 
     def only(self, numbers: Indices) -> "Beside":
-        """Return the same of some of the moves."""
+        """Return the same for some of the traces."""
         return Beside(self.normal[np.ix_(numbers, numbers)], self.pulls[numbers], self.of_wheels[numbers])
 
 
 def left_by(white: Floats, free: int) -> tuple[Floats, Floats]:
-    """Return the white errors (n,) that a model leaves, and what it explains: an orthonormal basis (n, free).
+    """Return the white errors (n,) orthogonal to a model's traces, and an orthonormal basis (n, free) of these.
 
-    The first columns of `white` are the errors and what the model moves.
+    The first columns of `white` are the errors and the model's traces.
     """
     basis, _ = np.linalg.qr(white[:, 1 : 1 + free])
     return white[:, 0] - basis @ (basis.T @ white[:, 0]), basis
 
 
 def inflation_of(effects: Sequence[str], beside: Beside) -> Inflation:
-    """Return the inflation that trials of `effects`, as many moves, show."""
+    """Return the inflation from trials of `effects`, one trace each."""
     body = beside.of_wheels < 0.5 * beside.sizes
     elsewhere = {effect for effect, inside in zip(effects, body, strict=True) if not inside}
     return Inflation(
@@ -101,7 +100,7 @@ def inflation_of(effects: Sequence[str], beside: Beside) -> Inflation:
 
 
 def _usual(beside: Beside, aside: int) -> float:
-    """Return the median score over that of chance, once the few best trials have explained their share."""
+    """Return the median score relative to chance, after projecting out the few best trials."""
     normal, pulls = beside.normal, beside.pulls
     before = np.diag(normal).copy()
     for _ in range(min(aside, len(before))):

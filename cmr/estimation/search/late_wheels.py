@@ -10,11 +10,11 @@ from cmr.estimation.search.trace import ADDED, Decision
 from cmr.recordings.lags import Lag
 
 NAME = "wheel_speed_latency"
-WHY = "The gyro turns before the wheels do: read off their lag, which was set right before the search."
+WHY = "The gyro turns before the wheels do: their lag was estimated from this and corrected before the search."
 
 
 def with_late_wheels(found: Search, late: Lag | None) -> Search:
-    """Return what was found in recordings whose wheels were set right with the effect that they report `late`."""
+    """Add the effect of wheels that report `late` to a search of recordings in which that was corrected."""
     if late is None:
         return found
     statistic = (late.seconds / late.std) ** 2

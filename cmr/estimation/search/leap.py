@@ -1,8 +1,8 @@
 """Leap to another set of effects: the likeliest that a random walk over all sets finds.
 
-Exchanges of two effects at a time end where three or four explain each other's traces. The walk of the averages goes
-through all sets; what it finds likeliest is fitted, and taken if it explains the data better. It is asked about the
-model as it stands, and about one that knows nothing of the way that led there.
+Exchanges of two effects at a time fail if three or four imitate each other. The random walk of the averaging explores
+all sets; its likeliest set is fitted and accepted if it explains the data better. The walk starts from the current
+model, and from one that is independent of the search so far.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -30,8 +30,8 @@ from cmr.model.catalogue import CATALOGUE
 
 DELAYS = ("command_delay", "gyro_latency", "pose_latency")
 ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
-SOMEWHAT = 0.03  # s; commands are at least as late where a current limit is tested for a slew limit
-BY_ITS_SIZE = 8.0  # of what an effect must explain, the walk asks so much already: sizes are spread (Occam's factor)
+SOMEWHAT = 0.03  # s; least command delay when a slew limit is replaced by a current limit
+BY_ITS_SIZE = 8.0  # of the required drop, this much is already implied by the walk's prior on sizes (Occam factor)
 
 
 def best_leap(
@@ -41,7 +41,7 @@ def best_leap(
     inflation: Inflation,
     about: Iterable[Averaging],
 ) -> Exchange | None:
-    """Return the exchange that leads to the likeliest set of effects, None where it explains the data no better.
+    """Return the exchange that leads to the likeliest set of effects, None if it does not explain the data better.
 
     The set is the likeliest of the first linear problem of `about` that leads to a better model.
     """
@@ -49,7 +49,7 @@ def best_leap(
         effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
         for effect in problem.effects
     }
-    # What a linear problem from afar does not have, as limits and places, is as it stands.
+    # Parameters missing from a linear problem around another point, such as limits and places, keep their values.
     linear = frozenset(name for name, effect in CATALOGUE.items() if can_be_small(effect))
     likeliest = ((averaging.likeliest(penalties), linear) for averaging in about)
     for values, concerned in chain(likeliest, ((values, frozenset(CATALOGUE)) for values in _alike(current.values))):
@@ -60,10 +60,10 @@ def best_leap(
 
 
 def _alike(values: Mapping[str, float]) -> Iterator[dict[str, float]]:
-    """Yield values that move a robot nearly alike, but lie too far off for a linear problem.
+    """Yield values with nearly the same motion that are too far away for the linearisation.
 
-    Slip and late sensors do (`seen_later`). So do wheels that accelerate within a limit, and a command that rises no
-    faster, somewhat later.
+    Slip and sensor latency are such a pair (`seen_later`), and so are an acceleration limit and a slew limit with some
+    delay.
     """
     gyro, pose, slip = (values.get(name, 0.0) for name in ("gyro_latency", "pose_latency", SLIP))
     both = min(gyro, pose)
@@ -89,7 +89,7 @@ def _exchange(
 ) -> Exchange | None:
     """Return the exchange that leads to the effects that some values switch on, if it explains the data better.
 
-    Only effects that are `concerned`, by name, may come or leave; the others stay as they are.
+    Only the effects in `concerned`, by name, may be added or removed.
     """
     here = {one.candidate.effect.name for one in named} & {*concerned}
     departs = problem.excitation.departs
@@ -105,7 +105,7 @@ def _exchange(
         impossible = [one for one in candidates if not possible_together(problem, current, [one], inflation)]
         if not impossible:
             break
-        # What explains least beside the others goes; the rest may still be better than what stands.
+        # Remove the effect that explains least; the rest may still be better than the current model.
         there.discard(min(impossible, key=lambda one: one.drop).effect.name)
         start = {**start, **fit.values}
     else:
@@ -119,7 +119,7 @@ def _exchange(
 def _model(
     problem: Problem, current: Fit, start: Mapping[str, float], leaving: Sequence[str], coming: Sequence[str]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the values from which the fit of an exchange begins, and what is free in it."""
+    """Return the start values of an exchange's fit, and its free parameters."""
     gone = {parameter.name for name in leaving for parameter in CATALOGUE[name].parameters}
     own = [parameter.name for name in coming for parameter in CATALOGUE[name].parameters]
     names = (*(name for name in current.names if name not in gone), *own)
@@ -130,8 +130,8 @@ def _model(
 def _over_edges(problem: Problem, fit: Fit) -> Fit:
     """Return the fit, or a better one with other delays.
 
-    Where all clocks go in step, the sum of squares has an edge wherever two delays make readings and commands meet; a
-    fit does not get over it.
+    If all clocks are synchronous, the sum of squares is discontinuous where delays align readings and commands; a fit
+    cannot cross that.
     """
     tested = [along(fit, name, aside) for name in fit.names if name in DELAYS for aside in ASIDE]
     squares = problem.squares(tested, fit.noise) if tested else np.empty(0)

@@ -1,7 +1,7 @@
-"""What changes of parameters do to the white errors, to first order: all from the products of the changes.
+"""First-order changes of the white errors with the parameters, represented by the products of the changes.
 
-The columns are the white errors themselves, then what they change by when a free parameter moves a step, when a
-selected effect is switched off, and when a trial is switched on.
+The columns are the white errors themselves, then their changes per step of a free parameter, on switching off a
+selected effect, and on switching on a trial.
 """
 
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ import numpy as np
 
 from cmr.recordings.signal import Floats
 
-RIDGE = 1e-9  # of a column's square: keeps columns that say the same solvable
+RIDGE = 1e-9  # of a column's square: keeps collinear columns solvable
 
 
 @dataclass(frozen=True)
 class Left:
-    """What trials (t) do beside parameters that are fitted again: products (t, t) and pulls (t,) of what is their own.
+    """Trials (t) beside refitted parameters: products (t, t) and pulls (t,) of their orthogonal parts.
 
-    `squares` is the sum of squares that the model leaves without any trial.
+    `squares` is the residual sum of squares without any trial.
     """
 
     normal: Floats
@@ -46,7 +46,9 @@ class Linear:
         return 1 + len(self.free) + len(self.off)
 
     def beside(self, keep: Sequence[str], leaving: Sequence[str]) -> Left:
-        """Return what trials do when some effects are `leaving` and the parameters to `keep` are fitted again."""
+        """Return the trials' orthogonal parts when effects in `leaving` are removed and the parameters to `keep`
+        refitted.
+        """
         columns = self._columns(keep)
         errors, trials = self._errors(leaving), np.arange(self._first, len(self.products))
         pulls = self.products @ errors
@@ -62,7 +64,7 @@ class Linear:
     def step(
         self, keep: Sequence[str], leaving: Sequence[str], trials: Sequence[int], shares: Sequence[float]
     ) -> Floats:
-        """Return by how much the parameters to `keep` move when these shares of trials come, in their units."""
+        """Return the changes of the parameters to `keep` when these shares of trials are added, in their units."""
         columns, errors = self._columns(keep), self._errors(leaving)
         for number, share in zip(trials, shares, strict=True):
             errors[self._first + number] += share
@@ -73,7 +75,7 @@ class Linear:
         return np.array([1 + self.free.index(name) for name in keep], np.int64)
 
     def _errors(self, leaving: Sequence[str]) -> Floats:
-        """Return the shares of the columns that make the white errors without some effects."""
+        """Return the linear combination of columns that gives the white errors without some effects."""
         result = np.zeros(len(self.products))
         result[0] = 1.0
         for name in leaving:

@@ -1,7 +1,7 @@
-"""When did a change happen, or where is a place that differs? All moments, and all places, are tested at once.
+"""Locate effects in time or space: all start times, or all discs, are tested at once.
 
-What an effect does that acts always and everywhere is known; one that acts from a moment on, or within a disc, does
-the same there and nothing elsewhere, as its traces in the prediction errors last for a fraction of a second only.
+The trace of an effect that acts always and everywhere is known. One that acts only after some time, or within a disc,
+has the same trace there and none elsewhere, because traces in prediction errors last only a fraction of a second.
 """
 
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ import numpy as np
 
 from cmr.recordings.signal import Floats, Mask
 
-EDGE = 0.06  # of what an effect does in all; a change in the first or the last part would be an outlier
-CELL = 0.1  # m; places are distinguished as finely
+EDGE = 0.06  # of an effect's total trace; a change in the first or last part would be an outlier
+CELL = 0.1  # m; resolution of places
 RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m; of the discs that are tested
 MOST_CELLS = 1500  # with more, no place is looked for
 FARTHEST = 1 << 31  # cells from the origin, and more than there are
-LARGEST_PART = 0.6  # of all that a place may hold, the rest being elsewhere, if everywhere would explain as much
-NOTHING = 1e-6  # white errors squared; a move that changes less says nothing
+LARGEST_PART = 0.6  # largest share of the trace within a place, if acting everywhere would explain as much
+NOTHING = 1e-6  # white errors squared; a smaller trace has no effect
 
 
 @dataclass(frozen=True)
 class Local:
-    """Where an effect explains most: what it drops the sum of squares by, and the values that say when, or where."""
+    """Where an effect explains most: its drop of the sum of squares, and the values of its time or place."""
 
     drop: float
     values: dict[str, float]
@@ -35,7 +35,7 @@ def best_moment(moves: Floats, rest: Floats, basis: Floats, time: Floats) -> Loc
     """Return the moment [s] from which on some moves (n, m) together explain most of `rest` (n,).
 
     `basis` (n, p), orthonormal, is what the model explains itself; `rest` is free of it. `time` (n,) is that of each.
-    What several moves explain is added up, as if they had nothing in common.
+    Traces are treated as orthogonal: their drops are added.
     """
     order = np.argsort(-time, kind="stable")
     since = time[order]
@@ -53,7 +53,7 @@ def best_moment(moves: Floats, rest: Floats, basis: Floats, time: Floats) -> Loc
 def best_place(moves: Floats, rest: Floats, basis: Floats, places: Floats) -> Local:
     """Return the disc within which some moves (n, m) together explain most of `rest` (n,).
 
-    `places` (n, 2) [m] are those of each. What several moves explain is added up, as if they had nothing in common.
+    `places` (n, 2) [m] are those of each. Traces are treated as orthogonal: their drops are added.
     """
     at = np.round(places / CELL).astype(np.int64)
     numbers = at[:, 0] * FARTHEST + at[:, 1]

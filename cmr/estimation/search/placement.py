@@ -1,8 +1,8 @@
-"""Look closely where a place is: slopes see little of a border that is seldom crossed.
+"""Refine the position of a place, because slopes hardly depend on a border that is seldom crossed.
 
-Where a path crosses a disc once, larger discs farther off explain it as well: the valley is long, narrow and bent. A
-crowd of walkers that take their steps from each other's distances finds its lowest point and its length
-(differential evolution Markov chain; ter Braak, Statistics and Computing 16, 2006).
+Where a path crosses a disc once, larger discs farther off explain it as well: the minimum lies in a long, narrow,
+curved valley. A population of walkers, whose steps are differences of each other's positions, finds its minimum and
+length (differential evolution Markov chain; ter Braak, Statistics and Computing 16, 2006).
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,19 +18,19 @@ from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
-REACHES = (0.2, 0.1, 0.04)  # m; about the best place so far others are tested as far off, ever nearer
+REACHES = (0.2, 0.1, 0.04)  # m; distances at which places around the best one are tested, decreasing
 SIDES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # shares of the reach by which the centre is moved, either way
 RADII = (-0.6, 0.0, 0.6)  # shares of the reach by which the radius is changed
 SMALLEST = 0.05  # m; no place has a smaller radius
-WALKERS, STEPS, SETTLING = 16, 60, 25  # walkers fill one block of the compiled model; steps; those before they count
-ASIDE, SHARE_ASIDE = 0.03, 0.05  # m by which walkers begin apart; share of what is no place
+WALKERS, STEPS, SETTLING = 16, 60, 25  # walkers, which fill one batch of the compiled model; steps; burn-in
+ASIDE, SHARE_ASIDE = 0.03, 0.05  # initial spread of walkers: m for places, share for other parameters
 JITTER = 1e-3  # of that, added to each step
-JUMPS = 10  # each so many-th step is as long as the distance of two walkers: from one valley to another
-WARMTH = 2.0  # noise is not quite as assumed: differences of the sum of squares count half
+JUMPS = 10  # every n-th step has the full length of a difference, to jump between valleys
+WARMTH = 2.0  # temperature, since the noise is not exactly as assumed
 
 
 def placed(problem: Problem, effect: Effect, values: Mapping[str, float], noise: Noise) -> Mapping[str, float]:
-    """Return the values from which a fit with an effect begins: with its best place, if it belongs to one."""
+    """Return the values from which a fit with an effect begins: with its best place, if it has one."""
     if locality(effect) != "place":
         return values
     best = dict(values)
@@ -46,7 +46,7 @@ def placed(problem: Problem, effect: Effect, values: Mapping[str, float], noise:
 
 
 def explored(problem: Problem, fit: Fit, names: Sequence[str]) -> tuple[Fit, dict[str, float]]:
-    """Return the best fit near a fit, and the standard deviations of parameters `names` about it, as walkers find."""
+    """Return the best fit near a fit, and the standard deviations of parameters `names` around it, from the walkers."""
     chance = np.random.default_rng(0)
     aside = np.array([ASIDE if definition(n).unit == "m" else SHARE_ASIDE * abs(fit.values[n]) for n in names])
     at = np.zeros((WALKERS, len(names)))
@@ -73,7 +73,7 @@ def _squares(problem: Problem, fit: Fit, names: Sequence[str], at: Floats) -> Fl
 
 
 def _strides(at: Floats, step: int, chance: np.random.Generator) -> Floats:
-    """Return for each walker the distance of two others, shortened as is best where the valley is a parabola."""
+    """Return for each walker the difference of two others, scaled as is optimal for a quadratic."""
     pairs = np.array([chance.choice(np.delete(np.arange(len(at)), own), 2, replace=False) for own in range(len(at))])
     length = 1.0 if step % JUMPS == JUMPS - 1 else 2.38 / np.sqrt(2.0 * at.shape[1])
     return np.asarray(length * (at[pairs[:, 0]] - at[pairs[:, 1]]))

@@ -1,8 +1,7 @@
-"""Make sure of a fit: look for better values farther away, and find out how rough the ground is.
+"""Profile the likelihood around a fit: search for better values farther away, and measure its roughness.
 
-Where wheels stick and slip, a slightly different friction lets a wheel start a little earlier, or not at all: the sum
-of squares is a valley with steps in it. Slopes do not see them; a scan across the valley does. What the steps leave
-open is added to the standard deviations.
+With stick-slip, a slightly different friction lets a wheel start a little earlier, or not at all, so the sum of squares
+has steps. Slopes miss them; a scan does not. The uncertainty due to the steps is added to the standard deviations.
 """
 
 import numpy as np
@@ -19,17 +18,17 @@ POINTS, FEWEST_POINTS = 16, 6  # of a scan, in one block of the compiled model; 
 FARTHEST = 0.12  # of the value,
 FARTHEST_OF = {"m": 0.25, "s": 1.0, "rad": 0.4}  # of places, times and angles
 FEWEST_STDS = 4.0  # or so many standard deviations, if that is more
-BEYOND = 1e4  # times as high above the valley as the lower quarter of a scan the model no longer holds
-ROUGH = 10.0  # scatter of the sum of squares about a parabola from which the ground is rough
-LOWER = 1.0  # than the fit: a scan that finds as much is followed
-STARTS = 2  # of new fits on rough ground
+BEYOND = 1e4  # values this many times above the lower quarter of a scan count as invalid
+ROUGH = 10.0  # scatter of the sum of squares about a parabola that counts as rough
+LOWER = 1.0  # drop below the fit's sum of squares that is worth following
+STARTS = 2  # number of new fits if the sum is rough
 MOMENTS, MOMENT_STEP, MOMENTS_APART = 128, 0.125, 0.6  # of the scan for when an effect begins; s between them; s
 LIKELY = 4.0  # above the least: within 95 % limits
-NEAR = 0.25  # of the scan's reach: other starts lie farther from one another
+NEAR = 0.25  # of the scan's reach: least distance between starts
 
 
 def made_sure(problem: Problem, fit: Fit, effect: Effect) -> tuple[Fit, dict[str, float]]:
-    """Return the best fit near a fit, and what roughness adds to the standard deviations of an effect's parameters."""
+    """Return the best fit near a fit, and the additional standard deviations of an effect's parameters."""
     names, doubts = [parameter.name for parameter in effect.parameters], {}
     if locality(effect) == "place":
         return explored(problem, fit, names)
@@ -48,16 +47,16 @@ def made_sure(problem: Problem, fit: Fit, effect: Effect) -> tuple[Fit, dict[str
 
 
 def is_moment(name: str) -> bool:
-    """Return whether a parameter is when an effect begins [s]."""
+    """Return whether a parameter is an effect's start time [s]."""
     known = definition(name)
     return known.unit == "s" and not known.switches
 
 
 def _at_the_best_moment(problem: Problem, fit: Fit, name: str) -> tuple[Fit, float]:
-    """Return the best fit near a fit with an effect that begins earlier or later, and what is left open [s].
+    """Return the best fit near a fit with an effect that begins earlier or later, and the remaining uncertainty [s].
 
-    What a few steps of the drive say of the moment outweighs all the rest of it only there: no slope leads to it. As
-    long as a robot rests, or drives steadily, nothing may distinguish one moment from another.
+    Only a few steps around the true time determine it, so slopes elsewhere do not lead there. While a robot rests or
+    drives steadily, start times may be indistinguishable.
     """
     offsets = np.linspace(-0.5, 0.5, MOMENTS + 1) * MOMENTS * MOMENT_STEP
     moments = [moved(fit.values, [name], offsets[index : index + 1]) for index in range(len(offsets))]
@@ -74,7 +73,7 @@ def _squares(fit: Fit) -> float:
 
 
 def scan(problem: Problem, fit: Fit, name: str) -> tuple[Floats, Floats]:
-    """Return values of a parameter about the fit's, less that one, and the sums of squares there, (POINTS,) each.
+    """Return offsets of a parameter from the fit's value, and the sums of squares there, (POINTS,) each.
 
     The other parameters follow along the valley.
     """
@@ -90,7 +89,7 @@ def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
     """Return the values when one parameter is moved and the others follow, to first order."""
     covariance = fit.covariance
     index = fit.names.index(name)
-    with np.errstate(invalid="ignore"):  # what the data say nothing of has no way: no model holds along it
+    with np.errstate(invalid="ignore"):  # undetermined parameters have no direction to follow: the models are invalid
         return moved(fit.values, fit.names, covariance[:, index] / covariance[index, index] * offset)
 
 
@@ -98,7 +97,7 @@ def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
     """Return the standard deviation of where a parabola through the sums of squares is lowest, and their scatter."""
     unit = float(np.max(np.abs(offsets)))
     lowest = np.min(squares)
-    if not np.isfinite(lowest):  # the model holds nowhere along the way
+    if not np.isfinite(lowest):  # the model is invalid along the whole scan
         return unit, np.inf
     higher = squares - lowest
     holds = higher <= BEYOND * np.quantile(higher, 0.25)

@@ -1,12 +1,12 @@
 """Fit the promising effects beside a model, and judge them.
 
-1. Of the screening's effects, those with a large score are fitted quickly: their own parameters step by step, what the
-   model's parameters do taken from its last fit (`Problem.fit_beside`).
+1. Of the screening's effects, those with a large score are fitted quickly: only their own parameters iterate, the
+   slopes of the model's parameters are taken from its last fit (`Problem.fit_beside`).
 2. The FINALISTS are fitted with everything free (Levenberg-Marquardt, gauss_newton.py), from the best place where they
    belong to one.
 3. Each has its drop of S, D = S(model) - S(model with it), and is ranked by the evidence D - PER_FURTHER (k - 1) -
    rarity with k parameters of its own (Schwarz, Annals of Statistics 6, 1978).
-4. `judged` adds the verdict of criteria.py and, where there is more to hold it against, of cross_validation.py.
+4. `judged` adds the verdict of criteria.py and, if needed, of cross_validation.py.
 
 Reference: D. W. Marquardt, Journal of the Society for Industrial and Applied Mathematics 11, 1963.
 """
@@ -28,18 +28,18 @@ from cmr.model.catalogue import CATALOGUE
 PROMISING = 12  # effects that are fitted after the score test,
 PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
 FINALISTS = 3  # that are fitted with everything free
-TRUSTED_SHARE = 0.3  # of a trial's size: a score made nearer to it than this is to be trusted
+TRUSTED_SHARE = 0.3  # of a trial's size: a score found at a share nearer to it than this is reliable
 CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
 LEAST_DROP = 20.0  # of a finalist
-LEAST_SCORE = 10.0  # drop of the sum of squares from which a fit is worth while
+LEAST_SCORE = 10.0  # least drop of the sum of squares for a fit
 
 
 def fit_where_asked(
     problem: Problem, current: Fit, ranked: list[CandidateEffect], inflation: Inflation
 ) -> list[CandidateEffect]:
-    """Return what was tested, with everything free wherever the judgement of the best that holds needs it.
+    """Refit candidates with everything free as far as judging the best valid one requires.
 
-    To fit these side by side is faster than one after the other.
+    Fitting them side by side is faster than one after the other.
     """
     reasons = [why_not(problem, current, tested, inflation) for tested in ranked]
     asked = reasons.index("") + 1 if "" in reasons else len(reasons)
@@ -50,7 +50,7 @@ def fit_where_asked(
 def judged(
     problem: Problem, current: Fit, tested: CandidateEffect, inflation: Inflation
 ) -> tuple[CandidateEffect, str]:
-    """Return an effect and why it is not named; what would be is fitted with everything free."""
+    """Return an effect and why it is not named; an acceptable one is refitted with everything free."""
     why = why_not(problem, current, tested, inflation)
     if tested.fit is None and why in ("", TOO_SMALL):
         tested = fit_fully(problem, current, [tested], [True])[0]
@@ -70,7 +70,7 @@ def ranked_fits(
 ) -> list[CandidateEffect]:
     """Fit the promising effects beside the model, the best ones with everything free; best first.
 
-    They are those whose score is above `least`; by default, a share of the best one. What is `known` stands beside.
+    Promising effects have a score above `least`, by default a share of the best one. `known` parameters stay as given.
     """
     if least is None:
         least = max([LEAST_SCORE, *(PROMISING_SHARE * score.drop for score in screening.scores[:1])])
@@ -97,8 +97,8 @@ def ranked_fits(
 
 
 def _stuck(tested: CandidateEffect, score: Score, excitation: Excitation) -> bool:
-    """Return whether a quick fit led astray: made things worse although the score, near this size, predicted better
-    ones, or came to what the robot was seen to exceed.
+    """Return whether a quick fit failed: it got worse although the score, near this size, predicted an improvement, or
+    it ended at a limit that the robot exceeded.
     """
     predicted_better = TRUSTED_SHARE < abs(score.share) < 1.0 / TRUSTED_SHARE
     return contradicted(tested.values, excitation) or (tested.drop < 0.0 and predicted_better)
@@ -107,7 +107,7 @@ def _stuck(tested: CandidateEffect, score: Score, excitation: Excitation) -> boo
 def fit_fully(
     problem: Problem, current: Fit, tested: Sequence[CandidateEffect], chosen: Sequence[bool]
 ) -> list[CandidateEffect]:
-    """Return what was tested, the chosen ones fitted with everything free."""
+    """Return the candidates, with the chosen ones fitted with everything free."""
     models = []
     for one in compress(tested, chosen):
         own = [parameter.name for parameter in one.effect.parameters]

@@ -17,18 +17,18 @@ from cmr.model.effect import Effect
 
 ALIKE = 12.0  # drops that differ by less cannot be distinguished,
 ALIKE_SHARE = 0.02  # nor those that differ by less than this share, as long as other effects may be missing,
-# And by less than this one when all are there: fits stop a little before the best values, and between the steps of the
-# observer its motion is nearly right (a late gyro at 20 Hz: 0.15 %).
+# And by less than this share when all are present: fits stop slightly before the optimum, and the observer's motion
+# between steps is approximate (a late gyro at 20 Hz: 0.15 %).
 ALIKE_AT_THE_END = 0.002
-# Of what is lost without an effect: what makes up for so much to first order is fitted; of encoders, and of what
-# explained as much before other effects were found, for so much.
+# Share of the loss without an effect that a candidate must compensate to first order to be fitted; and the same for
+# encoders, and for what explained as much before other effects were found.
 NEARLY_ALL, FIRST_ORDER = 0.95, 0.5
-MOST = 4  # rivals that are looked for
+MOST = 4  # rivals that are searched
 AS_WELL = "It explains the data as well as {}: the difference is below the threshold."
 
 
 class Rival(NamedTuple):
-    """An effect by name, by how much less it explains than that in whose place it is, and the limit of that."""
+    """A rival: its name, how much less it explains than the named effect, and the limit for that."""
 
     name: str
     less: float
@@ -36,7 +36,7 @@ class Rival(NamedTuple):
 
 
 def margin_of(candidate: CandidateEffect, inflation: Inflation, share: float = ALIKE_SHARE) -> float:
-    """Return by how much the drops of effects must differ from this one's to be distinguished."""
+    """Return the difference in drop that distinguishes other effects from this one."""
     return max(ALIKE * inflation.of(candidate.effect.name), share * candidate.drop)
 
 
@@ -45,8 +45,8 @@ def rivals_of(
 ) -> tuple[Rival, ...]:
     """Return the effects that explain the data as well as one of those in the model, beside all others in it.
 
-    To first order, the screening beside the model says which; these are then fitted. What a data sheet
-    says is a rival only if it explains as much, or is the same mathematics.
+    The screening beside the model proposes them to first order; these are then fitted. A data-sheet effect is a rival
+    only if it explains as much, or is mathematically equivalent.
     """
     name = one.candidate.effect.name
     own = {parameter.name for parameter in one.candidate.effect.parameters}

@@ -1,20 +1,19 @@
-"""Screen: try every effect of the catalogue at once; how much of the errors would each explain (score test)?
+"""Screening: a score test of every effect of the catalogue at once.
 
 With n white errors, p free parameters and c trials (an effect at a typical size):
 
-    w (n,)    white errors of the model as it stands
-    J (n, p)  what a step of each free parameter changes of them
-    d (n, c)  what each trial changes of them
-    P         = I - J (J' J)^-1 J', what the free parameters cannot do themselves
+    w (n,)    white errors of the current model
+    J (n, p)  their change per step of each free parameter
+    d (n, c)  their change with each trial
+    P         = I - J (J' J)^-1 J', projection orthogonal to the free parameters
     size_c    = |P d_c|^2,    pull_c = d_c' P w
     share_c   = -pull_c / size_c, of the trial's size; one sign only where the effect has one
     drop_c    = -(2 share_c pull_c + share_c^2 size_c), which is pull_c^2 / size_c where the share is free
 
 `drop` estimates by how much S would fall, and chance makes it inflation times chi-squared (inflation.py).
 
-The noise is taken from what is left when all effects together, and the parameters in use, have explained what they can
-(to first order, with a ridge 1 / reach^2 for each trial): noise found beside a wrong model would swallow what the model
-gets wrong.
+The noise is estimated from the residuals after all effects together, and the free parameters, are fitted (to first
+order, with a ridge 1 / reach^2 for each trial): noise estimated with a wrong model would absorb the model's errors.
 
 Reference: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (score test).
 """
@@ -43,7 +42,7 @@ MOST_OF_A_LIMIT = 1.3  # of a trial's size that a limit's score may use
 
 @dataclass(frozen=True)
 class Score:
-    """What a trial would explain: the drop of the sum of squared white errors, at this share of the trial's size."""
+    """The score of a trial: the drop of the sum of squared white errors, at this share of the trial's size."""
 
     trial: Trial
     drop: float
@@ -54,8 +53,8 @@ class Score:
 class Screening:
     """The noise, the best score of each effect, best first, and the inflation of scores.
 
-    `traces` says by effect how much of its typical size would show: the sum of squared white errors that it makes.
-    `linear` is what all `trials` do together, to first order.
+    `traces` is the detectability of each effect: the sum of squared white errors caused by its typical size. `linear`
+    are the first-order products of all `trials`.
     """
 
     noise: Noise
@@ -77,7 +76,7 @@ def screen(
 ) -> Screening:
     """Score all effects but those `selected`, beside the free parameters `names` at `values`.
 
-    With `keep_noise` the noise is the one given; else it is estimated again, beginning with the one given.
+    With `keep_noise` the given noise is used; otherwise it is re-estimated, starting from the given one.
     """
     others = [one for one in problem.effects if one.name not in selected and _is_due(one, problem, selected)]
     attempts = trials(problem.excitation, others)
@@ -117,7 +116,7 @@ def _best(scores: Sequence[Score]) -> tuple[Score, ...]:
 
 
 def _traces(attempts: Sequence[Trial], sizes: Floats) -> dict[str, float]:
-    """Return by effect how much of its typical size would show; `sizes` (c,) are those of the trials."""
+    """Return the detectability of each effect at its typical size; `sizes` (c,) are those of the trials."""
     traces: dict[str, float] = {}
     for trial, size in zip(attempts, sizes, strict=True):
         if not trial.spare:
@@ -126,7 +125,7 @@ def _traces(attempts: Sequence[Trial], sizes: Floats) -> dict[str, float]:
 
 
 def _is_due(effect: Effect, problem: Problem, selected: Sequence[str]) -> bool:
-    """Return whether an effect may be looked for: one that is never alone stands beside another that is there."""
+    """Return whether an effect may be tested: one that never occurs alone requires another one to be present."""
     return effect.beside in ("", *selected) or problem.excitation.gives(CATALOGUE[effect.beside])
 
 
@@ -144,7 +143,7 @@ def _linear(
 
 
 def _together(best: Score, scores: Sequence[Score]) -> Score:
-    """Return the best score of an effect of a time or place with all its parameters at once, as far as each scores."""
+    """Return the best score of a localised effect with all of its scoring parameters at once."""
     if not best.trial.local:
         return best
     values = dict(best.trial.values)
@@ -159,9 +158,9 @@ def _together(best: Score, scores: Sequence[Score]) -> Score:
 
 
 def changes_of(errors: Errors) -> Errors:
-    """Return what each candidate but the first changes of the first one's errors, in the place of its own.
+    """Replace the errors of each candidate except the first by their difference from the first one's.
 
-    They are large, and so are written over.
+    They are large, so this is done in place.
     """
     for every in errors.of.values():
         every[:, 1:] -= every[:, :1]
@@ -171,7 +170,7 @@ def changes_of(errors: Errors) -> Errors:
 def _localised(
     problem: Problem, attempts: Sequence[Trial], changes: Sequence[Errors], free: int, noise: Noise, rows: Floats
 ) -> tuple[list[Trial], list[Errors]]:
-    """Replace trials that act always or everywhere by those that act from the best moment on, or at the best place.
+    """Replace trials that act always or everywhere by those with the best start time, or the best place.
 
     Returns the trials and their changes.
     """
@@ -192,7 +191,7 @@ def _localised(
 def _locals(
     problem: Problem, attempts: Sequence[Trial], changes: Sequence[Errors], free: int, noise: Noise, rows: Floats
 ) -> dict[str, Local]:
-    """Return where each local effect explains most, by name; a moment is not looked for in several recordings."""
+    """Return where each local effect explains most, by name; start times are not searched in several recordings."""
     own = [number for number, trial in enumerate(attempts) if trial.local]
     white = problem.made_white(chosen(changes, [*range(1 + free), *(1 + free + number for number in own)]), noise)
     rest, basis = left_by(white, free)
@@ -215,14 +214,14 @@ def chosen(errors: Sequence[Errors], columns: Sequence[int]) -> list[Errors]:
 
 
 def _reaches(attempts: Sequence[Trial], free: int) -> Floats:
-    """Return how often each change may be made: free parameters as they like, trials up to LARGEST_SHARE."""
+    """Return the allowed multiple of each change: unlimited for free parameters, LARGEST_SHARE for trials."""
     return np.array([np.inf] * free + [LARGEST_SHARE / trial.portion for trial in attempts])
 
 
 def noise_of_all(problem: Problem, changes: Sequence[Errors], noise: Noise, reaches: Floats) -> Noise:
-    """Return the noise that is left when all changes (c) together have explained what they can, to first order.
+    """Estimate the noise of the residuals after fitting all changes (c) together, to first order.
 
-    `noise` is what is known of it so far. Of each change, a share of about `reaches` (c,) is possible.
+    `noise` is the estimate so far. Each change may be applied up to about `reaches` (c,) times.
     """
     white = problem.made_white(changes, noise)
     products = white.T @ white
@@ -251,7 +250,7 @@ def _score(trial: Trial, size: float, pull: float) -> Score:
 
 
 def one_sided(trial: Trial) -> bool:
-    """Return whether the effect has one sign only; one that is there may be smaller, too."""
+    """Return whether the effect can have only one sign; a present one may also become smaller."""
     if trial.origin:
         return False
     switches = [
@@ -263,7 +262,7 @@ def one_sided(trial: Trial) -> bool:
 
 
 def start_of(score: Score) -> dict[str, float]:
-    """Return the values from which a fit of a trial begins: its own, scaled by the share that the score found."""
+    """Return the start values of a trial's fit: its own, scaled by the share from the score test."""
     result = dict(score.trial.values)
     for name, value in score.trial.values.items():
         known = definition(name)

@@ -7,10 +7,10 @@ From the paper's model on, each step
 3. exchanges effects where others explain more (exchange.py), or leaps to a likelier set (leap.py), and
 4. removes whatever the others explain as well (`pruned` of elimination.py).
 
-A set that was visited before must have a sum of squares lower by BETTER, so the search ends. When nothing improves any
-more, each effect is judged once more beside all others (`finished` of elimination.py). Effects of chance on the
-commands have no fit: they are looked for in what is left, taken out of the data, and the search begins again
-(chance.py).
+A set visited before is accepted again only if its sum of squares is lower by BETTER, so the search terminates. When
+nothing improves any more, each effect is judged once more beside all others (`finished` of elimination.py). Random
+effects on the commands are not fitted: they are detected in the residuals, removed from the data, and the search starts
+again (chance.py).
 
 Reference: M. A. Efroymson, in Ralston and Wilf, Mathematical Methods for Digital Computers, 1960.
 """
@@ -50,7 +50,7 @@ from cmr.estimation.simulation_error import FREE_RUN_INFLATION
 from cmr.model.catalogue import CATALOGUE
 
 MOST_EFFECTS = 12  # with those that are too small to be named
-FEW = 3  # effects: exchanges have tried all others in the place of two of them
+FEW = 3  # effects; with so few, exchanges have tried nearly all sets
 MOST_STEPS = 30  # additions and exchanges
 LESS = "It explains less than the effect named."
 AS_BEFORE = "The search has been at this model before and fits it no better now: it ends here."
@@ -58,21 +58,21 @@ CLEANED = "What it did is removed from the data, and the search starts again."
 REDUNDANT = "The other effects explain nearly as much without it."
 TOGETHER = "The likelihood ratio of these effects together is above the threshold."
 STAYS = "What is too small stays in the model only during the search, so that it hides no other effect."
-SMALLER_SHOWN = 0.5  # of the typical size: a drive in which less would not show leaves an effect unseen
+SMALLER_SHOWN = 0.5  # of the typical size: an effect is unseen if only larger sizes would be detected
 MOST_SMALL = 8  # such effects that are fitted to see what remains
-COARSE_INFLATION = 40.0  # ticks of coarse encoders make errors that go with the speed
-LEFT_BY_CHANCE = 0.05  # of what chance explains may be left, because the delays of single commands are rough
-MUCH = 5.0  # times what an effect must explain: where one explains more beside the first, there may be several
-NOTED = 4  # rejected effects of each step that the trace keeps
+COARSE_INFLATION = 40.0  # quantisation errors of coarse encoders depend on the speed
+LEFT_BY_CHANCE = 0.05  # of what a random effect explains may remain, because the delays of single commands are inexact
+MUCH = 5.0  # times the required drop: if a second effect explains more, there may be several
+NOTED = 4  # rejected effects per step kept in the trace
 
 
 @dataclass(frozen=True)
 class Search:
-    """What the search found: the paper's model fitted, the final fit, the effects in order, and the runners-up.
+    """The result of a search: the fitted paper's model, the final fit, the effects in order, and the runners-up.
 
-    `problem` is what the final fit explains: the recordings without what effects of chance did to them. `doubts` are to
-    be added to the standard deviations of some parameters. `unseen` are effects that would not show in these drives.
-    `decisions` are the steps of the search. `seen` is the fit with the effects that are too small to be named.
+    `problem` contains the recordings with random effects removed. `doubts` are additional standard deviations of some
+    parameters. `unseen` are effects that would not show in these drives. `decisions` are the steps of the search.
+    `seen` is the fit with the effects that are too small to be named.
     """
 
     problem: Problem
@@ -94,10 +94,10 @@ def search(
     of_use: Callable[[Search], bool] = lambda _found: True,
     after_step: Callable[[Fit], None] = lambda _fit: None,
 ) -> Search:
-    """Select effects until nothing significant is left; `after_step` is given the fit of each model on the way.
+    """Select effects until nothing significant is left; `after_step` is called with the fit of each model on the way.
 
-    Effects of chance on the commands show in what the others leave. What they explain is taken out of the data, and
-    the search begins again, if what was found so far is `of_use`. Raises what `after_step` raises, to end the search.
+    Random effects on the commands are detected in the residuals. They are removed from the data and the search starts
+    again, if the result so far is `of_use`. Raises what `after_step` raises, to end the search.
     """
     trace = Trace()
     found = _selected(_Selection(problem, base, trace), say, after_step)
@@ -125,9 +125,9 @@ def search(
 
 
 class _Selection:
-    """The model as it stands during a search: its fit, the effects selected, and what was rejected last.
+    """The current model of a search: its fit, the selected effects, and the latest rejections.
 
-    The inflation of what shows in the wheels is at least `least_inflation`.
+    The inflation of effects visible in the wheels is at least `least_inflation`.
     """
 
     def __init__(self, problem: Problem, base: Fit, trace: Trace, least_inflation: float = 1.0) -> None:
@@ -143,7 +143,7 @@ class _Selection:
 
     @cached_property
     def _afar(self) -> Averaging:
-        """The linear problem about the likeliest model that is found from the paper's on, without any search."""
+        """The linear problem about the likeliest model reached from the paper's model, without any search."""
         return relinearised(self.problem, self.base, 1.0)[0]
 
     @property
@@ -169,13 +169,13 @@ class _Selection:
     def improved(self, screening: Screening) -> bool:
         """Add the best effect or make the best exchange; return whether there was one that leads to a new model.
 
-        Where much is left beside the first effect, there are several: to add them all at once saves most of the work.
+        If much remains beside the first effect, there are several: adding them at once saves most of the work.
         """
         much = MUCH * THRESHOLD * self.inflation.all
         much_left = any(score.drop > much for score in screening.scores[:1])
         if len(self.named) == 1 and much_left and self.problem.one_step and not self._ahead_tried:
             self._ahead_tried = True
-            # The likeliest model that is found from the one that stands, without a search.
+            # The likeliest model reached from the current one, without a search.
             ahead = [relinearised(self.problem, self.current, self.inflation.all)[0]]
             if self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, ahead)):
                 return True
@@ -185,17 +185,19 @@ class _Selection:
             self._note_added(chosen)
             return self._moved_to([*self.named, chosen], chosen.candidate.fit)
         self._note_rejected()
-        if not self.problem.one_step:  # of effects alike in free runs, the one that predicts left-out data best stays
+        if not self.problem.one_step:  # of effects alike in free runs, keep the one that predicts left-out data best
             return False
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         if self._exchanged(exchange):
             return True
-        # Where nothing is left, and exchanges reach nearly all sets, no walk is needed.
+        # If nothing remains, and exchanges reach nearly all sets, no walk is needed.
         about = () if self.inflation.all <= 1.0 and len(self.named) <= FEW else self._near_and_afar()
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
 
     def _near_and_afar(self) -> Iterator[Averaging]:
-        """Yield the linear problem about the model as it stands, then, if asked for, that about the one from afar."""
+        """Yield the linear problem about the current model, then, on demand, the one that is independent of the
+        search.
+        """
         yield Averaging(self.problem, self.current, self.inflation.all, self.names)
         yield self._afar
 
@@ -209,7 +211,7 @@ class _Selection:
         return self._moved_to([*stay, *exchange.selected], exchange.fit)
 
     def _moved_to(self, named: list[SelectedEffect], fit: Fit) -> bool:
-        """Take another model without what is redundant in it; return whether it is a new one."""
+        """Move to another model without its redundant effects; return whether it is new."""
         if len(named) > 1:
             named, fit, redundant = pruned(self.problem, named, fit, self.inflation)
             for name, drop, least in redundant:
@@ -235,7 +237,7 @@ class _Selection:
             self.trace.note(INDISTINCT, [rival.effect.name, name], less, margin, AS_WELL.format(name))
 
     def _note_exchanged(self, exchange: Exchange) -> None:
-        """Note an exchange, with the effects that come and are too small to be named."""
+        """Record an exchange, including added effects that are too small to be named."""
         found = [too_small(one.candidate, self.problem.excitation) for one in exchange.selected]
         small = [measure for measure in found if measure]
         reason = f"In place of {' and '.join(exchange.leaving)}." if exchange.leaving else TOGETHER
@@ -246,7 +248,7 @@ class _Selection:
         self.trace.note(REPLACED if exchange.leaving else action, exchange.coming, drop, least, reason, small)
 
     def _note_rejected(self) -> None:
-        """Note the strongest effects that were rejected, and keep the measures for which all were."""
+        """Record the strongest rejected effects, and keep the measures that rejected each."""
         self.others = [
             (measured(self.problem, self.current, candidate, self.inflation, why), why)
             for candidate, why in self.others
@@ -262,7 +264,7 @@ class _Selection:
             )
 
     def with_rivals(self, screening: Screening) -> list[SelectedEffect]:
-        """Return the effects selected, with the rivals that each has beside all the others.
+        """Return the selected effects with their rivals, determined beside all other effects.
 
         What explained as much as an effect before others were found may no longer do so.
         """
@@ -284,7 +286,7 @@ class _Selection:
 
 
 def _selected(state: _Selection, say: Callable[[str], None], after_step: Callable[[Fit], None]) -> Search:
-    """Select effects where none acts by chance."""
+    """Select effects, without random ones."""
     problem, trace = state.problem, state.trace
     screening = state.screened()
     for _ in range(MOST_STEPS):
@@ -318,8 +320,7 @@ def _next(
 ) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
     """Return the effect to be added next, and why each of the others is not.
 
-    One that is too small may explain so much that others, which matter, are not promising beside it: these are then
-    fitted, too.
+    If one that is too small explains so much that others are not promising beside it, these are fitted, too.
     """
     chosen, others = _choose(problem, current, ranked_fits(problem, current, screening), inflation)
     significant = THRESHOLD * inflation.all
@@ -334,10 +335,10 @@ def _next(
 def _choose(
     problem: Problem, current: Fit, ranked: list[CandidateEffect], inflation: Inflation
 ) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
-    """Return the best effect that holds, with its rivals, and why each of the others is not added.
+    """Return the best valid effect with its rivals, and why each of the others is not added.
 
-    An effect that is too small to be named comes first if it explains more than one that is to be named: that one may
-    be its shadow.
+    An effect that is too small to be named is added first if it explains more than a nameable one, which may only
+    imitate it.
     """
     others: list[tuple[CandidateEffect, str]] = []
     chosen: CandidateEffect | None = None
@@ -371,7 +372,7 @@ def _choose(
 
 
 def _unseen(problem: Problem, screening: Screening, named: Collection[str]) -> tuple[str, ...]:
-    """Return effects that these drives would not show at half their typical size, and those that cannot be tested."""
+    """Return effects undetectable in these drives at half their typical size, and those that cannot be tested."""
     tested = {effect.name for effect in problem.effects}
     shown = {
         name
@@ -383,14 +384,14 @@ def _unseen(problem: Problem, screening: Screening, named: Collection[str]) -> t
 
 
 def small_effects(found: Search) -> list[CandidateEffect]:
-    """Return the effects that the data show, but that are too small to be named; the MOST_SMALL largest."""
+    """Return the MOST_SMALL largest effects that are significant but too small to be named."""
     return [candidate for candidate, why in found.others if why == TOO_SMALL][:MOST_SMALL]
 
 
 def with_small_effects(found: Search) -> Fit:
-    """Return the final fit with the effects beside it that are there but too small to be named.
+    """Return the final fit with the significant effects that are too small to be named.
 
-    What they explain is not unexplained.
+    What they explain does not count as unexplained.
     """
     small = small_effects(found)
     if not small:

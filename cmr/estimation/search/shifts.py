@@ -1,4 +1,4 @@
-"""How far the paper's parameters moved with each effect: what a model lacks hides in the parameters that it has."""
+"""Shifts of the paper's parameters with each effect: parameters absorb what a model lacks."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -6,11 +6,11 @@ from itertools import pairwise
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.search.selection import Search
 
-Moved = dict[str, float]  # by how much each parameter of the baseline moved, in its unit
+Moved = dict[str, float]  # change of each baseline parameter, in its unit
 
 
 def shifts(found: Search) -> list[Moved]:
-    """Return how far each effect named, in their order, moved the parameters of the baseline when it was added.
+    """Return the shift of the baseline parameters with each named effect added, in order.
 
     The models are nested: the paper's, with the first effect, with the first two, and so on to the final one. So the
     shifts add up to what lies between the first and the last.
@@ -19,15 +19,15 @@ def shifts(found: Search) -> list[Moved]:
 
 
 def moved(before: Fit, after: Fit, names: Sequence[str]) -> Moved:
-    """Return how far the parameters `names` lie apart in two fits."""
+    """Return the differences of the parameters `names` between two fits."""
     return {name: after.values[name] - before.values[name] for name in names}
 
 
 def _nested(found: Search) -> list[Fit]:
     """Return the baseline, the fit with the first effect, with the first two, and so on to the final one.
 
-    An effect that no fit knows, because it acts by chance or is read off the data, changes no fit. What it did to the
-    baseline, as it was taken out of the data, counts as the next one's, or its own where it stands alone.
+    An effect that is not fitted, because it is random or read off the data, changes no fit. The change of the baseline
+    due to its removal from the data is assigned to the next effect, or to itself if it is the only one.
     """
     fits = [found.base]
     last = max((number for number, one in enumerate(found.named) if not one.estimates), default=0)

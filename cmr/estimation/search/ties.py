@@ -15,7 +15,7 @@ from cmr.estimation.search.ranking import judged
 from cmr.model.catalogue import CATALOGUE
 
 EQUAL = 3.0  # log-likelihood by which effects must differ to be distinguished,
-CONVERGED = 1e-4  # and so much of what they explain: fits stop a little before the best values
+CONVERGED = 1e-4  # and this share of what they explain: fits stop slightly before the optimum
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ def decided(
     close: Sequence[CandidateEffect],
     inflation: Inflation,
 ) -> Tie:
-    """Decide between the effect that explains most and those `close` to it that explain the same and hold.
+    """Choose between the effect that explains most and valid ones `close` to it that explain the same.
 
-    Where the data do not distinguish them, the simplest is named, which needs least to be believed: it neither chooses
-    a place nor is rare. Of several it is the one of the least unusual size, then the catalogue's first. A rare effect
-    must explain so much more. In free runs, errors count that are left out of the fits as well as those that are not.
+    Where the data do not distinguish them, the simplest is named: one that neither chooses a place nor is rare. Of
+    several it is the one with the least unusual size, then the first in the catalogue. A rare effect must explain more
+    by its rarity. In free runs, left-out errors count as well as fitted ones.
     """
     if problem.one_step:
         holding = [one for one in close if one.fit and not why_not(problem, current, one, inflation)]
@@ -59,7 +59,7 @@ def decided(
 
 
 def _gain(problem: Problem, current: Fit, one: CandidateEffect) -> float:
-    """Return the log-likelihood that an effect adds; in free runs, also to the parts that its fit leaves out."""
+    """Return the log-likelihood gained by an effect; in free runs, including left-out parts."""
     if problem.one_step:
         return 0.5 * one.drop
     return 0.5 * one.drop + elsewhere(problem, current, one.fit).gain if one.fit else -np.inf

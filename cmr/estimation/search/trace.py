@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-# INCLUDED: too small to be named, but in the model until the end of the search so that it hides no other effect.
+# INCLUDED: too small to be named, but kept in the model during the search so that it does not hide other effects.
 ADDED, INCLUDED, REPLACED, REMOVED, REJECTED = "added", "included", "replaced", "removed", "not added"
 INDISTINCT = "not distinguished"
 
@@ -80,6 +80,6 @@ class Trace:
         reason: str = "",
         measures: Iterable[Measure | None] = (),
     ) -> None:
-        """Add a decision to the present step; of its measures, None stands for no measure."""
+        """Add a decision to the current step; a measure of None is skipped."""
         known = tuple(measure for measure in measures if measure is not None)
         self.decisions.append(Decision(self.step, action, tuple(effects), statistic, threshold, reason, known))

@@ -1,1 +1,1 @@
-"""What the effects found leave: whether structure remains, and a generic term for it."""
+"""Remaining structure in the residuals of the selected effects, and a generic term for it."""

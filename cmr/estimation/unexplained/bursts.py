@@ -1,6 +1,6 @@
-"""Moments at which a signal errs far more than its noise does: something happens that the model does not know.
+"""Bursts: times at which the errors of a signal far exceed its noise, due to events the model does not know.
 
-What happens at random, or only now and then, need not go with anything; it shows in the spread of the errors alone.
+Random or rare events need not correlate with any regressor; they are visible only in the spread of the errors.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from cmr.estimation.prediction import SIGNALS
 from cmr.estimation.unexplained.scores import Remainder
 
 SPAN = 0.5  # s
-LOUD = 8.0  # standard deviations of what a span of noise adds up to
+LOUD = 8.0  # standard deviations of the sum over a span of noise
 FEWEST_SAMPLES = 5  # in a span
 
 
 @dataclass(frozen=True)
 class Bursts:
-    """Spans of a signal that are too loud: how many, and their squares beyond what is usual, of its `whole` sum."""
+    """The bursts of a signal: their number, and their excess of squares, out of its `whole` sum."""
 
     signal: str
     number: int

@@ -1,4 +1,4 @@
-"""What a formula explains, said as structure that remains: something is there, but no formula is the right one."""
+"""Report the gain of a formula as unexplained structure, if no formula is right."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from cmr.estimation.prediction import SIGNALS
 from cmr.estimation.problem import LARGE
 from cmr.estimation.unexplained.result import Unexplained
 
-# The regressors, as reports call them, that variables of formulas are.
+# The regressors, as named in reports, of the variables of formulas.
 REGRESSORS = {
     **{"v": "speed", "w": "yaw_rate", "dv": "acceleration", "dw": "yaw_acceleration", "theta": "heading", "t": "time"},
     **{"psi": "wheel_speed", "s": "wheel_speed", "other_psi": "wheel_speed", "charge": "energy"},
@@ -19,9 +19,9 @@ REGRESSORS = {
 
 
 def structure_of(fit: Polished) -> Unexplained:
-    """Return what the last law of a fit explains: the signal that has most of it, and what it goes with.
+    """Return the structure that the last law of a fit explains: the main signal, and its regressors.
 
-    What other parameters of the model explain as well is not the law's.
+    What other parameters of the model also explain is not counted.
     """
     law = fit.laws[-1]
     columns = fit.columns * fit.mask[:, None]

@@ -1,6 +1,6 @@
-"""What a search leaves: structure that nothing explains, and what extends the model all the same.
+"""Extend the model for structure that remains after a search.
 
-That is a law, where one holds; else a generic term.
+The extension is a law, if one holds, otherwise a generic term.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -19,9 +19,9 @@ from cmr.estimation.unexplained.generic import LEAST_GAIN, Extension, extension
 from cmr.estimation.unexplained.remaining import remaining
 from cmr.estimation.unexplained.result import Unexplained
 
-SURPASSED = 0.8  # of some error of free runs with the named effects: so little must a term leave that does without them
+SURPASSED = 0.8  # of some free-run error with the named effects, that a term without them must reach
 # Of models fitted by free runs, whose odometry has errors of its own on every real robot (OptiOdom: 0.18 and 1.10).
-MUCH_UNEXPLAINED, MUCH_GAINED = 0.25, 1.25  # share of a signal's one-step errors; of the path's of free runs
+MUCH_UNEXPLAINED, MUCH_GAINED = 0.25, 1.25  # share of a signal's one-step errors; gain in the path error of free runs
 WITHDRAWN = "A generic term predicts much better than it does, and as well without it."
 BY_A_LAW = "A law explains more than it does, and as well without it."
 OF_NO_USE = "With it, free runs on data left out of the fit are less accurate than with the paper's model."
@@ -29,7 +29,7 @@ OF_NO_USE = "With it, free runs on data left out of the fit are less accurate th
 
 @dataclass(frozen=True)
 class Extended:
-    """What was found, what remains unexplained beside it, and the term accepted, if any: that of `laws`, or generic.
+    """The search result, what remains unexplained, and the accepted term, if any: from `laws`, or generic.
 
     `without_laws` is what remains without the laws.
     """
@@ -47,7 +47,7 @@ class Extended:
 
     @property
     def only_reads_otherwise(self) -> bool:
-        """Whether laws of sensors are all that extends the model."""
+        """Whether the model is extended only by laws of sensors."""
         return bool(self.laws.found) and not self.found.named and all(one.law.at.of_sensors for one in self.laws.found)
 
     def without_term(self) -> "Extended":
@@ -64,11 +64,10 @@ class Extended:
 
 
 def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) -> Extended:
-    """Look at what a search of a problem leaves, and extend the model where structure remains.
+    """Examine the residuals of a search, and extend the model if structure remains.
 
-    Laws come first; they must hold in the `held_out` segments, or in a part of the data that is left out. Effects that
-    only imitate what they do not explain are withdrawn: where a law, or a generic term, predicts left-out data far
-    better than they do, and needs none of them, nothing supports them.
+    Laws are tried first; they must hold in the `held_out` segments, or in a left-out part of the data. Effects are
+    withdrawn if a law, or a generic term, predicts left-out data far better without them: they only imitated it.
     """
     unexplained = _unexplained(found)
     proposal = proposed(problem, found, held_out, unexplained.present)
@@ -95,7 +94,7 @@ def _with_laws(problem: Problem, found: Search, proposal: Proposal, without: Une
 
 
 def _matters(result: Extended) -> bool:
-    """Return whether what remains beside free runs is more than the little that odometry of any real robot leaves."""
+    """Return whether the structure beside free runs exceeds what odometry of any real robot leaves."""
     gained = result.term.gain.ratio if result.term else 1.0
     return result.unexplained.share > MUCH_UNEXPLAINED or gained > MUCH_GAINED
 
@@ -116,7 +115,7 @@ def _with_term(problem: Problem, found: Search, unexplained: Unexplained) -> Ext
 def _unexplained(found: Search) -> Unexplained:
     """Return what remains, whether effects too small to be named are taken in or not.
 
-    What these explain is not unexplained; but where two of them balance each other, they leave what was not there.
+    What these explain is not unexplained; but two of them that compensate each other may create structure.
     """
     fits = [with_small_effects(found)]
     fits += [found.final] if fits[0] is not found.final else []
@@ -142,10 +141,10 @@ def _without_names(problem: Problem, found: Search, why: str, names: Collection[
 
 
 def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, found: Search) -> bool:
-    """Return whether a generic term alone predicts far better than what was named, and as well as both together.
+    """Return whether a generic term alone predicts far better than what was named, and as well as the two together.
 
-    It must do so with no more products than it needs beside them: else they may be what the further ones imitate. None
-    of the errors may be worse by what a term must gain to be accepted.
+    It must not need more products than beside them, since the additional ones may imitate the effects. No error may be
+    worse by as much as a term must gain to be accepted.
     """
     if beside and len(alone.names) > len(beside.names):
         return False
@@ -155,11 +154,11 @@ def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, 
 
 
 def _ratios(alone: Fit, named: Fit, problem: Problem, found: Search) -> list[float]:
-    """Return the errors of one model's free runs on left-out data over those of one with all that was named."""
+    """Return the ratios of one model's free-run errors on left-out data to those with all named effects."""
     segments = [predictor.segment for predictor in problem.predictors]
     return list(measure(problem, alone, named, chance_of(found), segments, []).gain.signals.values())
 
 
 def chance_of(found: Search) -> Mapping[str, float]:
-    """Return values of parameters that no fit has, because they act by chance."""
+    """Return values of parameters that are not fitted, because they are random."""
     return {name: estimate.value for one in found.named for name, estimate in one.estimates.items()}

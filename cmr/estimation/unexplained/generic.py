@@ -1,14 +1,14 @@
-"""Extend the model by a generic term where nothing of the catalogue explains what remains.
+"""Extend the model by a generic term if no effect of the catalogue explains the remaining structure.
 
 A parameter file may hold any parameter of the model, each neutral by default (interfaces, section 3), so generic terms
 are parameters of the model like all others: cmr.model.effects.generic, which the extended file names among its effects
-and cmr-sim runs. They are no effects of the catalogue: nothing is ever named after them, here or in diagnosis.json.
+and cmr-sim runs. They are not effects of the catalogue: they are never named, here or in diagnosis.json.
 
 A sparse regression chooses the products: the one that predicts left-out folds best, then the next beside it, and each
-stays only as long as the others do not make up for it (stepwise regression with cross-validation; T. Hastie,
-R. Tibshirani and J. Friedman, The Elements of Statistical Learning, 2nd ed., 2009, sections 3.3 and 7.10). The
-coefficients are then fitted together with the model's other parameters, and the term is accepted only if free runs
-improve on blocks of time that it was not fitted on.
+is removed when the others make it redundant (stepwise regression with cross-validation; T. Hastie, R. Tibshirani and J.
+Friedman, The Elements of Statistical Learning, 2nd ed., 2009, sections 3.3 and 7.10). The coefficients are then fitted
+together with the model's other parameters, and the term is accepted only if free runs improve on blocks of time that it
+was not fitted on.
 """
 
 from collections.abc import Mapping, Sequence
@@ -55,7 +55,7 @@ def extension(problem: Problem, fit: Fit) -> Extension | None:
 
 
 def _products(problem: Problem, fit: Fit) -> tuple[str, ...]:
-    """Return the names of the coefficients whose products predict left-out one-step errors beside a fit."""
+    """Select the coefficients whose products predict left-out one-step errors beside a fit; return their names."""
     candidates = _candidates(problem)
     values = {**fit.values, **dict.fromkeys(candidates, 0.0)}
     rest, slopes = problem.linear(values, (*fit.names, *candidates), fit.noise)
@@ -79,7 +79,7 @@ def _accepted(problem: Problem, before: Fit, after: Fit, names: tuple[str, ...])
 
 
 def formula(values: Mapping[str, float]) -> str:
-    """Return a term in words: its coefficients, by name, and what they are coefficients of."""
+    """Describe a term in words: its coefficients and what they multiply."""
     *others, last = (_product(definition(name), value) for name, value in values.items())
     return f"{', '.join(others)} and {last}" if others else last
 
@@ -90,9 +90,9 @@ def _product(known: ParameterDefinition, value: float) -> str:
 
 
 def improves(gain: Gain) -> bool:
-    """Return whether free runs get better on data left out: some signal's clearly, and none's worse.
+    """Return whether free runs improve on left-out data: at least one signal clearly, and none gets worse.
 
-    Of the path also the interval must say so.
+    For the path, the interval must confirm it.
     """
     sure = gain.interval[0] > 1.0
     clear = [ratio for name, ratio in gain.signals.items() if ratio > LEAST_GAIN and (sure or name != "pose")]

@@ -1,8 +1,7 @@
-"""What remains of the prediction errors that no effect of the catalogue explains.
+"""Test for structure in the prediction errors that no effect of the catalogue explains.
 
-Disturbances of all that can be disturbed, going with all that they may go with, are tested at once beside the final
-model. A term counts only if it also predicts what it was not fitted on, throughout the drive. What goes with nothing
-shows in bursts of errors.
+All possible disturbances, with all possible regressors, are tested at once beside the final model. A term counts only
+if it also predicts left-out data, throughout the drive. Structure without a regressor is detected as bursts of errors.
 """
 
 from collections.abc import Sequence
@@ -21,13 +20,13 @@ from cmr.estimation.unexplained.scores import Score, predicted_by, remainder, sc
 from cmr.estimation.unexplained.share import share_predicted
 from cmr.estimation.unexplained.terms import drives_of
 
-LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is worth a word
-SURELY = 1.5  # as much, without the few moments that speak most for the term, is beyond doubt,
-AGREED = 5e-5  # or less, on which all parts of the drive agree as chance does so often
+LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is reported
+SURELY = 1.5  # factor beyond doubt, without the few blocks that support the term most,
+AGREED = 5e-5  # or a drop on which all parts of the drive agree, with this probability by chance
 PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be the better one
 HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
-LEFT_BY_EFFECTS = 0.01  # of what the effects named explain may remain: none is exactly as the catalogue says
-SMALLEST_SHARE = 0.005  # of the variance of a signal's prediction errors: what is less does not matter
+LEFT_BY_EFFECTS = 0.01  # of what the named effects explain may remain, since none is exactly as modelled
+SMALLEST_SHARE = 0.005  # of the variance of a signal's prediction errors: less does not matter
 BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
 BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
 WHEELS_ALONE = (
@@ -39,10 +38,10 @@ COARSE_ENCODERS = "The encoders' ticks are so coarse that their own errors depen
 
 @dataclass(frozen=True, kw_only=True)
 class Remaining:
-    """What remains: the finding, and what it rests on.
+    """Remaining structure: the finding, and the evidence for it.
 
     `statistic` is the drop of the sum of squared white errors on left-out data by the term found, or the excess of the
-    bursts, `threshold` what it had to exceed. `scores` are those of all terms, the best first.
+    bursts, `threshold` its limit. `scores` are those of all terms, the best first.
     """
 
     unexplained: Unexplained
@@ -55,7 +54,7 @@ class Remaining:
 def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     """Return what structure remains beside the final fit; `base` is that of the paper's model.
 
-    Errors are one-step prediction errors: of models found by free runs, those of the body beside the measured wheels.
+    Errors are one-step prediction errors: for models fitted by free runs, those of the body given the measured wheels.
     """
     (problem, fit), base = problem.one_step_of(fit), problem.one_step_of(base)[1]
     if not problem.batch.rows:
@@ -77,7 +76,7 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
         _structure(score, share_predicted(problem.predictors, fit.noise, rest.white, by_term, score.signal), least)
         for score, by_term in zip(holding, predicted, strict=True)
     ]
-    # Stamps that a busy host sets late make bursts in the wheels alone; a robot that jerks shows elsewhere, too.
+    # Late stamps from a busy host cause bursts only in the wheels; a jerking robot is visible elsewhere, too.
     sudden = [one for one in loud if one.signal not in WHEELS and bursts_count(one, explained)]
     found += [_bursts(one, explained) for one in sudden][:1]
     found = [one for one in found if one[0].share > SMALLEST_SHARE]
@@ -92,9 +91,10 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
 
 
 def only_rounding(signal: str, problem: Problem, errors: Sequence[Errors]) -> bool:
-    """Return whether a signal's errors, in the first column, are no larger than ticks make those between two readings.
+    """Return whether a signal's errors, in the first column, are no larger than quantisation errors.
 
-    Such errors are of the encoder alone. Read at a steady rate they go with the speed, as ticks and readings beat.
+    Such errors come from the encoder alone. At a constant reading rate they depend on the speed, because of aliasing
+    between ticks and readings.
     """
     pairs = zip(problem.predictors, errors, strict=True)
     known = [(one.of[signal][:, 0], predictor.doubt[signal]) for predictor, one in pairs if signal in one.of]
@@ -105,7 +105,7 @@ def only_rounding(signal: str, problem: Problem, errors: Sequence[Errors]) -> bo
 
 
 def spread_of(tested: Sequence[Score]) -> float:
-    """Return how much larger than chance the usual term's drop is, at least 1."""
+    """Return the factor by which the median term's drop exceeds chance, at least 1."""
     return max(1.0, float(np.median([score.drop / score.freedom for score in tested if score.freedom] or [1.0])))
 
 
@@ -117,7 +117,7 @@ def holds(score: Score, spread: float, least: float) -> bool:
 
 
 def bursts_count(one: Bursts, explained: float) -> bool:
-    """Return whether bursts are more than what effects that explain so much may leave."""
+    """Return whether bursts exceed what effects with this gain may leave."""
     return one.number >= BURSTS and one.excess > least_excess(one, explained)
 
 

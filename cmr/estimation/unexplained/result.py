@@ -1,4 +1,4 @@
-"""What remains unexplained, and the generic term that extends the model all the same."""
+"""Results: unexplained structure, and the generic term that extends the model."""
 
 import math
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from cmr.estimation.gain import Gain
 
 @dataclass(frozen=True, kw_only=True)
 class GenericTerm:
-    """A term without physical cause, by which the extended model predicts better what nothing explains.
+    """A term without physical meaning that improves the predictions of the extended model.
 
     `estimates` are its coefficients by name, `formula` is it in words. `held_out` is the log-likelihood that it adds
     on data it was not fitted on, `gain` that over the same model without it. `shift` says how far each parameter of
@@ -26,14 +26,13 @@ class GenericTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class Unexplained:
-    """Structure that remains and that no effect of the catalogue explains.
+    """Structure that no effect of the catalogue explains.
 
-    `signal` is the one that has most of it. `share` is that of the variance of its one-step prediction errors, in its
-    own unit and with large ones cut off, which `regressors` predict on data they were not fitted on. Where errors come
-    in `bursts` instead, so many, nothing predicts them but the time: `share` is then what the bursts have, beyond what
-    is usual, of all its squared errors over their variances. `generic` is the term that extends the model all the same,
-    None where none is any better. `not_judged` is a sentence that says why no structure was looked for, empty where it
-    was; `share` is then NaN.
+    `signal` is the one with most of it. `share` is the share of the variance of its one-step prediction errors, in its
+    own unit and with large ones clipped, that `regressors` predict on left-out data. With `bursts`, their number, no
+    regressor predicts them: `share` is then the excess of the bursts relative to all of its normalised squared errors.
+    `generic` is the term that extends the model, None if none improves it. `not_judged` is a sentence on why no
+    structure was searched for, empty if it was; `share` is then NaN.
     """
 
     present: bool = False
@@ -46,5 +45,5 @@ class Unexplained:
 
 
 def not_judged(reason: str) -> Unexplained:
-    """Return that no structure was looked for, for a reason given in a sentence: nothing is known of its share."""
+    """Return a result for a search that was not made, with the reason."""
     return Unexplained(share=math.nan, not_judged=reason)

@@ -1,8 +1,7 @@
-"""How much of the prediction errors each term would explain beside a fitted model, and how sure that is.
+"""Scores of terms: how much of the prediction errors each explains beside a fitted model, and how reliably.
 
-Three numbers that err in different ways judge a term: the drop of the sum of squares, which believes the noise to be as
-found; the same judged by how the blocks of time agree, which believes nothing of the noise but needs many blocks; and
-the drop on folds that the term was not fitted on.
+Three numbers with different weaknesses judge a term: the drop of the sum of squares, which relies on the estimated
+noise; the agreement between blocks of time, which does not, but needs many blocks; and the drop on left-out folds.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,12 +20,12 @@ from cmr.recordings.signal import Floats, Mask
 
 MOST_NUMBERS = 4_000_000  # white errors times columns that are held at once
 FEWEST_COLUMNS, MOST_COLUMNS = 12, 64
-OWN = 0.03  # share of a disturbance's traces that the model must not be able to imitate
+OWN = 0.03  # share of a disturbance's traces that must be orthogonal to the model
 ALIKE = 1e-2  # of the largest: directions of a term that hardly differ from its others do not count
 NOTHING = 1e-6
 FEW_BLOCKS = 3
 JERKY = 2.0  # standard deviations by which a yaw rate may jump between two steps
-DROP_PER_COEFFICIENT, LEAST_DROP = 1.0, 12.0  # a term that drops less may be chance, whatever else supports it
+DROP_PER_COEFFICIENT, LEAST_DROP = 1.0, 12.0  # a smaller drop may be chance, whatever else supports the term
 
 Indices = np.typing.NDArray[np.int64]
 
@@ -36,8 +35,8 @@ class Score:
     """What a term explains.
 
     `drop` is that of the sum of squared white errors, `freedom` the number of its free coefficients. These are found
-    only for a term that may explain something: `agreement`, the drop judged by how the `blocks` of time agree;
-    `steady`, the drop without the few blocks that speak most for the term; `held_out`, the drop on folds left out, and
+    only for a term that may explain something: `agreement`, the drop tested by the variation between `blocks` of time;
+    `steady`, the drop without the few blocks that support the term most; `held_out`, the drop on folds left out, and
     the `signal` that has most of it.
     """
 
@@ -51,9 +50,9 @@ class Score:
     signal: str = ""
 
     def chance(self, spread: float) -> float:
-        """Return how often chance does as well: the worse of both judgements of the drop.
+        """Return the p-value: the larger of the two tests of the drop.
 
-        `spread` is how much larger than assumed the drops of terms that explain nothing are.
+        `spread` is the inflation of drops of irrelevant terms.
         """
         from scipy.special import chdtrc, fdtrc
 
@@ -67,11 +66,11 @@ class Score:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What a fit leaves, white error by white error (n,).
+    """The residuals of a fit, per white error (n,).
 
-    `loud` are the errors, 0 where large ones are no wonder; `white` the same with large ones cut off, so that no single
-    moment decides, and freed of what the model's parameters do (`basis` (n, p), orthonormal). `signal` is the number of
-    the signal, `time` [s] the moment in its `recording`, `fold` that of the problem.
+    `loud` are the errors, 0 where large ones are expected; `white` the same with large ones clipped, so that outliers
+    do not dominate, and orthogonal to the traces of the model's parameters (`basis` (n, p), orthonormal). `signal` is
+    the number of the signal, `time` [s] is relative to its `recording`, `fold` is that of the problem.
     """
 
     loud: Floats
@@ -88,7 +87,7 @@ class Remainder:
 
 
 def remainder(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> Remainder:
-    """Return what a fit leaves; the first column of `errors` are those at its values."""
+    """Return the residuals of a fit; the first column of `errors` are those at its values."""
     basis = np.linalg.qr(fit.slopes)[0]
     signals, times, recordings, jerks = [], [], [], []
     for number, (predictor, error) in enumerate(zip(problem.predictors, errors, strict=True)):
@@ -112,9 +111,9 @@ def remainder(problem: Problem, fit: Fit, errors: Sequence[Errors]) -> Remainder
 
 
 def jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], sizes: Floats) -> Mask:
-    """Tell which of the gyro's readings (n,) fall together with a jump of the acceleration.
+    """Return which gyro readings (n,) coincide with a jump of the acceleration.
 
-    Within a step the model knows the mean yaw rate only, so such readings err by more than their noise.
+    Within a step the model knows only the mean yaw rate, so the errors of such readings exceed their noise.
     """
     difference = motion[:, MOTION.index("psi_right")] - motion[:, MOTION.index("psi_left")]
     jumps = np.abs(np.diff(difference, n=2, prepend=difference[:1], append=difference[-1:]))
@@ -147,7 +146,7 @@ def scores(
 def predicted_by(
     term: Term, problem: Problem, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
 ) -> Floats:
-    """Return what a term predicts of each white error (n,) as it is found on the other folds.
+    """Return a term's prediction of each white error (n,), fitted on the other folds.
 
     `drives` are those with which the term was made.
     """
@@ -181,7 +180,7 @@ def _moves(
 
 @dataclass(frozen=True)
 class _Rows:
-    """White errors of some signals, and how they are put in `order` of their folds and, within, of their blocks.
+    """White errors of some signals, and the `order` that sorts them by fold and block.
 
     In that order are `signal`, and `there`, where each stands among all errors; blocks begin at `begins`, and `folds`
     are slices by number.
@@ -220,7 +219,7 @@ def _rows(rest: Remainder, signals: Sequence[str]) -> _Rows:
 def _chunks(
     terms: Sequence[Term], drives: Sequence[Drive], rows: int
 ) -> Iterator[list[tuple[Term, list[list[Column]]]]]:
-    """Yield terms with their columns in each drive, as many at once as memory allows."""
+    """Yield terms with their columns in each drive, in chunks that fit in memory."""
     most = int(np.clip(MOST_NUMBERS / max(rows, 1), FEWEST_COLUMNS, MOST_COLUMNS))
     chunk: list[tuple[Term, list[list[Column]]]] = []
     count = 0
@@ -268,9 +267,9 @@ def _score(term: Term, moves: Floats, along: Floats, rows: _Rows) -> Score:
 
 
 def _mixing(moves: Floats, along: Floats) -> Floats:
-    """Return how traces (n, k) are mixed, (k, m), so that what the model cannot imitate of them is orthonormal.
+    """Return a mixing (k, m) of traces (n, k) whose parts orthogonal to the model are orthonormal.
 
-    `along` (p, k) is what it can imitate. Nothing is left, m = 0, where that is all.
+    `along` (p, k) are their components within the model's basis. m = 0 if nothing is orthogonal.
     """
     normal = moves.T @ moves
     before, imitated = np.diag(normal), np.einsum("pk,pk->k", along, along)

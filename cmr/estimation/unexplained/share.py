@@ -1,7 +1,7 @@
-"""Which share of a signal's prediction errors is predicted: of the errors as they are, in the signal's unit.
+"""The predicted share of a signal's prediction errors, in the signal's unit.
 
-A search for structure makes errors white and weighs them; a share of such errors would be one of a noise that nobody
-sees. Here they are put back: what a term predicts is a share of what the model really errs by.
+The search for structure whitens and weights errors; a share of such errors would not be meaningful to users. Here the
+whitening is undone, so the share refers to the model's actual errors.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,9 +33,9 @@ def share_predicted(
 
 
 def coloured(white: Floats, segment: int, name: str, noise: SignalNoise) -> Floats:
-    """Return errors made white, (n,) in one segment, as they were before, in the unit of the signal `name`.
+    """Undo the whitening of errors, (n,) in one segment; return them in the unit of the signal `name`.
 
-    This is the inverse of Noise.white, but for the influence of other signals' errors.
+    This is the inverse of Noise.white, except for the influence of other signals' errors.
     """
     spans = noise.spans(name)
     weights = np.concatenate([[1.0], -np.repeat(noise.past, spans)])

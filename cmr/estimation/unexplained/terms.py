@@ -1,4 +1,4 @@
-"""What an unknown disturbance may go with: products of command, motion, place and time, for all that can be disturbed.
+"""Candidate regressors of unknown disturbances: products of command, motion, position and time.
 
 They are built from the simulated motion, never from a sensor's own sample, whose noise would look like structure.
 """
@@ -14,7 +14,7 @@ from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 SPACING, FEWEST, MOST = 0.4, 3, 10  # m between the knots of what depends on the place; how many knots
-MOMENTS = 7  # knots of what depends on time
+MOMENTS = 7  # knots of functions of time
 RIPPLES = (1, 2, 3, 4, 6, 8)  # in a turn of a wheel
 STILL = 0.03  # of the top speed; well above it a robot moves
 FRICTION = (0.02, 0.1)  # of the top speed; where friction may set in
@@ -31,7 +31,7 @@ WHEELS = ("left", "right")
 
 @dataclass(frozen=True)
 class Drive:
-    """How a robot moved in one segment, in the middle of each step, all of shape (T,).
+    """The motion in one segment, at the middle of each step, all of shape (T,).
 
     `duty`, `effort` (the duty that is left to accelerate), `psi` and `angle` are those of left and right. Speeds are
     shares of the top ones that were driven, places are in [m], and `dt` [s] is the step.
@@ -80,10 +80,10 @@ def drives_of(predictors: Sequence[Predictor], errors: Sequence[Errors], k1: flo
 
 @dataclass(frozen=True)
 class Term:
-    """Disturbances that go with the same regressors.
+    """Disturbances with the same regressors.
 
-    `columns` says for a drive how far each acts on what, and how it goes with time, (T,). `disturbed` is one of what
-    they act on.
+    `columns` gives, for a drive, the weights and time course (T,) of each. `disturbed` is one of the quantities they
+    act on.
     """
 
     disturbed: str
@@ -107,7 +107,7 @@ class Knots:
 
 
 def terms_for(drives: Sequence[Drive], predicted: bool) -> list[Term]:
-    """Return all terms for a robot that drove like this; those of the wheels only if these are `predicted`."""
+    """Return all terms for these drives; those of the wheels only if these are `predicted`."""
     knots = Knots.over(drives)
     longest = max(drives, key=lambda drive: len(drive.time))
     terms = [term for name in ("yaw_rate", "forward", "sideways") for term in _of_motion(name, knots)]
@@ -243,7 +243,7 @@ def _moving(speed: Floats) -> Floats:
 def _with_heading(
     sides: Mapping[str, float], size: Callable[[Drive], Floats], regressors: tuple[str, ...]
 ) -> list[Term]:
-    """Return terms of a size that goes with the direction in the world, and with twice the heading."""
+    """Return terms that vary with the heading, and with twice the heading."""
 
     def waves(times: float, drive: Drive) -> list[Floats]:
         return [size(drive) * np.cos(times * drive.theta), size(drive) * np.sin(times * drive.theta)]
@@ -252,9 +252,9 @@ def _with_heading(
 
 
 def _with_angle(longest: Drive, ripples: int, drive: Drive) -> list[Column]:
-    """Return what rises and falls so often in a turn of a wheel, by itself and with what drives the wheel.
+    """Return ripples with this many periods per wheel revolution, alone and multiplied by the drive.
 
-    Only the longest drive counts: each begins to count a wheel's angle at zero.
+    Only the longest drive counts, because each drive starts its wheel angle at zero.
     """
     columns: list[Column] = []
     for name, angle, duty in zip(WHEELS, drive.angle, drive.duty, strict=True):
@@ -320,7 +320,7 @@ def _spaced(low: float, high: float) -> Floats:
 
 
 def _hats(values: Floats, knots: Floats) -> list[Floats]:
-    """Return how much each knot counts for each value: linear between neighbouring knots."""
+    """Return the weight of each knot for each value: linear between neighbouring knots."""
     if len(knots) == 0:
         return []
     width = knots[1] - knots[0]

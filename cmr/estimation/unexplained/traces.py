@@ -1,8 +1,8 @@
-"""What traces a small disturbance leaves in the prediction errors, of whatever it disturbs.
+"""Traces of small disturbances in the prediction errors.
 
-The observer's answer to a small disturbance is linear: a motor of first order, wheels that carry the body, and
-corrections by shares of the errors. So hundreds of disturbances are observed side by side in little time, and none of
-them need be an effect that the model knows.
+The observer's response to a small disturbance is linear: a first-order motor, wheels that move the body, and
+proportional corrections. So hundreds of disturbances are computed at once, and none of them needs to be an effect of
+the model.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,13 +40,13 @@ DISTURBED = (
     LEFT, RIGHT, YAW_RATE, FORWARD, SIDEWAYS, LEFT_ENCODER, RIGHT_ENCODER, GYRO, HEADING, EAST, NORTH, AHEAD, BESIDE,
     LATENESS,
 ) = range(len(DISTURBED))  # fmt: skip
-# What `follow_traces` is given in `numbers`.
+# The entries of `numbers` in `follow_traces`.
 DT, SLOWING, RADIUS, WIDTH, HOLDS, ROLLING, GAIN_ANGLE, GAIN_PSI, GAIN_POSITION, GAIN_THETA = range(10)
 PSI, ANGLE, ANGLE_BEFORE, ROLLED = range(4)  # what a disturbance adds to one side's wheels, now and a step before
 X, Y, TURNED, TURNING, TURNING_BEFORE = range(5)  # and to the body
 ALL = SIGNALS
 BODY = ("yaw_rate", *POSE_SIGNALS)
-# The signals in which each leaves traces. A gyro's errors also say which errors of the pose are to be expected.
+# The signals in which each leaves traces. Gyro errors also predict pose errors.
 SEEN_IN: Mapping[str, tuple[str, ...]] = {
     "left": ALL,
     "right": ALL,
@@ -66,7 +66,7 @@ EARLY = 1e-3  # of a step, by which a gyro reading may seem to come early; as in
 
 @dataclass(frozen=True)
 class Disturbances:
-    """Disturbances: how each goes with time, `courses` (T, C), and how far it acts on each of DISTURBED, (14, C)."""
+    """Disturbances: their time courses, `courses` (T, C), and their weights on DISTURBED, (14, C)."""
 
     courses: Floats
     shares: Floats
@@ -82,7 +82,7 @@ def only(predictor: Predictor, signals: Sequence[str]) -> Predictor:
 def traces(
     predictor: Predictor, motion: Floats, values: Mapping[str, float], gains: Gains, disturbances: Disturbances
 ) -> Errors:
-    """Return what disturbances of a robot with these values add to its prediction errors, (n, C) by signal.
+    """Return the traces of disturbances in a robot's prediction errors, (n, C) by signal.
 
     `predictor` may be one of some signals `only`; `motion` is how the robot moved without them.
     """
@@ -112,7 +112,7 @@ def numbers_of(predictor: Predictor, values: Mapping[str, float], gains: Gains, 
 
 @inlined
 def response_of(dt: float, slowing: float) -> tuple[float, float, float]:
-    """Return what a step keeps of a wheel's speed, how far that rolls on, and how far a push does."""
+    """Return the decay of a wheel's speed per step, and the angles per step due to speed and to acceleration."""
     kept = exp(-slowing * dt)
     coasted = (1.0 - kept) / slowing
     return kept, coasted, (dt - coasted) / slowing
@@ -120,13 +120,13 @@ def response_of(dt: float, slowing: float) -> tuple[float, float, float]:
 
 @inlined
 def may_roll(psi: float, psi_at_end: float, holds: float) -> float:
-    """Return 0.0 for a wheel that rests and that dry friction holds, else 1.0."""
+    """Return 0.0 for a wheel held at rest by dry friction, otherwise 1.0."""
     return 0.0 if holds > 0.0 and psi == 0.0 and psi_at_end == 0.0 else 1.0
 
 
 @inlined
 def roll_on(side, course, pushed, miscounted, free, dt, response):  # type: ignore[no-untyped-def]
-    """Let one side's wheels roll through a step; they are pushed, and their encoders miscount, by these shares."""
+    """Advance one side's wheels by a step, with these weights of acceleration and encoder disturbances."""
     kept, coasted, driven = response
     for i in range(len(course)):
         push = pushed[i] * course[i] * free
@@ -139,7 +139,7 @@ def roll_on(side, course, pushed, miscounted, free, dt, response):  # type: igno
 
 @inlined
 def follow_wheels(body, left, right, course, shares, then, at_end, numbers):  # type: ignore[no-untyped-def]
-    """Let the body follow its wheels through a step; without disturbances it moves from `then` to `at_end`."""
+    """Advance the body by a step of its wheels; without disturbances it moves from `then` to `at_end`."""
     dt, radius, width = numbers[DT], numbers[RADIUS], numbers[WIDTH]
     theta = 0.5 * (then[THETA] + at_end[THETA])
     cosine, sine = cos(theta), sin(theta)
@@ -157,7 +157,7 @@ def follow_wheels(body, left, right, course, shares, then, at_end, numbers):  # 
 
 @inlined
 def read_gyro(gyro_error, body, course, misread, share):  # type: ignore[no-untyped-def]
-    """Read the gyro when this share of the step is over."""
+    """Read the gyro at this fraction of the step."""
     for i in range(len(course)):
         error = body[TURNING, i] + (share - 0.5) * (body[TURNING, i] - body[TURNING_BEFORE, i])
         gyro_error[i] = error + misread[i] * course[i]
@@ -165,7 +165,7 @@ def read_gyro(gyro_error, body, course, misread, share):  # type: ignore[no-unty
 
 @inlined
 def read_encoder(wheel_error, side, body, share, theta, turn_per_angle, numbers):  # type: ignore[no-untyped-def]
-    """Read one side's encoder when this share of the step is over; correct the side by it, and the body it carries."""
+    """Read one side's encoder at this fraction of the step; correct the side and the body."""
     gain_angle, gain_psi, cosine, sine = numbers[GAIN_ANGLE], numbers[GAIN_PSI], cos(theta), sin(theta)
     on_per_angle = 0.5 * numbers[RADIUS]
     for i in range(len(wheel_error)):
@@ -184,7 +184,7 @@ def read_encoder(wheel_error, side, body, share, theta, turn_per_angle, numbers)
 def read_pose(  # type: ignore[no-untyped-def]
     forward_error, sideways_error, heading_error, body, course, shares, heading, now, restart, numbers
 ):
-    """Read the pose, which has this heading, and correct the body by it; all the way when the path begins again.
+    """Read the pose, which has this heading, and correct the body by it; fully at a restart of the path.
 
     The robot moves as the row `now` of its motion says: a late pose shows where it was.
     """
@@ -210,7 +210,7 @@ def read_pose(  # type: ignore[no-untyped-def]
 
 @inlined
 def roll_wheels(left, right, course, shares, then, at_end, response, numbers):  # type: ignore[no-untyped-def]
-    """Let both wheels roll on for a step whose motion begins as the row `then` and ends as the row `at_end`."""
+    """Advance both wheels by a step whose motion begins with the row `then` and ends with the row `at_end`."""
     free = may_roll(then[PSI_LEFT], at_end[PSI_LEFT], numbers[HOLDS])
     roll_on(left, course, shares[LEFT], shares[LEFT_ENCODER], free, numbers[DT], response)
     free = may_roll(then[PSI_RIGHT], at_end[PSI_RIGHT], numbers[HOLDS])
@@ -225,7 +225,7 @@ def follow_traces(  # type: ignore[no-untyped-def]
     courses, shares, motion, numbers, wheel_time, wheel_use, gyro_time, pose_time, pose_theta, pose_use,
     left_error, right_error, gyro_error, forward_error, sideways_error, heading_error,
 ):  # fmt: skip
-    """Observe disturbances, one to a lane.
+    """Run the observer on disturbances, one per lane.
 
     `numbers` are dt [s], the rate at which wheels slow down [1/s], radius and width [m], whether friction holds a wheel
     that rests, whether any wheel is disturbed at all, and the gains.

@@ -1,9 +1,9 @@
-"""What disturbances pull at given errors, without observing any: `traces` the other way round.
+"""Products of disturbance traces with given vectors, by the transpose of `traces`.
 
-Traces are linear in the disturbance. Their products with some vectors over the errors are therefore those of the
-disturbance's course with what the transposed recursion makes of these vectors, and that is the same for all courses.
-Each function below transposes the one of `traces.py` that it names: its statements in reverse order, and where the one
-adds a times b to c, the other adds a times c to b.
+Traces are linear in the disturbance. Their products with vectors over the errors are therefore products of the time
+course with the transposed recursion of these vectors, which is computed once for all courses. Each function below
+transposes the function of `traces.py` that it names: statements are in reverse order, and where the original adds a
+times b to c, the transpose adds a times c to b.
 """
 
 from collections.abc import Mapping
@@ -62,7 +62,8 @@ X, Y = 0, 1
 def pulls(
     predictor: Predictor, motion: Floats, values: Mapping[str, float], gains: Gains, vectors: Mapping[str, Floats]
 ) -> Floats:
-    """Return what each of DISTURBED pulls at some vectors over a predictor's errors in each step, (T, 14, K).
+    """Return the transposed traces of each of DISTURBED for vectors over a predictor's errors, in each step, (T, 14,
+    K).
 
     `vectors` (n, K) by signal weigh the errors; those of signals that are missing are 0. The sum over the steps of a
     course times what it disturbs here is the product of its traces and the vectors.

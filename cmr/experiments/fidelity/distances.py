@@ -1,7 +1,7 @@
-"""How far two sets of experiments are apart, how sure that is, and whether calibration brings them together.
+"""Distances between sets of experiments, their uncertainty, and whether calibration reduces them.
 
-A distance is Wasserstein's between the distributions of a metric: how far, on average, values must be moved to turn one
-set into the other, in the metric's unit. Two sets of real teams are apart too, by chance alone: that is the floor.
+A distance is Wasserstein's between the distributions of a metric: the mean distance that values must be moved to turn
+one set into the other, in the metric's unit. Two sets of real teams also differ, by chance: that is the floor.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 RESAMPLES = 1000
 INTERVAL = (2.5, 97.5)  # percent
-CHANCE = 0.05  # a distance that chance reaches more often is no finding
+CHANCE = 0.05  # a distance that chance exceeds more often is not significant
 
 CLOSES = "closes the gap"
 NOT_SHOWN = "not shown to close the gap"
@@ -24,7 +24,7 @@ NO_GAP = "no gap shown"
 class Distance:
     """A distance between two sets, in the metric's unit, with the 95 % interval of its bootstrap.
 
-    `p_value` is how often two sets that differ by chance alone are as far apart (permutation test).
+    `p_value` is the probability of such a distance by chance (permutation test).
     """
 
     value: float
@@ -35,10 +35,10 @@ class Distance:
 
 @dataclass(frozen=True)
 class Closing:
-    """What one preparation of the virtual robots did to the distance of another.
+    """The effect of one preparation of the virtual robots on the distance, compared with another.
 
-    `share` of the distance beyond the floor is closed (1: all, 0: nothing, below 0: it grew), with its 95 % interval;
-    NaN where there was no gap.
+    `share` of the distance beyond the floor is closed (1: all, 0: none, negative: it grew), with its 95 % interval; NaN
+    without a gap.
     """
 
     verdict: str
@@ -48,7 +48,7 @@ class Closing:
 
 
 def wasserstein(a: Floats, b: Floats) -> float:
-    """Return Wasserstein's distance between two sets of values: what lies between their distribution functions."""
+    """Return Wasserstein's distance between two sets of values: the area between their distribution functions."""
     values = np.sort(np.concatenate([a, b]))
     below_a, below_b = (np.searchsorted(np.sort(one), values[:-1], side="right") / len(one) for one in (a, b))
     return float(np.sum(np.abs(below_a - below_b) * np.diff(values)))
@@ -67,10 +67,10 @@ def distance(real: Floats, other: Floats, seed: int = 0) -> Distance:
 
 
 def closing(real: Floats, before: Floats, after: Floats, floor: float, seed: int = 0) -> Closing:
-    """Return what came of preparing the virtual robots better.
+    """Return the effect of a better preparation of the virtual robots.
 
-    `before` and `after` are of the same experiments, in the same order, with the robots prepared in one way or the
-    other; `floor` is the distance of real teams among themselves. It tells a change only where its 95 % interval does.
+    `before` and `after` are of the same experiments, in the same order, with the two preparations; `floor` is the
+    distance of real teams among themselves. A change counts only if its 95 % interval excludes zero.
     """
     gap = distance(real, before, seed)
     if gap.p_value > CHANCE or gap.value <= floor:

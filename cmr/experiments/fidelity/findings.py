@@ -1,4 +1,4 @@
-"""What a study found: for each metric, how far each preparation is from real teams, and what calibration closed."""
+"""Findings of a study: the distance of each preparation from real teams, by metric, and the effect of calibration."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from cmr.experiments.fidelity.distances import CHANCE, NO_GAP, NOT_SHOWN, WIDENS
 from cmr.experiments.fidelity.study import PREPARATIONS, PREPARED, REAL_A, REAL_B, UNCALIBRATED, Scores
 from cmr.experiments.team.metrics import UNITS
 
-ENOUGH = 10  # experiments of each kind; of fewer, those who read on are warned
+ENOUGH = 10  # experiments of each kind; with fewer, the report contains a warning
 USUAL = 20
 
 Floats = NDArray[np.float64]
@@ -18,10 +18,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Finding:
-    """One metric: its values by set and preparation, each of shape (seeds,), and what they say.
+    """One metric: its values by set and preparation, each of shape (seeds,), and the conclusions.
 
-    `floor` is the distance of the two sets of real teams, `distances` and `closings` are by preparation; the latter
-    tell what became of the distance without calibration.
+    `floor` is the distance of the two sets of real teams, `distances` and `closings` are by preparation; the latter are
+    relative to the distance without calibration.
     """
 
     metric: str
@@ -37,7 +37,7 @@ class Finding:
 
 
 def findings_of(scores: Mapping[str, Sequence[Scores]]) -> list[Finding]:
-    """Return what the scores of a study, by set and preparation, say of each metric that means something."""
+    """Return the finding of each meaningful metric, from scores by set and preparation."""
     metrics = [metric for metric in UNITS if not any(np.isnan(one[metric]) for one in scores[REAL_A])]
     return [_finding(metric, {name: _values(ones, metric) for name, ones in scores.items()}) for metric in metrics]
 
@@ -63,12 +63,12 @@ def _finding(metric: str, values: Mapping[str, Floats]) -> Finding:
 
 
 def conclusions(scores: Mapping[str, Sequence[Scores]], findings: Sequence[Finding]) -> list[str]:
-    """Return all that is to be said of a study, in sentences."""
+    """Return all conclusions of a study, as sentences."""
     return [*sentences(findings), *failures(scores), *cautions(findings)]
 
 
 def sentences(findings: Sequence[Finding]) -> list[str]:
-    """Return what a person should take home: for each preparation and metric, whether the gap is closed."""
+    """Return the main conclusions: for each preparation and metric, whether the gap is closed."""
     return [_sentence(finding, name, closed) for finding in findings for name, closed in finding.closings.items()]
 
 
@@ -110,12 +110,12 @@ def _sentence(finding: Finding, name: str, closed: Closing) -> str:
 
 
 def _by_chance(one: Distance) -> str:
-    """Return, of a distance that may be there by chance alone, how often that makes as much."""
+    """Return a clause with the p-value if the distance may be due to chance."""
     return f", no more than expected by chance (p = {one.p_value:.2f})" if one.p_value > CHANCE else ""
 
 
 def cautions(findings: Sequence[Finding]) -> list[str]:
-    """Return a sentence where there are too few experiments to tell much."""
+    """Return a warning if there are too few experiments."""
     count = min((len(finding.values[REAL_A]) for finding in findings), default=ENOUGH)
     if count >= ENOUGH:
         return []

@@ -1,4 +1,4 @@
-"""Draw a study: each experiment as a point, and below it how far each set is from real teams."""
+"""Plot a study: each experiment as a point, and below it the distance of each set from real teams."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BESIDE = 0.25  # of the width of a column, over which its points are spread so that each is seen
+BESIDE = 0.25  # of a column's width, over which points are spread to be visible
 LABELS = {REAL_A: "all real, A", REAL_B: "all real, B"}
 
 
 def figure_of(findings: Sequence[Finding]) -> "Figure":
     """Return a figure with a column for each metric: values of all experiments above, distances below.
 
-    Real teams are yellow, those with one real robot blue. The yellow band is how far real teams are apart.
+    Real teams are yellow, those with one real robot blue. The yellow band is the distance between real teams.
     """
     from matplotlib.figure import Figure  # slow to import
 

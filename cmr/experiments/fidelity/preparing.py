@@ -1,6 +1,6 @@
-"""Prepare virtual robots as a laboratory would: calibrate its real robots, diagnose one, draw a population.
+"""Prepare virtual robots as a laboratory would: calibrate real robots, diagnose one, draw a population.
 
-The drives are made without hardware; what is made of them is the very work of cmr-calibrate and cmr-diagnose.
+The drives are simulated; they are processed by the same code as in cmr-calibrate and cmr-diagnose.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ EIGHT = {"size": "0.7", "speed": "0.3", "laps": "1", "start": "1.5"}
 EIGHT_DURATION = 24.0  # s
 RICH = {"name": "rich_drive", "space": "10"}  # m: there are no walls
 RICH_DURATION = 130.0  # s
-OTHERS = (1_000_001, 1_000_002)  # ids of the robots calibrated for a population, beside the one of the experiment
+OTHERS = (1_000_001, 1_000_002)  # ids of further robots calibrated for a population
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class _Ending:
 
 @dataclass(frozen=True)
 class _Drive:
-    """A scenario of one robot on an empty floor without end."""
+    """A scenario of one robot on an unbounded empty floor."""
 
     robots: tuple[_Robot, ...]
     duration: float
@@ -60,7 +60,7 @@ class _Drive:
 
 
 def calibrated(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile | None:
-    """Return the parameters that cmr-calibrate finds of a real robot in a figure-eight; None where it finds none."""
+    """Return the result of cmr-calibrate on a real robot's figure-eight; None if it fails."""
     nominal = replace(believed, robot_id=robot_id)
     calibrator = Calibrator(robot_id, nominal)
     _drive(_Behaviour("figure_eight", EIGHT), EIGHT_DURATION, Cast(nominal, (robot_id,), laboratory), seed, calibrator)
@@ -69,7 +69,7 @@ def calibrated(laboratory: Laboratory, believed: ParameterFile, robot_id: int, s
 
 
 def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile | None:
-    """Return the parameters, with effects, that cmr-diagnose finds of a real robot in a figure-eight and a rich drive.
+    """Return the parameters and effects from cmr-diagnose on a real robot's figure-eight and rich drive.
 
     None where the paper's model cannot be fitted.
     """
@@ -84,10 +84,10 @@ def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, se
 
 
 def moved_by(files: Sequence[ParameterFile | None], virtual: Sequence[int], seed: int) -> dict[int, RobotParameters]:
-    """Return what virtual robots move by where these are the parameter files of prepared robots.
+    """Return the parameters of virtual robots, given the files of prepared robots.
 
-    Of one robot all are the same; of several they are drawn. Those that could not be prepared, None, do not count; an
-    empty result stands for what is believed.
+    With one file all robots are equal; with several they are drawn. Failed preparations (None) are ignored; an empty
+    result means the believed parameters.
     """
     known = [file for file in files if file is not None]
     if len(files) == 1 and known:
@@ -103,7 +103,7 @@ def _recorded(behaviour: _Behaviour, duration: float, cast: Cast, seed: int) -> 
 
 
 def _drive(behaviour: _Behaviour, duration: float, cast: Cast, seed: int, hears: Calibrator | Recorder) -> None:
-    """Let one real robot drive alone, and have somebody hear its messages."""
+    """Let one real robot drive alone, and pass its messages to a listener."""
     robot_id = cast.believed.robot_id
 
     def listen(utime: int, message: OnChannel) -> None:

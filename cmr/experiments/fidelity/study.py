@@ -1,8 +1,8 @@
 """The experiments of a study: a team of real robots, and the same team with one real robot, prepared in several ways.
 
-Each experiment has a laboratory of its own, drawn by its seed. Two sets of real teams, A and B, tell how much teams
-differ anyway; in a third set of laboratories one robot is real. Everybody steers by what is believed of all robots, as
-where one program runs on all of them; virtual robots move by what they were prepared with.
+Each experiment has a laboratory of its own, drawn by its seed. Two sets of real teams, A and B, show how much teams
+differ by chance; in a third set of laboratories one robot is real. All controllers use the same believed parameters, as
+if one program ran on all robots; virtual robots move with their prepared parameters.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ UNCALIBRATED, CALIBRATED, DIAGNOSED, POPULATION = "uncalibrated", "calibrated", 
 PREPARATIONS = (UNCALIBRATED, CALIBRATED, DIAGNOSED, POPULATION)
 PREPARED = "prepared"
 SETS = (REAL_A, REAL_B, *PREPARATIONS)
-LABORATORIES = 3  # of each number: one for either set of real teams, the third for all preparations alike
+LABORATORIES = 3  # per number: one for either set of real teams, the third for all preparations
 
 Scores = Mapping[str, float]  # of one experiment, by metric, and PREPARED
 
@@ -31,7 +31,7 @@ class Study:
     """What is compared.
 
     `real` is the id of the robot that is real in mixed teams, `believed` its parameter file before any preparation.
-    `size` scales what sets real robots apart, as in Laboratory.
+    `size` scales the differences between real robots, as in Laboratory.
     """
 
     scenario: ScenarioLike
@@ -49,12 +49,12 @@ class Task:
 
     @property
     def seed(self) -> int:
-        """What fixes all that is random, the laboratory included; it is the same for all preparations."""
+        """The random seed, including that of the laboratory; it is the same for all preparations."""
         return self.number * LABORATORIES + min(SETS.index(self.group), LABORATORIES - 1)
 
 
 def tasks_of(numbers: Sequence[int], preparations: Sequence[str] = PREPARATIONS) -> list[Task]:
-    """Return the tasks of these numbers. Those that take longest come last: a study that is stopped has the rest."""
+    """Return the tasks of these numbers. The longest come last, so that a study that is stopped has all others."""
     chosen = sorted(preparations, key=lambda name: name == DIAGNOSED)
     return [Task(group, number) for group in (REAL_A, REAL_B, *chosen) for number in numbers]
 
@@ -62,8 +62,8 @@ def tasks_of(numbers: Sequence[int], preparations: Sequence[str] = PREPARATIONS)
 def perform(study: Study, task: Task) -> Scores:
     """Return the scores of one experiment.
 
-    Where a preparation fails, virtual robots move by what is believed. PREPARED, beside the metrics, is the share of
-    the robots to be prepared that were. Raises ExperimentError where the scenario cannot be run.
+    If a preparation fails, virtual robots use the believed parameters. PREPARED, besides the metrics, is the share of
+    robots that were prepared. Raises ExperimentError if the scenario cannot be run.
     """
     laboratory = Laboratory(believed_of(study.believed), task.seed, study.size)
     ids = [robot.robot_id for robot in study.scenario.robots]
@@ -77,16 +77,16 @@ def perform(study: Study, task: Task) -> Scores:
 
 
 def _prepared(study: Study, laboratory: Laboratory, task: Task) -> list[ParameterFile | None]:
-    """Return the parameter files that a preparation came to; None for a robot with which it failed."""
+    """Return the parameter files of a preparation; None for a robot for which it failed."""
     robots = {UNCALIBRATED: (), POPULATION: (study.real, *OTHERS)}.get(task.group, (study.real,))
     prepare = diagnosed if task.group == DIAGNOSED else calibrated
     return [prepare(laboratory, study.believed, robot_id, task.seed) for robot_id in robots]
 
 
 def perform_all(study: Study, tasks: Sequence[Task], processes: int) -> Iterator[tuple[Task, Scores]]:
-    """Do all tasks, side by side; yield each with its scores as it is done.
+    """Do all tasks, side by side; yield each with its scores when done.
 
-    Raises what `perform` raises, and ExperimentError where a process dies. Whoever stops listening ends the processes.
+    Raises what `perform` raises, and ExperimentError where a process dies. Closing the generator ends the processes.
     """
     with Workers[Task, tuple[Task, Scores]](processes, partial(_with_task, study), _died) as workers:
         yield from workers.perform(tasks, lambda _sentence: None)

@@ -1,4 +1,4 @@
-"""Write what a study found: every run's scores, the table, and the document for programs."""
+"""Write the results of a study: the scores of every run, the table, and a document for programs."""
 
 import csv
 import io

@@ -1,6 +1,6 @@
-"""A scenario run live: the processes that it needs, when it is over, and the report afterwards.
+"""Live runs of a scenario: its processes, when it is over, and the report.
 
-`jobs` are the processes with their commands, `preparing` writes the files that they read, `live_run` starts them by
-`supervisor` (here, and on other computers by `elsewhere`), sends the team off and watches it by `watch`. `report`
-writes what came out, `page` the page of it. `virtual` is what cmr-sim takes from a scenario.
+`jobs` are the processes with their commands, `preparing` writes the files that they read, `live_run` starts them with
+the supervisor (on other computers with `elsewhere`), sends waypoints, and measures with `watch`. `report` writes the
+results, `page` their HTML page. `virtual` is cmr-sim's part of a scenario.
 """

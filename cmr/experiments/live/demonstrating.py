@@ -6,6 +6,7 @@ import time
 import webbrowser
 from collections.abc import Callable
 
+from cmr.bus.message import Message
 from cmr.bus.process import Process
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.cli.errors import CommandError
@@ -66,18 +67,35 @@ class Demonstration:
             process.wait()
 
     def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
-        """Listen until something holds. Raises CommandError where it does not in time, or a process ends."""
-        began = time.monotonic()
-        with Progress(None, "s", lines=False) as progress:
-            for _utime in self._process.loop(rate_hz=RATE):
-                self._process.dispatch(self._watch.handle)
-                if condition():
-                    return
-                if failure := self._children.failed():
-                    raise CommandError(failure)
-                waited = time.monotonic() - began
-                if waited > seconds:
-                    files = f"{self._children.folder}/*.txt"
-                    raise CommandError(f"Gave up waiting for {what} after {seconds:.0f} s. See {files}.")
-                progress.show(f"Waiting for {what}", waited)
-        raise CommandError("Stopped.")
+        """Handle messages until a condition holds. Raises CommandError as `wait_for` does, and on a signal."""
+        if not wait_for(condition, seconds, what, self._process, self._children, self._watch.handle):
+            raise CommandError("Stopped.")
+
+
+def wait_for(
+    condition: Callable[[], bool],
+    seconds: float,
+    what: str,
+    process: Process,
+    children: Children,
+    handle: Callable[[int, str, Message], object],
+    expected: float | None = None,
+) -> bool:
+    """Dispatch messages to `handle` until a condition holds; return False if a signal comes first.
+
+    Shows progress: `what`, as a share of the `expected` time [s] if that is known. Raises CommandError when a child
+    process has failed, or after `seconds`.
+    """
+    began = time.monotonic()
+    with Progress(expected, "s", lines=expected is not None) as progress:
+        for _utime in process.loop(rate_hz=RATE):
+            process.dispatch(handle)
+            if condition():
+                return True
+            if failure := children.failed():
+                raise CommandError(failure)
+            waited = time.monotonic() - began
+            if waited > seconds:
+                raise CommandError(f"Gave up waiting for {what} after {seconds:.0f} s. See {children.folder}/*.txt.")
+            progress.show(what if expected else f"Waiting for {what}", min(waited, expected or waited))
+    return False

@@ -1,4 +1,4 @@
-"""Whether a run can go on being recorded: how much room the disk has, and whether what is written arrives there."""
+"""Watch the disk while recording: its free space, and failed writes."""
 
 import os
 import shutil
@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import IO
 
 WARN_BELOW = 1e9  # bytes that are left
-CALM_ABOVE = 1.1e9  # bytes; it warns again when it was calm in between
-END_BELOW = 100e6  # bytes that are left for the end of the log, and for the report
+CALM_ABOVE = 1.1e9  # bytes; the warning can repeat after free space was above this
+END_BELOW = 100e6  # bytes reserved for the end of the log and the report
 END_SHARE = 0.1  # of a small disk
 LOOK_EVERY = 1.0  # s
-FOR_REPORT = 20e6  # bytes that are held for it, of a disk that others may fill at once
+FOR_REPORT = 20e6  # bytes reserved for the report, on a disk that others may fill at any time
 SHARE_FOR_REPORT = 0.05  # of a small disk
 
 
 class Disk:
-    """Watches the disk on which a folder lies, and holds some of its room for a report."""
+    """Watches the disk of a folder, and reserves space for a report."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -29,28 +29,28 @@ class Disk:
 
     @property
     def full(self) -> str:
-        """Why nothing more can be recorded; empty while it can."""
+        """Why recording is no longer possible; empty while it is."""
         return self._full
 
     @property
     def shortage(self) -> str:
-        """How little room is left; empty while there is enough."""
+        """A sentence on low disk space; empty if there is enough."""
         return f"The disk of {self._folder} is nearly full." if self._is_short else ""
 
     def hold_room(self) -> None:
-        """Hold room for the report, in a file without a name: it goes with this process, however that ends."""
-        with suppress(OSError):  # the disk has no room, or cannot set it aside
+        """Reserve space for the report in an unnamed file, which disappears with this process."""
+        with suppress(OSError):  # no space left, or not supported
             self._held = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - `give_room` closes it
             size = min(FOR_REPORT, SHARE_FOR_REPORT * shutil.disk_usage(self._folder).total)
             os.posix_fallocate(self._held.fileno(), 0, int(size))
 
     def give_room(self) -> None:
-        """Let the report have the room that is held."""
+        """Release the space reserved for the report."""
         if self._held is not None:
             self._held.close()
 
     def look(self) -> str:
-        """Look once a second; return a sentence when little room is left, once."""
+        """Check once a second; return a sentence when space becomes low, once."""
         now = time.monotonic()
         if now < self._due:
             return ""
@@ -66,7 +66,7 @@ class Disk:
         return f"Only {_size(free)} are left on the disk of {self._folder}; the run ends when {_size(end)} are."
 
     def note(self, error: OSError) -> None:
-        """Take to the fact that something could not be written."""
+        """Record that a write failed."""
         self._full = f"{self._folder} cannot be written: {error.strerror or error}"
 
 

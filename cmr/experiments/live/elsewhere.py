@@ -1,4 +1,4 @@
-"""The processes of a run on other machines, where agents or people start them: are they there, and are they well?"""
+"""Processes of a run on other machines, started by agents or by hand: whether they run, and report no problem."""
 
 import time
 from collections import Counter
@@ -9,12 +9,12 @@ from cmr.msg import process_status_t
 from cmr.processes.job import PILOT, RECORDER, SIM, Job
 from cmr.processes.requests import AGENT, short_name
 
-LONGEST_SILENCE = 5.0  # s; each says how it is once a second
+LONGEST_SILENCE = 5.0  # s; each process reports once a second
 NOT_IN_SERVICE = (process_status_t.STARTING, process_status_t.STOPPING)
 
 
 class Elsewhere:
-    """Follows `jobs` by `statuses`, the last process_status_t of each process on other machines, by host and pid.
+    """Monitors `jobs` by `statuses`, the last process_status_t of each process on other machines, by host and pid.
 
     PROCESS_STATUS names the program and not the robot, so programs are counted.
     """
@@ -30,20 +30,21 @@ class Elsewhere:
         self._wanted = Counter(_program(job) for job in jobs)
         self._movers = frozenset(_program(job) for job in jobs if job.role in (PILOT, SIM))
         self._statuses, self._clock = statuses, clock
-        self._heard: dict[tuple[str, int], tuple[process_status_t, float]] = {}  # what each said last, and when [s]
+        # Last report of each process, and when [s].
+        self._heard: dict[tuple[str, int], tuple[process_status_t, float]] = {}
         self._greeted: set[tuple[str, int]] = set()
         self.is_needed = bool(jobs)
         self.has_sim = any(job.role == SIM for job in jobs)
         self.with_pilot = frozenset(job.robot_id for job in jobs if job.role == PILOT)
 
     def silent(self) -> str:
-        """Return which programs are not there yet, or not any more; empty if all are."""
+        """Return which programs are not running (any more); empty if all are."""
         there = Counter(status.process for status in self._in_service())
         lacking = [name for name, count in self._wanted.items() if there[name] < count]
         return f"{', '.join(lacking)} on other machines" if lacking else ""
 
     def doubt(self) -> str:
-        """Return the first process that does not say that it is well, with what it says; empty if there is none."""
+        """Return the first process that reports a problem, with its message; empty if none does."""
         for status in self._in_service():
             if status.process in self._wanted and status.state == process_status_t.DEGRADED:
                 return f"{status.process} on {status.host}: {status.message}"
@@ -57,7 +58,7 @@ class Elsewhere:
         return bool(fresh)
 
     def asked_of_agents(self) -> list[Job]:
-        """Return the processes that agents are asked for: those of hosts with one, where nobody started any by hand."""
+        """Return the processes to request from agents: those of hosts with an agent, unless started by hand."""
         there = self._in_service()
         by_hand = {short_name(status.host) for status in there if status.process in self._wanted}
         agents = {short_name(status.host) for status in there if status.process == AGENT}
@@ -65,11 +66,11 @@ class Elsewhere:
         return [job for job in self._jobs if short_name(job.host or "") in self._with_agent]
 
     def by_hand(self) -> list[Job]:
-        """Return the processes that somebody has to start, and to end."""
+        """Return the processes that a person has to start and end."""
         return [job for job in self._jobs if short_name(job.host or "") not in self._with_agent]
 
     def _in_service(self) -> list[process_status_t]:
-        """Return what those said last that are there; one that says nothing any more has died or is out of reach."""
+        """Return the last reports of running processes; one without recent reports has died or is unreachable."""
         now = self._clock()
         for key, status in self._statuses.items():
             if self._heard.get(key, (None, now))[0] is not status:
@@ -82,5 +83,5 @@ class Elsewhere:
 
 
 def _program(job: Job) -> str:
-    """Return what a process calls itself on PROCESS_STATUS."""
+    """Return a process's name on PROCESS_STATUS."""
     return "cmr-run recorder" if job.role == RECORDER else Path(job.command[0]).name

@@ -1,4 +1,4 @@
-"""An emulated robot finds out by itself what is hidden in it: the processes of `cmr demo --investigate`."""
+"""The processes of `cmr demo --investigate`: an emulated robot diagnoses its own hidden effects."""
 
 import subprocess
 from collections.abc import Sequence
@@ -24,15 +24,15 @@ robots:
 
 
 def scenario_text(parameters: Path, settings: Path, *, is_ideal: bool) -> str:
-    """Return the scenario of a robot of which `parameters` are believed; the rest is as of cmr-emulate."""
+    """Return the scenario of a robot with believed `parameters`; the emulator's options are as in cmr-emulate."""
     return SCENARIO.format(parameters=parameters, settings=settings, ideal=str(is_ideal).lower())
 
 
 class Investigating(Demonstration):
-    """The demonstration: `run` starts all, shows it on a page, and lets cmr-investigate have the terminal."""
+    """The demonstration: `run` starts everything, shows it on a page, and gives cmr-investigate the terminal."""
 
     def run(self, further: Sequence[str]) -> Path | None:
-        """Return the folder with what was found; None where a signal ended it. `further` options: of cmr-investigate.
+        """Return the folder with the results; None if a signal ended it. `further` are options of cmr-investigate.
 
         Raises CommandError where a process failed.
         """

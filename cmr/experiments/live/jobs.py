@@ -1,4 +1,4 @@
-"""Which processes a scenario needs, with their commands, in the order in which they start."""
+"""The processes that a scenario needs, with their commands, in starting order."""
 
 import sys
 from collections.abc import Iterator
@@ -21,17 +21,17 @@ from cmr.processes.job import (
     Job,
 )
 
-OPEN_LOOP = "manoeuvre"  # the behaviour that drives without looking where it is
-ENDING = (OPEN_LOOP, "investigate")  # behaviours that come to an end, after which they do not begin again
+OPEN_LOOP = "manoeuvre"  # the open-loop behaviour
+ENDING = (OPEN_LOOP, "investigate")  # behaviours that end, and are not started again
 LOG = "run.lcm"
 SIM_SCENARIO = "sim.yaml"
-STATE = "state"  # folder in which drivers of emulated robots keep an emergency stop: it ends with the run, as they do
+STATE = "state"  # folder in which drivers of emulated robots store an emergency stop: it ends with the run
 
 
 def jobs_of(scenario: Scenario, folder: Path, url: str, begin_with: str = "") -> list[Job]:
     """Return the processes of a scenario whose files lie in `folder`, on the bus at `url`.
 
-    Robots stand until the program `begin_with` is ready, if one is named.
+    Robots stand until the program `begin_with` is ready, if given.
     """
     bus = ["--lcm-url", url]
     moving = [*bus, "--begin-with", begin_with] if begin_with else bus
@@ -45,7 +45,7 @@ def jobs_of(scenario: Scenario, folder: Path, url: str, begin_with: str = "") ->
 
 
 def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str], moving: list[str]) -> Iterator[Job]:
-    """Yield the processes of a real or emulated robot, with options of the bus, and of what moves it."""
+    """Yield the processes of a real or emulated robot, with the options of the bus and of the process that moves it."""
     robot_id = robot.robot_id
     who = ["--robot", str(robot_id)]
     parameters = ["--parameters", str(folder / f"robot_{robot_id}.yaml")]
@@ -67,9 +67,9 @@ def _of_robot(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]
 
 
 def _driven(robot: RobotPlan, scenario: Scenario, folder: Path, bus: list[str]) -> Iterator[Job]:
-    """Yield what stands between a robot and the bus: its emulator and driver, or its bridge to ROS 2.
+    """Yield the processes between a robot and the bus: emulator and driver, or a bridge to ROS 2.
 
-    Other robots with a velocity controller are on the bus themselves, real ones by a bridge of their own.
+    Other robots with a velocity controller connect themselves, real ones by a bridge of their own.
     """
     robot_id = robot.robot_id
     who, ports = ["--robot", str(robot_id)], folder / f"ports_{robot_id}"

@@ -1,11 +1,11 @@
-"""Whether the computer kept up with a run: where it did not, what was measured is not that of the robots."""
+"""Whether the computer kept up with a run; otherwise the measurements are not valid."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
 TOO_LATE = 0.1  # of a process's cycles, each late by a whole period; as in cmr.world.lateness
 TOO_SLOW = 0.9  # of the rate at which the world should be published
-SHORTEST = 1.0  # s; less says nothing about how a computer keeps up
+SHORTEST = 1.0  # s; shorter times are not sufficient
 ADVICE = (
     "The computer was too busy; robots and cables are not the cause. "
     "Close other programs or simulate fewer robots, then repeat the run."
@@ -13,7 +13,7 @@ ADVICE = (
 
 
 class Pace(NamedTuple):
-    """How a process kept time: the rate of its loop [Hz], and how many of its cycles came late by a whole period."""
+    """Timing of a process: the rate of its loop [Hz], and the number of cycles late by a whole period."""
 
     name: str
     rate: float
@@ -26,12 +26,12 @@ def late_share(pace: Pace, seconds: float) -> float:
 
 
 def is_too_late(pace: Pace, seconds: float) -> bool:
-    """Return whether so many cycles of a process were late that what it does is not to be relied on."""
+    """Return whether too many cycles of a process were late for its results to be reliable."""
     return seconds >= SHORTEST and late_share(pace, seconds) > TOO_LATE
 
 
 def what_was_too_slow(paces: Iterable[Pace], seconds: float, world_rate: float, wanted_rate: float) -> list[str]:
-    """Return a clause for each sign that the computer was too busy; none where it kept up.
+    """Return a clause for each sign that the computer was too busy; empty if it kept up.
 
     `paces` are those of the processes that move robots, in a run of `seconds`; the world was published at `world_rate`
     and should have been at `wanted_rate` [Hz].
@@ -49,6 +49,6 @@ def what_was_too_slow(paces: Iterable[Pace], seconds: float, world_rate: float, 
 
 
 def in_words(found: Iterable[str]) -> str:
-    """Return the sentences that a person reads; empty where nothing was found."""
+    """Return the sentences for a person; empty without findings."""
     clauses = "; ".join(found)
     return f"Unreliable: {clauses}. {ADVICE}" if clauses else ""

@@ -1,4 +1,4 @@
-"""A person leads a virtual robot by hand, and emulated real robots follow it: the processes of `cmr demo --lead`."""
+"""The processes of `cmr demo --lead`: a person leads a virtual robot by hand, and emulated real robots follow it."""
 
 import subprocess
 import time
@@ -21,14 +21,14 @@ robots:
   - {{id: 0, kind: emulated, behaviour: {{name: follow, leader: {LEADER}, gap: 0.5}}, start: [0.0, 0.0, 0.0]}}
   - {{id: 1, kind: emulated, behaviour: {{name: follow, leader: 0, gap: 0.5}}, start: [-0.6, 0.0, 0.0]}}
 """
-TAKEN_OVER = 1  # exit code of a cmr-teleop that somebody else replaced
+TAKEN_OVER = 1  # exit code of a cmr-teleop that was replaced by another one
 
 
 class Leading(Demonstration):
-    """The demonstration: `run` starts all, hands the terminal to cmr-teleop, and returns what was driven, in words."""
+    """The demonstration: `run` starts everything, gives cmr-teleop the terminal, and returns a summary of the drive."""
 
     def run(self, with_page: bool, hands: list[str], seconds: float | None) -> str:
-        """Let a person drive for `seconds`, or until the person ends it; `hands` are further options of cmr-teleop."""
+        """Let a person drive for `seconds`, or until they stop; `hands` are further options of cmr-teleop."""
         self._start()
         if with_page:
             address, token = self._open_page()
@@ -39,7 +39,7 @@ class Leading(Demonstration):
         return self._summary()
 
     def _hand_over(self, hands: list[str], seconds: float | None) -> None:
-        """Let cmr-teleop have the terminal, until it ends; where a page took over, until a signal ends this."""
+        """Give cmr-teleop the terminal until it ends; if a page took over, wait for a signal."""
         command = [our_command("cmr"), "teleop", "--robot", str(LEADER), "--lcm-url", self._process.bus.url]
         command += ["--parameters", str(self._children.folder / "robot_0.yaml"), *hands]
         ends = time.monotonic() + seconds if seconds is not None else float("inf")
@@ -69,7 +69,7 @@ class Leading(Demonstration):
         return not self._watch.missing() and running == driven
 
     def _summary(self) -> str:
-        """Return how far each robot drove, and how near two of them came."""
+        """Return how far each robot drove, and the closest approach of two robots."""
         ways = dict(zip(self._watch.ids.tolist(), self._watch.distance.tolist(), strict=True))
         led = ways.pop(LEADER)
         followed = ", ".join(f"robot {robot_id} {way:.2f} m" for robot_id, way in sorted(ways.items()))

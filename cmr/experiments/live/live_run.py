@@ -1,4 +1,4 @@
-"""One live run of a scenario: gather the team, send it off, watch it, and find out when it is over."""
+"""One live run of a scenario: start the team, send waypoints, monitor, and detect the end."""
 
 import time
 from collections.abc import Sequence
@@ -29,9 +29,9 @@ from cmr.world.others import named
 RATE = 20.0  # Hz
 START_UP = 240.0  # s for all robots and processes to be ready, on a slow computer that compiles the robot model
 START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other machines
-GRACE = 30.0  # s in which processes come to be well once all robots are there; then it begins in spite of them
-ANOTHER_WORD = 1.2  # s; by then each has reported again: its first report comes before it knows how it is
-LISTENING = 0.4  # s, in which a cmr-sim publishes its robots eight times at least
+GRACE = 30.0  # s for all processes to report no problem once all robots are present; then the run begins anyway
+ANOTHER_WORD = 1.2  # s; within it each process has reported again: the first report comes before it knows its state
+LISTENING = 0.4  # s in which a cmr-sim publishes its robots at least eight times
 END_THE_OTHER = "end that cmr-run or cmr-sim, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
@@ -57,9 +57,8 @@ class Outcome:
 class LiveRun:
     """A run of a scenario, whose files lie in `folder`, by the processes `jobs` here and `others` on other machines.
 
-    Agents there are asked to run them, as soon as they are heard.
-    What happens is reported on the terminal and on PROCESS_STATUS, and kept in `events` as (seconds since the start,
-    words).
+    Agents there are asked to run them as soon as they are detected. Events are reported on the terminal and on
+    PROCESS_STATUS, and kept in `events` as (seconds since the start, text).
     """
 
     def __init__(
@@ -125,7 +124,7 @@ class LiveRun:
         return Outcome("somebody ended it before all were ready", 0.0, interrupted=True)
 
     def stop(self) -> None:
-        """Stop all processes of the run, here and by the agents of other machines; then there is room for a report."""
+        """Stop all processes of the run, here and by agents on other machines; then release the space for a report."""
         for _ in range(STOPPED_TIMES if self.elsewhere.asked_of_agents() else 0):  # any message may be lost
             self._ask_agents(wanted=False)
             time.sleep(REQUESTED_EVERY / STOPPED_TIMES)
@@ -133,7 +132,7 @@ class LiveRun:
         self._disk.give_room()
 
     def say(self, words: str) -> None:
-        """Report and keep what happened; of very much, what was first and last."""
+        """Report and keep an event; of very many, the first and last."""
         self.events.append((time.monotonic() - self._created, words))
         if len(self.events) > MOST_EVENTS:
             self._left_out += 1
@@ -143,7 +142,7 @@ class LiveRun:
         self._bar.say(words)
 
     def _taken(self) -> str:
-        """Listen for a moment; return that somebody else simulates robots that we would; empty if nobody does."""
+        """Listen for a moment; return a sentence if another process already simulates our robots, otherwise empty."""
         if SIM not in {state.job.role for state in self.supervisor.states.values()}:
             return ""
         until = time.monotonic() + LISTENING
@@ -156,7 +155,7 @@ class LiveRun:
         return f"on this bus somebody moves {named(seen)} already: {END_THE_OTHER}" if seen else ""
 
     def _drive(self, doubt: str) -> Outcome:
-        """Let the team drive until the run is over; `doubt` is what a process complains of."""
+        """Let the team drive until the run is over; `doubt` is a problem reported by a process."""
         count = len(self.scenario.robots)
         if doubt:
             self.say(f"Starting after {GRACE:.0f} s, although one process has a problem: {doubt}")
@@ -166,7 +165,7 @@ class LiveRun:
         began = time.monotonic()
         self.watch.begin()
         self._report_state()
-        self._process.publish_status()  # with which all begin
+        self._process.publish_status()  # all robots begin on this report
         for _utime in self._process.loop(RATE):
             self._seconds = time.monotonic() - began
             self._turn()
@@ -180,7 +179,7 @@ class LiveRun:
         return Outcome("somebody ended it", self._seconds, interrupted=True)
 
     def _turn(self) -> None:
-        """Listen, start what died again, and say on PROCESS_STATUS how it goes."""
+        """Receive, restart what died, and report the state on PROCESS_STATUS."""
         self._process.dispatch(self._hear)
         if self.elsewhere.newcomers():
             waypoints = self.watch.remaining_waypoints()
@@ -193,24 +192,24 @@ class LiveRun:
         self._report_state()
 
     def _report_state(self) -> None:
-        """Report that the run is starting until all are ready, whatever happens; then, what is not running."""
+        """Report STARTING until all are ready, whatever happens; then report what is not running."""
         down = self.supervisor.down()
         begun = process_status_t.DEGRADED if down else process_status_t.RUNNING
         self._process.state = begun if self._is_ready else process_status_t.STARTING
         self._process.message = f"Not running: {', '.join(down)}." if down else self._disk.shortage
 
     def _supervise(self) -> None:
-        """Start what died again, and look how much room the disk has."""
+        """Restart what died, and check the free disk space."""
         try:
             sentences = [self._disk.look(), *self.supervisor.poll(time.monotonic())]
-        except OSError as error:  # the files of a process that was to be started again
+        except OSError as error:  # files of a process that was to be restarted
             self._disk.note(error)
             return
         for sentence in filter(None, sentences):
             self.say(sentence)
 
     def _why_unrecorded(self) -> str:
-        """Return why the run cannot be recorded any more; empty while it can."""
+        """Return why the run can no longer be recorded; empty while it can."""
         if self.supervisor.is_unrecorded and not self._disk.full:
             said = self.supervisor.last_words(RECORDER)
             return said.rstrip(".") or f"nothing more can be recorded in {self._folder}"
@@ -239,7 +238,7 @@ class LiveRun:
         return self._words_of(silent[0]) if silent else ""
 
     def _doubt(self) -> str:
-        """Return the first process that does not say that it is well, with what it says; empty if there is none."""
+        """Return the first process that reports a problem, with its message; empty if none does."""
         states = self.supervisor.states
         ill = [name for name in states if self._is_heard(name) and self.watch.is_degraded(states[name].pid)]
         return self._words_of(ill[0]) if ill else self.elsewhere.doubt()
@@ -250,12 +249,14 @@ class LiveRun:
         return f"{name}{': ' + said if said else ''}"
 
     def _is_heard(self, name: str) -> bool:
-        """Return whether a process as it was last started is on the bus."""
+        """Return whether the latest instance of a process has been received on the bus."""
         status = self.watch.statuses.get(self.supervisor.states[name].pid)
         return status is not None and status.state != process_status_t.STARTING
 
     def _prepare(self, job: Job) -> None:
-        """Before a process starts, again perhaps: what moves robots goes on where they are, and with what is left."""
+        """Before a process (re)starts: write its files so that robots continue from where they are, with the remaining
+        waypoints.
+        """
         waypoints = self.watch.remaining_waypoints()
         if job.role == EMULATOR:
             write_emulators(self.scenario, self._folder, self.watch.poses())
@@ -268,8 +269,8 @@ class LiveRun:
     def _may_start(self, job: Job) -> bool:
         """Return whether a process may start: a pilot once the robot's driver is there.
 
-        A robot is in the world as soon as it is seen. A pilot that commands it before its driver listens drives off
-        with the twin alone.
+        A robot is in the world as soon as it is received. If a pilot commands it before its driver listens, only the
+        twin drives off.
         """
         driver = f"driver {job.robot_id}"
         return job.role != PILOT or driver not in self.supervisor.states or self._is_heard(driver)
@@ -287,12 +288,12 @@ class LiveRun:
             name = pilot if pilot in states else "sim"
             if name not in states or self._is_heard(name):
                 here = self.watch.pose(robot_id)
-                points = ((here.x, here.y), *waypoints[robot_id])  # the way to the first is part of the way
+                points = ((here.x, here.y), *waypoints[robot_id])  # the path to the first waypoint counts as well
                 self._process.publish(WAYPOINTS, waypoints_message(robot_id, points), robot_id)
                 self._to_send.discard(robot_id)
 
     def _progress(self) -> str:
-        """Return how it goes, in one line that a terminal of 80 columns shows whole."""
+        """Return the progress in one line that fits a terminal of 80 columns."""
         watch, count = self.watch, len(self.scenario.robots)
         there = count - len(watch.missing())
         restarts = self.supervisor.restarts
@@ -309,7 +310,7 @@ class LiveRun:
         return ", ".join(part for part in parts if part)
 
     def _pace(self) -> str:
-        """Return how often the world is published, and whether that is too slow."""
+        """Return the publishing rate of the world, and whether it is too low."""
         rate, wanted = self.watch.rate(), self.scenario.rate
         return f"{rate:.0f} of {wanted:.0f} Hz{' (computer too busy)' if rate < TOO_SLOW * wanted else ''}"
 

@@ -1,4 +1,4 @@
-"""The metrics of a live run, as they stand at any moment; and whether one is beyond the bound that ends the run."""
+"""The metrics of a live run at any moment, and whether one exceeds the bound that ends the run."""
 
 import math
 import time
@@ -11,10 +11,10 @@ from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.team.metrics import UNITS
 from cmr.experiments.team.scoring import scores
 
-MOST_MOMENTS = 1500  # that a report measures at; some metrics look at each moment together with each other one
+MOST_MOMENTS = 1500  # moments a report is computed from; some metrics compare all pairs of moments
 MOMENTS_WHILE_DRIVING = 300
-PERIOD = 0.1  # s between two looks at a metric, at least, as there are no places in between
-SHARE = 0.05  # of the time, at most, is for looking
+PERIOD = 0.1  # s between evaluations of a metric, at least, as positions are not more frequent
+SHARE = 0.05  # of the time, at most, spent on evaluations
 
 
 def measure(
@@ -24,10 +24,10 @@ def measure(
     most_moments: int = MOST_MOMENTS,
     over: float = math.inf,
 ) -> dict[str, float]:
-    """Return metrics of a team, in the units of `UNITS`; those are absent, or NaN, of which nothing can be said.
+    """Return metrics of a team, in the units of `UNITS`; undefined ones are missing or NaN.
 
-    They are measured since all robots were ready, or in the last `over` [s], at moments at which all were there.
-    What the watch keeps up to date, at any number of robots, is taken from there.
+    They are measured since all robots were ready, or in the last `over` [s], at moments with all robots present.
+    Metrics that the watch updates continuously are taken from there.
     """
     if not watch.first_utime:
         return {}
@@ -49,12 +49,12 @@ def measure(
 
 
 class EndingMetric:
-    """Knows when the metric of a scenario's `ends_when` is beyond its bound."""
+    """Detects when the metric of a scenario's `ends_when` exceeds its bound."""
 
     def __init__(self, scenario: Scenario, watch: TeamWatch) -> None:
         self._scenario = scenario
         self._watch = watch
-        self._next = 0.0  # s since all were ready, when to look again
+        self._next = 0.0  # s since all were ready, of the next evaluation
 
     def reason(self, seconds: float) -> str:
         """Return, `seconds` after all were ready, why the run is over; empty while it is not."""
@@ -68,7 +68,7 @@ class EndingMetric:
 
 
 def _beyond(metric: str, value: float, below: float | None, above: float | None) -> str:
-    """Return in words that a metric is beyond its bound; empty if it is not, or is NaN."""
+    """Describe how a metric exceeds its bound; empty if it does not, or is NaN."""
     words = f"the {metric.replace('_', ' ')} is {value:.3g} {UNITS[metric]}"
     if below is not None and value < below:
         return f"{words}, below {below:g}"

@@ -1,4 +1,4 @@
-"""The page of a run: what happened in figures, from the document that is its report.json."""
+"""The HTML page of a run, from its report.json."""
 
 import numpy as np
 
@@ -16,9 +16,9 @@ from cmr.report.style import AFTER, INK, PAPER, REAL, REAL_OUTLINE
 from cmr.report.svg import Curve, Floats, Frame, dots, line, plot
 from cmr.report.table import table
 
-WIDTH, TEXT = 600.0, 14.0  # so that letters are neither small on a phone nor large on a screen
+WIDTH, TEXT = 600.0, 14.0  # so that text is legible on phones and screens
 LABELS_X, LABELS_Y = 76.0, 66.0  # what a frame's labels take of its width and height
-ROOM = 0.3  # m, left free around everything
+ROOM = 0.3  # m, free margin
 LEAST, MOST = 0.35, 1.1  # height of the map over its width
 MOST_ROWS = 40  # robots in the table
 MOST_POINTS = 900  # of a drawn line
@@ -31,7 +31,7 @@ METRICS = {name: name.replace("_", " ") for name in UNITS} | {"distance_driven":
 
 
 def run_page(document: RunDocument) -> str:
-    """Return the page as HTML that needs nothing beside it."""
+    """Return the page as self-contained HTML."""
     content = (_paths(document), _robots(document), _processes(document), _events(document))
     title = f"Run of {document['scenario']}"
     return page_of(title, _header(document), _key_numbers(document), content)
@@ -46,7 +46,7 @@ def _header(document: RunDocument) -> Html:
 
 
 def _key_numbers(document: RunDocument) -> Html:
-    """Return the numbers that a hurried reader wants, and whether they can be relied on."""
+    """Return the key numbers, and whether they are reliable."""
     doubtful = document["unreliable"]
     key = [
         _key("robots", f"{len(document['robots'])}"),
@@ -63,12 +63,12 @@ def _key_numbers(document: RunDocument) -> Html:
 
 
 def _key(name: str, value: str, unreliable: str = "") -> Html:
-    """Return one of the numbers that a hurried reader wants, marked where it is not to be relied on."""
+    """Return one key number, marked if it is unreliable."""
     return tag("div", tag("dt", name), tag("dd", value, *([" ", UNRELIABLE] if unreliable else [])))
 
 
 def more_than(metric: str, document: RunDocument) -> str:
-    """Return "over " before the time to goals that were not reached, which is that of the run."""
+    """Return "over " for the time to goals that were not reached, which is that of the run."""
     return "over " if metric == "time_to_goal" and not document["waypoints_reached"] else ""
 
 
@@ -113,7 +113,7 @@ def _lines_and_others(robots: list[RobotDocument]) -> tuple[list[RobotDocument],
 
 
 def _frame(document: RunDocument, robots: list[RobotDocument]) -> Frame:
-    """Return a frame that holds everything, with a metre as long in x as in y."""
+    """Return a frame that contains everything, with equal scales in x and y."""
     xs, ys = [[value for robot in robots for value in robot["path"][axis]] for axis in ("x", "y")]
     corners = [*(document["geofence"] or ()), *(w for r in robots[:MOST_ROWS] for w in r["waypoints"])]
     corners += [(d[0] + s * d[2], d[1] + s * d[2]) for d in document["obstacles"]["discs"] for s in (-1, 1)]
@@ -190,7 +190,7 @@ def _robots(document: RunDocument) -> Section:
 
 
 def _row(robot: RobotDocument) -> list[str]:
-    """Return what the table has of one robot."""
+    """Return the table row of one robot."""
     count, reached = len(robot["waypoints"]), robot["goal_reached_at_s"]
     return [
         *(str(robot["id"]), robot["kind"], robot["behaviour"].replace(",", ", "), number(robot["distance_m"], 3)),

@@ -1,4 +1,4 @@
-"""The files of a run: each robot's parameters, each emulator's settings, and the scenario as cmr-sim reads it."""
+"""Write the files of a run: robots' parameters, emulators' settings, and the scenario for cmr-sim."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,9 +19,9 @@ from cmr.parameters.file import load as load_parameters
 def prepare(scenario: Scenario, folder: Path) -> Scenario:
     """Write the files of a run into `folder`; return the scenario that names them.
 
-    Each robot with parameters of its own gets `robot_<id>.yaml`, which a calibration may replace: the files that the
-    scenario names are never changed. Virtual robots with the same file all move by that of the first.
-    Raises OSError when the folder cannot be written.
+    Each robot with parameters of its own gets `robot_<id>.yaml`, which a calibration may replace: the scenario's own
+    files are never changed. Virtual robots with the same file share that of the first. Raises OSError when the folder
+    cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     first_with: dict[Path, int] = {}
@@ -34,10 +34,10 @@ def prepare(scenario: Scenario, folder: Path) -> Scenario:
 
 
 def write_sim_scenario(scenario: Scenario, folder: Path, poses: Mapping[int, Pose]) -> None:
-    """Write what cmr-sim reads when it starts: robots seen before start again where they were seen last.
+    """Write the scenario that cmr-sim reads at its start: robots seen before start at their last pose.
 
-    It has no waypoints: those that are still to be driven are sent when all robots are ready. It names files of
-    its own folder alone, so that the folder can be copied to another machine.
+    It has no waypoints: the remaining ones are sent when all robots are ready. It refers only to files in its own
+    folder, so that the folder can be copied to another machine.
     """
     robots = tuple(_for_sim(robot, poses.get(robot.robot_id, robot.start)) for robot in scenario.robots)
     population = tuple(Path(path.name) for path in scenario.population)
@@ -52,7 +52,7 @@ def _for_sim(robot: RobotPlan, start: Pose | None) -> RobotPlan:
 
 
 def write_emulators(scenario: Scenario, folder: Path, poses: Mapping[int, Pose]) -> None:
-    """Write what emulators read when they start: robots seen before stand where they were seen last."""
+    """Write the settings that emulators read at their start: robots seen before start at their last pose."""
     for robot in scenario.robots:
         if robot.emulator is not None:
             start = poses.get(robot.robot_id, robot.start) or Pose(0.0, 0.0)

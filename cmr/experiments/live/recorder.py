@@ -1,4 +1,4 @@
-"""Record everything that is said on the bus into an LCM event log; a process of its own, started by cmr-run.
+"""Record all messages on the bus in an LCM event log; a separate process started by cmr-run.
 
 Usage: python -m cmr.experiments.live.recorder FILE [--lcm-url URL]
 """
@@ -16,12 +16,12 @@ from cmr.experiments.live.jobs import LOG
 from cmr.processes.job import CANNOT_WRITE
 from cmr.recordings.log_file import LogFile
 
-RATE = 10.0  # Hz, of looking how it goes
-LONGEST_WAIT = 100  # ms for a message, before it looks whether it is to end
+RATE = 10.0  # Hz, of checking its state
+LONGEST_WAIT = 100  # ms for a message, before checking whether to end
 
 
 class Recorder:
-    """Writes every message to the file at `path`, in a thread, so that each has the time at which it came.
+    """Writes every message to the file at `path` in a thread, so that each gets its time of arrival.
 
     Raises OSError when the file cannot be written.
     """
@@ -40,16 +40,16 @@ class Recorder:
 
     @property
     def is_well(self) -> bool:
-        """Whether nothing keeps it from writing."""
+        """Whether it can write without problems."""
         return self._error is None
 
     def check(self) -> None:
-        """Raise what keeps it from writing, if anything does."""
+        """Raise the error that prevents writing, if any."""
         if self._error is not None:
             raise self._error
 
     def close(self) -> None:
-        """Write what has arrived, and close the file; `check` raises what keeps it from that."""
+        """Write what has arrived, and close the file; `check` raises errors."""
         self._is_closing = True
         self._thread.join()
         try:
@@ -64,19 +64,19 @@ class Recorder:
             while not self._is_closing and self._error is None:
                 handled(self._lcm, LONGEST_WAIT)
                 self._log.flush_if_due()
-        except Exception as error:  # of whatever kind: reported by the thread that looks how it goes
+        except Exception as error:  # any exception: reported by the thread that checks the state
             self._error = error
 
     def _write(self, channel: str, data: bytes) -> None:
         try:
             self._log.write(now_utime(), channel, data)
-        except OSError as error:  # LCM's own are tried again by `handled`
+        except OSError as error:  # LCM's own errors are retried by `handled`
             self._error = self._error or error
         self.events += 1
 
 
 def free_path(path: Path) -> Path:
-    """Return the path, or one with a number where there is such a file: a recorder that died left the others."""
+    """Return the path, or a numbered one if the file exists: an earlier recorder died."""
     number = 1
     free = path
     while free.exists():
@@ -102,7 +102,7 @@ def main(arguments: list[str]) -> int:
             _record(process, path)
             return process.exit_code
     except OSError as error:
-        with suppress(OSError):  # what it says goes to the same disk
+        with suppress(OSError):  # stdout may be on the same disk
             print(f"{path}: nothing more can be recorded: {error.strerror or error}.", file=sys.stderr, flush=True)
         return CANNOT_WRITE
 

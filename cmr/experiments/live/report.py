@@ -1,4 +1,4 @@
-"""The report of a run: `report.json` with all that was measured, and `report.html`, one page to look at."""
+"""The report of a run: `report.json` with all measurements, and `report.html`, a page."""
 
 import json
 import math
@@ -21,13 +21,13 @@ from cmr.processes.supervisor import State
 SCHEMA = 1
 MOST_POINTS = 200_000  # of all paths together
 FEWEST_POINTS = 20  # of a path
-MOVES_ROBOTS = (SIM, DRIVER, PILOT, EMULATOR)  # roles of processes that have to keep time
+MOVES_ROBOTS = (SIM, DRIVER, PILOT, EMULATOR)  # roles of time-critical processes
 
 
 def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> RunDocument:
     """Write report.json and report.html into a folder; `began` is the time of day [s since the epoch].
 
-    Returns what is in report.json.
+    Returns the contents of report.json.
 
     Raises OSError when they cannot be written.
     """
@@ -38,7 +38,7 @@ def write_report(run: LiveRun, outcome: Outcome, began: float, folder: Path) -> 
 
 
 def document_of(run: LiveRun, outcome: Outcome, began: float) -> RunDocument:
-    """Return what was measured: lengths in m, times in s since all robots were ready."""
+    """Return the measurements: lengths in m, times in s since all robots were ready."""
     watch, scenario = run.watch, run.scenario
     first = watch.first_utime or first_seen(watch)
     near = watch.nearest
@@ -71,14 +71,14 @@ def document_of(run: LiveRun, outcome: Outcome, began: float) -> RunDocument:
 
 
 def metrics_of(run: LiveRun) -> dict[str, float]:
-    """Return the metrics that the scenario asks for, in the units of `UNITS`, without those that mean nothing here."""
+    """Return the metrics that the scenario asks for, in the units of `UNITS`, without undefined ones."""
     chosen = run.scenario.metrics
     measured = measure(run.scenario, run.watch, chosen)
     return {name: number for name in chosen if (number := _number(measured.get(name, math.nan))) is not None}
 
 
 def metrics_in_words(document: RunDocument) -> str:
-    """Return the metrics of a run as a person reads them; a goal that was not reached took more than the run."""
+    """Return the metrics of a run as a person reads them; a goal that was not reached took longer than the run."""
     return ", ".join(
         f"{name.replace('_', ' ')} {more_than(name, document)}{value:.3g} {UNITS[name]}"
         f"{' (unreliable)' if document['unreliable'] else ''}"
@@ -87,7 +87,7 @@ def metrics_in_words(document: RunDocument) -> str:
 
 
 def first_seen(watch: TeamWatch) -> int:
-    """Return when a robot was first seen [us]; 0 where none was."""
+    """Return when a robot was first seen [us]; 0 if none was."""
     return int(watch.track.utime[0]) if len(watch.track) else 0
 
 
@@ -130,7 +130,7 @@ def _path(seconds: Floats, places: Floats) -> PathDocument:
 
 
 def _paces(run: LiveRun) -> list[Pace]:
-    """Return how the processes kept time that move robots, as far as they were heard."""
+    """Return how the processes kept time that move robots, as far as received."""
     states = (state for state in run.supervisor.states.values() if state.job.role in MOVES_ROBOTS)
     return [pace for state in states if (pace := _pace(run, state)) is not None]
 

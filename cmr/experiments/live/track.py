@@ -1,4 +1,4 @@
-"""Where robots were, at moments of a run of any length, in a memory that does not grow."""
+"""Positions of robots over a run of any length, in bounded memory."""
 
 from typing import TypeAlias
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_MOMENTS = 6_000
-FEWEST_MOMENTS = 2_000  # half of them are left when they are thinned: fewer do not show how a team drove
+FEWEST_MOMENTS = 2_000  # half of them remain after thinning: fewer do not show how a team drove
 MOST_PLACES = 2_000_000  # of all robots together, 16 MB
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -14,17 +14,17 @@ Places: TypeAlias = NDArray[np.float32]
 
 
 class Track:
-    """Keeps the places of `robots` at moments that are `period` [us] apart at least.
+    """Stores the positions of `robots` at moments at least `period` [us] apart.
 
-    When there are `most` of them, every second one is dropped, and half as many are kept from then on.
+    When there are `most`, every second one is dropped, and the period doubles.
     """
 
     def __init__(self, robots: int, period: int) -> None:
         self.most = min(max(MOST_PLACES // max(robots, 1), FEWEST_MOMENTS), MOST_MOMENTS)
         self.period = period
         self._count = 0
-        # Made once, and written to, so that all of it is there: what is dropped piece by piece leaves holes in the
-        # memory of a process, and what is not there at the beginning may not be there later.
+        # Allocated once and filled, so that the memory is available: freeing it piece by piece would fragment it, and
+        # memory not reserved at the start may not be available later.
         self._utime = np.full(self.most, 0, dtype=np.int64)
         self._places = np.full((self.most, 2, robots), np.nan, dtype=np.float32)
 

@@ -1,4 +1,4 @@
-"""What of a scenario cmr-sim simulates: the virtual robots, where they are sent, and who has a range sensor."""
+"""cmr-sim's part of a scenario: virtual robots, their waypoints, and range sensors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,11 +19,11 @@ COMMANDED = "commanded"  # the behaviour that does what MOTOR_COMMAND_N says
 
 @dataclass(frozen=True)
 class Cast:
-    """What cmr-sim takes from a scenario.
+    """cmr-sim's part of a scenario.
 
-    Virtual robots, and where they are sent; what stands in their way; the parameters that they move by, drawn from a
-    population, by robot id; parameter files by robot id; the ids of robots with a range sensor; the seed of process
-    noise, None where there is none; and how much later than they decide virtual robots act [s].
+    Virtual robots and their waypoints; obstacles; their parameters drawn from a population, by robot id; parameter
+    files by robot id; the ids of robots with a range sensor; the seed of process noise, None without noise; and the
+    delay of virtual robots' decisions [s].
     """
 
     robots: tuple[VirtualRobot, ...] = ()
@@ -42,7 +42,7 @@ class Cast:
 
 
 def cast_of(scenario: Scenario | None) -> Cast:
-    """Return what a scenario has for cmr-sim; nothing where there is no scenario."""
+    """Return cmr-sim's part of a scenario; an empty one without a scenario."""
     if scenario is None:
         return Cast()
     ids = [plan.robot_id for plan in scenario.virtual]
@@ -64,12 +64,12 @@ def cast_of(scenario: Scenario | None) -> Cast:
 
 
 def virtual_robots(scenario: Scenario) -> list[VirtualRobot]:
-    """Return the virtual robots; those without a behaviour do what MOTOR_COMMAND_N says."""
+    """Return the virtual robots; those without a behaviour follow MOTOR_COMMAND_N."""
     descriptions = {
         plan.robot_id: (plan.behaviour.name, plan.behaviour.settings) if plan.behaviour else (COMMANDED, {})
         for plan in scenario.virtual
     }
-    behaviours = make_behaviours(descriptions)  # those that are described equally decide together
+    behaviours = make_behaviours(descriptions)  # those with equal descriptions decide together
     return [
         VirtualRobot(
             plan.robot_id,

@@ -1,6 +1,6 @@
-"""What is seen of a team while it drives: places, distances, how near robots came, waypoints, health of processes.
+"""Measurements of a team while it drives: positions, distances, closest approach, waypoints, health of processes.
 
-It knows no bus: messages go in by `handle`.
+It is independent of the bus: messages go in by `handle`.
 """
 
 import math
@@ -25,13 +25,13 @@ from cmr.world.view import OLDEST, TWIN
 
 Floats: TypeAlias = NDArray[np.float64]
 
-LOOK_PERIOD = 100_000  # us between two looks at where robots are, and at first between the places that are kept
-JITTER = 0.02  # m; a robot that moves less stands, and its estimate trembles
+LOOK_PERIOD = 100_000  # us between evaluations of positions, and initially between stored positions
+JITTER = 0.02  # m; smaller movements are noise of the estimate
 STANDING = 0.2  # rad/s; a slower wheel rests
 
 
 class Nearest(NamedTuple):
-    """How near [m] two robots came, centre to centre, and which; `utime` 0: no two were seen yet."""
+    """The closest approach of two robots [m], centre to centre, and which; `utime` 0: none yet."""
 
     distance: float = math.inf
     robots: tuple[int, int] = (0, 0)
@@ -39,12 +39,12 @@ class Nearest(NamedTuple):
 
 
 class TeamWatch:
-    """Follows the robots of a scenario.
+    """Tracks the robots of a scenario.
 
     Arrays have one element for each robot, in the order of `ids`. `x`, `y` [m] are NaN before a robot is seen.
     """
 
-    MEASURED: ClassVar = ("minimum_separation", "distance_driven", "time_to_goal")  # metrics that are kept up to date
+    MEASURED: ClassVar = ("minimum_separation", "distance_driven", "time_to_goal")  # continuously updated metrics
 
     def __init__(self, scenario: Scenario) -> None:
         self.ids = np.array(sorted(robot.robot_id for robot in scenario.robots), dtype=np.int64)
@@ -56,22 +56,22 @@ class TeamWatch:
         self.nearest = Nearest()
         self.utime = 0
         self.first_utime = 0  # when all were ready; 0: not yet
-        self.worlds = 0  # how many states of the world were received, since all were ready if they are
+        self.worlds = 0  # number of received world states, since all were ready if they are
         self._late_before: dict[int, int] = {}  # late cycles of each process until then, by pid
-        self._fastest: dict[int, float] = {}  # rate of each process's loop [Hz], by pid, when it kept up best
+        self._fastest: dict[int, float] = {}  # highest rate of each process's loop [Hz], by pid
         self._world_utimes: deque[int] = deque(maxlen=100)
-        self._looked = 0  # us; when it looked last at where robots are
+        self._looked = 0  # us; last evaluation of positions
         self.track = Track(count, LOOK_PERIOD)
         self.statuses: dict[int, process_status_t] = {}  # the last of each process here, by pid
         self.statuses_elsewhere: dict[tuple[str, int], process_status_t] = {}  # elsewhere: by host and pid
         self._host = socket.gethostname()
         self._goals = {robot.robot_id: robot.waypoints for robot in scenario.robots if robot.waypoints}
         self._next = dict.fromkeys(self._goals, 0)
-        self.reached_utime: dict[int, int] = {}  # when a robot was at its last waypoint
+        self.reached_utime: dict[int, int] = {}  # when a robot reached its last waypoint
         self._anchor = np.full((2, count), np.nan)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take WORLD_STATE or PROCESS_STATUS, as far as its numbers can be."""
+        """Handle WORLD_STATE or PROCESS_STATUS; impossible numbers are ignored."""
         usable = screened(message).message
         if channel == WORLD_STATE.name and isinstance(usable, world_state_t):
             self._take_world(utime, usable)
@@ -82,7 +82,7 @@ class TeamWatch:
                 keep(self.statuses_elsewhere, (usable.host, usable.pid), usable)
 
     def missing(self) -> list[int]:
-        """Return the robots that are not in the world, or not any more."""
+        """Return the robots that are not in the world (any more)."""
         gone = (self.seen == 0) | (self.utime - self.seen > OLDEST)
         return [int(robot_id) for robot_id in self.ids[gone]]
 
@@ -96,16 +96,16 @@ class TeamWatch:
         return Pose(float(self.x[k]), float(self.y[k]), float(self.theta[k]))
 
     def remaining_waypoints(self) -> dict[int, tuple[Point, ...]]:
-        """Return the waypoints that are still to be driven, by robot id."""
+        """Return the remaining waypoints, by robot id."""
         return {robot_id: goals[self._next[robot_id] :] for robot_id, goals in self._goals.items()}
 
     @property
     def waypoints_reached(self) -> bool:
-        """Whether every robot that has waypoints was at the last of them."""
+        """Whether every robot with waypoints has reached the last one."""
         return all(self._next[robot_id] == len(goals) for robot_id, goals in self._goals.items())
 
     def measure(self, metric: str) -> float:
-        """Return one of MEASURED as it stands, in its unit of `cmr.experiments.team.metrics`."""
+        """Return the current value of one of MEASURED, in its unit of `cmr.experiments.team.metrics`."""
         if metric == "time_to_goal":
             return self._time_to_goal()
         return {"minimum_separation": self.nearest.distance, "distance_driven": float(self.distance.mean())}[metric]
@@ -121,12 +121,12 @@ class TeamWatch:
         return max(last - self.first_utime, 0) * 1e-6
 
     def rate(self) -> float:
-        """Return how often the world was published lately [Hz]."""
+        """Return the recent publishing rate of the world [Hz]."""
         span = self._world_utimes[-1] - self._world_utimes[0] if len(self._world_utimes) > 1 else 0
         return per_second(len(self._world_utimes) - 1, span) if span > 0 else 0.0
 
     def begin(self) -> None:
-        """From now on all are ready: what was before only shows how all started up, and robots that waited."""
+        """Start measuring: before this, robots only started up and waited."""
         self.first_utime, self.worlds = self.utime, 0
         self.distance[:] = 0.0
         self.nearest = Nearest()
@@ -138,7 +138,7 @@ class TeamWatch:
         return None if status is None else int(status.loop_overruns) - self._late_before.get(pid, 0)
 
     def loop_rate(self, pid: int) -> float:
-        """Return at which rate [Hz] a process's loop went when it kept up best; 0 if it was never heard."""
+        """Return the highest rate [Hz] of a process's loop; 0 if it was never received."""
         return self._fastest.get(pid, 0.0)
 
     @property
@@ -147,13 +147,13 @@ class TeamWatch:
         return sum(self.late_turns(pid) or 0 for pid in self.statuses)
 
     def is_degraded(self, pid: int) -> bool:
-        """Return whether a process was in doubt when it was last heard."""
+        """Return whether the last report of a process was DEGRADED."""
         status = self.statuses.get(pid)
         return status is not None and status.state == process_status_t.DEGRADED
 
     def _take_status(self, status: process_status_t) -> None:
         keep(self.statuses, status.pid, status)
-        if status.state != process_status_t.STOPPING:  # the last rate is that of a moment
+        if status.state != process_status_t.STOPPING:  # the last rate is instantaneous
             keep(self._fastest, status.pid, max(self.loop_rate(status.pid), float(status.loop_rate_hz)))
 
     def _take_world(self, utime: int, message: world_state_t) -> None:
@@ -174,7 +174,7 @@ class TeamWatch:
             self._look(utime)
 
     def _look(self, utime: int) -> None:
-        """Note what robots did since the last look."""
+        """Update the measurements since the last call."""
         self._looked = utime
         present = (self.seen > 0) & (utime - self.seen <= OLDEST)
         places = np.where(present, [self.x, self.y], np.nan)

@@ -1,6 +1,6 @@
-"""Team experiments as a file: which robots, what they do, where, and for how long.
+"""Team experiments as files: robots, their behaviours, surroundings, and duration.
 
-`plan` holds what the file says; `reading` reads and checks it, `robots` its robots, `writing` writes it.
+`plan` holds the contents of the file; `reading` reads and checks it, `robots` reads its robots, `writing` writes it.
 """
 
 from cmr.experiments.scenario.plan import BehaviourPlan, RobotPlan, Scenario, ScenarioError

@@ -1,4 +1,4 @@
-"""What must hold between the robots of a scenario, and between them and their surroundings."""
+"""Consistency checks between the robots of a scenario, and with their surroundings."""
 
 import math
 from collections import defaultdict
@@ -22,8 +22,8 @@ LEADER = "leader"  # the setting of a behaviour that names another robot
 def with_sources_of_parameters(placed: Sequence[Placed], shared: Path | None) -> list[Placed]:
     """Return the robots, each with a source of parameters: its own file, the scenario's, or another robot's.
 
-    A virtual robot that names none moves by the first real or emulated robot's, if there is one.
-    Raises ScenarioError where there is no source, and for files that cannot be used.
+    A virtual robot that names none uses the first real or emulated robot's, if there is one. Raises ScenarioError if
+    there is no source, and for invalid files.
     """
     first = next((plan.robot_id for plan, _ in placed if plan.kind != "virtual"), None)
     sourced = [Placed(_with_source(robot, first, shared), robot.place) for robot in placed]
@@ -44,14 +44,14 @@ def with_sources_of_parameters(placed: Sequence[Placed], shared: Path | None) ->
 def _loaded(path: Path, place: Place) -> ParameterFile:
     try:
         file = load_parameters(path)
-        file.robot_parameters  # noqa: B018 - says what is missing
+        file.robot_parameters  # noqa: B018 - raises an error if parameters are missing
     except ParameterFileError as error:
         raise place.error(f"parameters: {error}") from error
     return file
 
 
 def _check_driver(plan: RobotPlan, place: Place, has_velocity_controller: bool) -> None:
-    """Raise ScenarioError unless a real robot has a driver where it takes duties, and none where it takes speeds."""
+    """Raise ScenarioError unless a real robot that takes duties has a driver, and one that takes speeds has none."""
     if has_velocity_controller and plan.driver is not None:
         raise place.error(
             f"driver: {plan.parameters} describes a robot with a velocity controller, which cmr-driver does not drive. "
@@ -87,7 +87,7 @@ def check_team(placed: Sequence[Placed]) -> None:
     for plan, place in placed:
         leader = plan.behaviour.settings.get(LEADER) if plan.behaviour else None
         if leader is None or leader.startswith("-"):
-            continue  # nobody leads: a formation about its own middle
+            continue  # no leader: a formation around its own centre
         if not leader.isdecimal() or int(leader) not in ids:
             raise place.error(f"behaviour: robot {plan.robot_id} has the leader {leader}, which is not there")
         if int(leader) == plan.robot_id:
@@ -95,7 +95,7 @@ def check_team(placed: Sequence[Placed]) -> None:
 
 
 def check_noise(robots: Sequence[RobotPlan], noise: Item | None) -> None:
-    """Raise ScenarioError if process noise is wanted and a file by which virtual robots go says nothing of it."""
+    """Raise ScenarioError if process noise is requested and a virtual robot's file does not specify it."""
     if noise is None or not noise.flag():
         return
     own = {robot.robot_id: robot.parameters for robot in robots}
@@ -104,8 +104,8 @@ def check_noise(robots: Sequence[RobotPlan], noise: Item | None) -> None:
         provenance = load_parameters(path).provenance
         if provenance.get("method") != "diagnosis" or STRAYED not in provenance:
             raise noise.place.error(
-                f"{path} does not say how far robots stray from their model. "
-                "Use a file that cmr-diagnose wrote of a log with poses"
+                f"{path} does not say how far robots deviate from their model. Use a file that cmr-diagnose wrote from "
+                "a log with poses"
             )
 
 
@@ -116,7 +116,8 @@ def _virtual(robots: Sequence[RobotPlan]) -> list[RobotPlan]:
 def check_room(
     placed: Sequence[Placed], radius: float, discs: Sequence[Disc], walls: Sequence[Wall], fence: Geofence | None
 ) -> None:
-    """Raise ScenarioError if robots of this radius [m] start in one another, in an obstacle, or beyond the fence.
+    """Raise ScenarioError if robots of this radius [m] overlap each other or an obstacle at the start, or start outside
+    the fence.
 
     Only real and emulated robots have to be within the fence.
     """

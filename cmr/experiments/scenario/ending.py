@@ -1,4 +1,4 @@
-"""What ends a run before its duration is over, as a scenario says it: `ends_when`."""
+"""Conditions that end a run before its duration is over: `ends_when`."""
 
 from cmr.documents.document import Item, Section
 from cmr.experiments.scenario.plan import Ending, Scenario
@@ -9,8 +9,8 @@ EXAMPLE = "{metric: formation_error, above: 0.5}"
 LONGEST_WAIT = 604_800.0  # s; a week
 # Since the start these only fall, or only grow: the other bound would end a run at once, or never.
 ONLY_BOUND = {"minimum_separation": "below", "distance_driven": "above", "time_to_goal": "above"}
-OF_A_MOMENT = ("formation_error",)  # says something of a few seconds without those before
-# Beyond any bound at the start of a run, and why.
+OF_A_MOMENT = ("formation_error",)  # can be evaluated over a few seconds alone
+# Exceeds any bound at the start of a run, with the reason.
 OFF_AT_FIRST = {"path_spread": "at the start nobody stands on the path of a leader that has not driven yet"}
 NEEDED = {
     "formation_error": "a robot that keeps a distance to a leader",
@@ -51,14 +51,14 @@ def read_ending(item: Item | None) -> Ending:
 
 
 def why_only_live(ending: Ending) -> str:
-    """Return why a run without the bus, faster than real time, cannot end so; empty if it can."""
+    """Return why a run without the bus, faster than real time, does not support this ending; empty if it does."""
     if ending.metric is None:
         return ""
     return f"only cmr-run ends a run by {ending.metric}. Here ends_when is waypoints_reached, or left out"
 
 
 def _check_bounds(section: Section, metric: str | None) -> None:
-    """Raise ScenarioError for a key that has no meaning with this metric, None where there is none."""
+    """Raise ScenarioError for a key that does not apply to this metric, None without a metric."""
     for key in ("after", "over"):
         item = section.get(key)
         if metric is None and item is not None:
@@ -75,7 +75,7 @@ def _check_bounds(section: Section, metric: str | None) -> None:
 
 
 def check_ending(scenario: Scenario, item: Item | None) -> None:
-    """Raise ScenarioError, at `ends_when`, if nothing that this team can do would end a run by it."""
+    """Raise ScenarioError, at `ends_when`, if the condition does not apply to this team."""
     ending = scenario.ends_when
     if item is None:
         return
@@ -87,7 +87,7 @@ def check_ending(scenario: Scenario, item: Item | None) -> None:
 
 
 def _is_measured(scenario: Scenario, metric: str) -> bool:
-    """Return whether a metric means something for this team."""
+    """Return whether a metric is defined for this team."""
     columns = {robot.robot_id: column for column, robot in enumerate(scenario.robots)}
     if metric == "time_to_goal":
         return bool(ways_of(scenario, columns))

@@ -1,4 +1,4 @@
-"""What drivers, bridges and emulators of robots must answer for a scenario to be read; it knows none of them."""
+"""Interfaces of drivers, bridges and emulators needed to read a scenario, independent of their implementation."""
 
 from dataclasses import Field
 from pathlib import Path
@@ -8,7 +8,7 @@ from cmr.documents.document import Item
 
 
 class EmulatorPlan(Protocol):
-    """How an emulated robot is emulated: the dataclass of the options of cmr-emulate, as far as others ask for them."""
+    """The options of an emulated robot: the dataclass of cmr-emulate's options, as far as others use them."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
@@ -29,21 +29,21 @@ class EmulatorPlan(Protocol):
 
     @property
     def settings(self) -> Path | None:
-        """The file of what differs from the default robot."""
+        """The file with settings that differ from the default robot."""
         ...
 
 
 class BridgePlan(Protocol):
-    """How a robot that speaks ROS 2 is reached: the dataclass of the options of cmr-ros2 for one robot."""
+    """The options of a robot that speaks ROS 2: the dataclass of cmr-ros2's options for one robot."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def kept_in(self, path: Path) -> "BridgePlan":
-        """Return it with its profile copied to `path`, unless CMR ships that. Raises OSError."""
+        """Return a copy whose profile is copied to `path`, unless it is shipped with CMR. Raises OSError."""
         ...
 
     def arguments(self, robot_id: int) -> list[str]:
-        """Return the options of cmr-ros2 that bridge this robot."""
+        """Return the options of cmr-ros2 for this robot."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""A scenario: the whole of a team experiment as plain values, which are checked where they are read."""
+"""A scenario: a complete team experiment as plain values, validated on reading."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ class ScenarioError(DocumentError):
 
 @dataclass(frozen=True)
 class BehaviourPlan:
-    """A behaviour by its name or `module:Class`, and its settings as texts: what make_behaviour takes."""
+    """A behaviour: its name or `module:Class`, and its settings as text, as for make_behaviour."""
 
     name: str
     settings: Mapping[str, str] = field(default_factory=dict)
@@ -32,7 +32,7 @@ class BehaviourPlan:
 
     @property
     def mapping(self) -> dict[str, object]:
-        """The same as a mapping: `name` and the settings; one that is called `name`, too, is in `settings`."""
+        """The same as a mapping: `name` and the settings; a setting that is also called `name` is in `settings`."""
         others = {key: value for key, value in self.settings.items() if key != "name"}
         apart = {"settings": {"name": self.settings["name"]}} if "name" in self.settings else {}
         return {"name": self.name, **others, **apart}
@@ -42,9 +42,9 @@ class BehaviourPlan:
 class RobotPlan:
     """One robot.
 
-    `parameters` is its own parameter file. Without one, a virtual robot moves by the parameters in force of robot
-    `parameters_of`; one of the two is set for every virtual robot. `start` is None only for a real robot: it begins
-    where it stands. `host` None: any machine, the one on which cmr-run is started.
+    `parameters` is its own parameter file. Without one, a virtual robot uses the current parameters of robot
+    `parameters_of`; every virtual robot has one of the two. `start` is None only for a real robot, which begins where
+    it stands. `host` None means the machine on which cmr-run is started.
     """
 
     robot_id: int
@@ -65,10 +65,10 @@ class RobotPlan:
 
 @dataclass(frozen=True)
 class Ending:
-    """What ends a run before its duration is over: all waypoints reached, or a metric beyond a bound.
+    """Ends a run before its duration is over: all waypoints reached, or a metric beyond a bound.
 
-    Bounds are in the unit of the metric in `cmr.experiments.team.metrics`. The metric is looked at from `after` [s] on,
-    counted since all were ready, and is that of the last `over` [s]; None: of the whole run so far.
+    Bounds are in the unit of the metric in `cmr.experiments.team.metrics`. The metric is evaluated from `after` [s] on,
+    counted since all were ready, over the last `over` [s]; None: over the whole run so far.
     """
 
     waypoints_reached: bool = False
@@ -83,12 +83,11 @@ class Ending:
 class Scenario:
     """A team experiment.
 
-    `duration` [s] is how long it takes at most, `ends_when` what may end it before. `rate` [Hz] is that of WORLD_STATE.
-    `geofence` is the polygon [m; world frame] that real robots must not leave, None where there is none. `metrics`
-    are what is measured of the team. Virtual robots draw their parameters from the robots of the files `population`,
-    where there are any; what they decide is in force `reaction` [s] later. `robot_radius` [m] is the size of robots
-    where they start. `host` is the machine of what is there once, simulation and log; None: the one on which cmr-run is
-    started.
+    `duration` [s] is the longest duration, `ends_when` may end it earlier. `rate` [Hz] is that of WORLD_STATE.
+    `geofence` is the polygon [m; world frame] that real robots must not leave, or None. `metrics` are measured for the
+    team. Virtual robots draw their parameters from the robots of the files `population`, if given; their decisions take
+    effect `reaction` [s] later. `robot_radius` [m] is the size of robots at the start. `host` is the machine of
+    simulation and log; None: the one on which cmr-run is started.
     """
 
     name: str
@@ -115,7 +114,7 @@ class Scenario:
 
     @property
     def of_flesh(self) -> tuple[RobotPlan, ...]:
-        """The robots that have a driver: real and emulated ones."""
+        """The robots with a driver: real and emulated ones."""
         return tuple(robot for robot in self.robots if robot.kind != "virtual")
 
     @property

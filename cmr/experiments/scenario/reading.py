@@ -1,4 +1,4 @@
-"""Read a scenario from a YAML file, which is checked as it is loaded, or one that comes with CMR, by its name."""
+"""Read and validate a scenario from a YAML file, or a shipped one by its name."""
 
 import sys
 from importlib.resources import files
@@ -29,10 +29,10 @@ LARGEST_SEED = 2**63 - 1
 def load(path: Path, hardware: Hardware, *, starts_checked: bool = True) -> Scenario:
     """Read a scenario from a YAML file; `hardware` knows the options of drivers and emulators.
 
-    Where robots go on from wherever they are, starts are not checked, as they need not be clear of one another, nor is
-    process noise: a calibration may have written new parameters that say nothing of it. Behaviours given as
-    `module:Class` are looked for in the working folder, too.
-    Raises ScenarioError naming file, line and key when it is missing, unreadable or wrong.
+    If robots continue from where they are, starts are not checked, since they need not be clear of each other, nor is
+    process noise: a calibration may have written new parameters without it. Behaviours given as `module:Class` are also
+    searched in the working folder. Raises ScenarioError naming file, line and key when it is missing, unreadable or
+    wrong.
     """
     if "" not in sys.path:
         sys.path.append("")
@@ -47,7 +47,7 @@ def parse(
     *,
     starts_checked: bool = True,
 ) -> Scenario:
-    """Return the scenario that a YAML text describes; `source` names it in errors, `folder` is where its files lie.
+    """Parse a scenario from a YAML text; `source` names it in errors, `folder` is where its files are.
 
     Raises ScenarioError naming line and key.
     """
@@ -135,7 +135,7 @@ def _metrics(item: Item | None) -> tuple[str, ...]:
 
 
 def _population(item: Item | None, folder: Path) -> tuple[Path, ...]:
-    """Return the files of a population, from which one can be drawn."""
+    """Return the files of a population, checked so that robots can be drawn from them."""
     paths = [path for entry in _list(item) if (path := read_path(entry, folder)) is not None]
     if item is not None and paths:
         try:
@@ -153,7 +153,7 @@ def shipped() -> dict[str, Path]:
 def path_of(name: str) -> Path:
     """Return the file of this path, or of the shipped scenario of this name.
 
-    Raises ScenarioError where there is neither.
+    Raises ScenarioError if there is neither.
     """
     path = Path(name)
     if name in shipped() and not path.is_file():  # a folder of results may have the scenario's name

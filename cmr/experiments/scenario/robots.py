@@ -1,4 +1,4 @@
-"""Robots of a scenario, as its file describes them: one by one, or many at once."""
+"""Robots of a scenario as described in its file: individually, or many at once."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,7 +31,7 @@ class Placed(NamedTuple):
 def read_robots(item: Item, folder: Path, hardware: Hardware) -> list[Placed]:
     """Return all robots of the list; files are named from `folder`.
 
-    Raises ScenarioError for what is wrong with one of them, an id that is there twice, or none at all.
+    Raises ScenarioError for an invalid robot, a duplicate id, or an empty list.
     """
     placed: list[Placed] = []
     for entry in item.items():
@@ -108,7 +108,7 @@ def _ids(section: Section) -> range:
 
 
 def _check_belonging(section: Section, kind: Kind, ids: range) -> None:
-    """Raise ScenarioError for a key that a robot of this kind lacks, or has no use for."""
+    """Raise ScenarioError for a missing or inapplicable key for this kind of robot."""
     if kind != "virtual" and len(ids) > 1:
         raise section.place.error(f"count is for virtual robots; describe each {kind} one with an id of its own")
     foreign = {
@@ -131,7 +131,7 @@ def _check_belonging(section: Section, kind: Kind, ids: range) -> None:
 
 
 def _behaviours(section: Section, ids: range) -> list[BehaviourPlan | None]:
-    """Return the behaviour of each robot; `previous` among its settings is the id before its own."""
+    """Return the behaviour of each robot; `previous` in its settings is replaced by the id before its own."""
     item = section.get("behaviour")
     if item is None:
         return [None] * len(ids)
@@ -154,7 +154,7 @@ def _behaviours(section: Section, ids: range) -> list[BehaviourPlan | None]:
 def _read_behaviour(item: Item) -> BehaviourPlan:
     """Return a behaviour given as `name,key=value,...` or as a mapping with `name` and the settings.
 
-    In a mapping, `settings` may hold those that are called as the behaviour is: `name` of a manoeuvre.
+    In a mapping, `settings` may hold those whose names collide with it: `name` of a manoeuvre.
     """
     if item.is_mapping:
         entries = dict(item.entries())
@@ -175,12 +175,12 @@ def _read_behaviour(item: Item) -> BehaviourPlan:
 
 
 def _check_behaviour(plan: BehaviourPlan, place: Place) -> None:
-    """Raise ScenarioError unless there is such a behaviour with such settings."""
+    """Raise ScenarioError unless the behaviour exists and accepts these settings."""
     try:
         make_behaviour(plan.name, dict(plan.settings))
     except BehaviourError as error:
         raise place.error(str(error)) from error
-    except Exception as error:  # of whatever kind: the class may be anybody's
+    except Exception as error:  # any exception: the class may be third-party code
         raise place.error(f"{plan.name} cannot be made: {type(error).__name__}: {error}") from error
 
 
@@ -199,7 +199,7 @@ def read_path(item: Item | None, folder: Path) -> Path | None:
     path = folder / Path(item.text()).expanduser()
     try:
         is_file = path.is_file()
-    except (OSError, ValueError):  # too long for a name, or not one
+    except (OSError, ValueError):  # too long, or not a valid name
         is_file = False
     if not is_file:
         raise item.place.error(f"there is no file {path}; paths start from the folder of the scenario")
@@ -207,7 +207,7 @@ def read_path(item: Item | None, folder: Path) -> Path | None:
 
 
 def _emulator(item: Item | None, folder: Path, hardware: Hardware) -> EmulatorPlan:
-    """Return how a robot is emulated; its settings file is read to see that it can be."""
+    """Return how a robot is emulated; its settings file is validated."""
     emulator = hardware.emulation(item)
     if item is None or emulator.settings is None:
         return emulator

@@ -1,4 +1,4 @@
-"""A scenario as YAML that reads back as the same scenario: nothing is left to a rule or to a default file."""
+"""Write a scenario as YAML that reads back as the same scenario, without rules or default files."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
@@ -16,7 +16,7 @@ DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # in C where it is insta
 
 
 def to_yaml(scenario: Scenario) -> str:
-    """Return the text of a file; paths are written as they are, so relative ones hold from the working folder."""
+    """Return the text of a file; paths are unchanged, so relative ones refer to the working folder."""
     content = _without_defaults(scenario, {"robots", "discs", "walls"})
     obstacles = {name: _plain(getattr(scenario, name)) for name in ("discs", "walls") if getattr(scenario, name)}
     if obstacles:
@@ -26,7 +26,7 @@ def to_yaml(scenario: Scenario) -> str:
 
 
 def _alike(robots: Sequence[RobotPlan]) -> Iterator[list[RobotPlan]]:
-    """Yield runs of virtual robots that differ in their start alone, with one id after the other; all others alone."""
+    """Yield runs of virtual robots with consecutive ids that differ only in their start; all others alone."""
     run: list[RobotPlan] = []
     for robot in robots:
         if run and not _follows(run[-1], robot):
@@ -50,7 +50,7 @@ def _entry(alike: list[RobotPlan]) -> dict[str, object]:
 
 
 def _without_defaults(plan: "DataclassInstance", without: set[str]) -> dict[str, object]:
-    """Return the fields of a dataclass whose values are not what they would be anyway."""
+    """Return the fields of a dataclass that differ from their defaults."""
     values = {entry.name: (getattr(plan, entry.name), entry.default) for entry in fields(plan)}
     return {
         name: _plain(value)

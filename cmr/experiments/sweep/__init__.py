@@ -1,5 +1,5 @@
-"""Many runs of one scenario: other seeds, other settings, on all cores or on many computers.
+"""Many runs of one scenario with varied seeds and settings, on all cores or many computers.
 
-`settings` changes a scenario, `experiment` is one run, `journal` keeps what is done, `cluster` spreads the work,
-`table` writes the rows down and draws them.
+`settings` varies a scenario, `experiment` is one run, `journal` keeps results, `cluster` distributes the work, `table`
+writes and plots the rows.
 """

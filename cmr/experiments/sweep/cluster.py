@@ -1,6 +1,6 @@
-"""Workers for many runs: processes of this computer, or a Dask cluster that is there already.
+"""Workers for many runs: processes on this computer, or an existing Dask cluster.
 
-Each worker is one process with one thread. A worker that dies is replaced, and its run is repeated by another.
+Each worker is one process with one thread. A worker that dies is replaced, and its run is repeated.
 """
 
 import logging
@@ -20,25 +20,26 @@ from tornado.ioloop import IOLoop
 
 R = TypeVar("R")
 PATIENCE = 10.0  # s to reach a scheduler
-LOOK = 5.0  # s between two looks at whether somebody works
-AHEAD = 3  # runs handed out for each thread; the others wait here
+LOOK = 5.0  # s between checks for workers
+AHEAD = 3  # runs handed out per thread; the others wait here
 
 
 class ClusterError(Exception):
-    """There is nobody to do the work; the text says why and what to do."""
+    """There are no workers; the text says why and what to do."""
 
 
 @contextmanager
 def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[Client]:
-    """Give a client of the scheduler at this address, or of `count` processes of this computer (None: one a core).
+    """Provide a client of the scheduler at this address, or of `count` local processes (None: one per core).
 
     Raises ClusterError when the scheduler cannot be reached, or no processes can be started.
     """
     dask.config.set({"distributed.comm.timeouts.connect": PATIENCE})
-    # A client that is killed, as any sweep may be, needs no word about semaphores, which are tidied up all the same.
+    # A client that is killed, as any sweep may be, should not print warnings about semaphores, which are cleaned up
+    # anyway.
     os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what goes wrong is reported here, in a sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported here, in a sentence
     if scheduler is not None:
         with _client_of(scheduler) as client:
             yield client
@@ -50,9 +51,9 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
 
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[IOLoop]:
-    """Give an event loop in a thread in which SIGINT is blocked, and so it is in all processes that it starts.
+    """Provide an event loop in a thread with SIGINT blocked, which its child processes inherit.
 
-    Ctrl-C in a terminal reaches all of them. That this process ends ends them, without a word.
+    Ctrl-C in a terminal reaches all processes. The children end with this process, without messages.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -77,7 +78,7 @@ def _client_of(scheduler: str) -> Client:
 
 
 def worker_command(scheduler: str) -> str:
-    """Return what starts workers, one a core, on a computer; threads of one process would wait for one another."""
+    """Return the command that starts workers, one per core; threads of one process would block each other."""
     return f"dask worker {scheduler} --nthreads 1 --nworkers -1"
 
 
@@ -99,7 +100,7 @@ def _processes(count: int, loop: IOLoop) -> LocalCluster:
 
 @contextmanager
 def lookout(client: Client, say: Callable[[], None]) -> Iterator[None]:
-    """Call `say` whenever no worker is left, or none is there to begin with: runs wait then, for however long."""
+    """Call `say` whenever there are no workers: runs wait then, however long."""
     over = Event()
     thread = Thread(target=_look, args=(client, say, over), daemon=True)
     thread.start()
@@ -112,7 +113,7 @@ def lookout(client: Client, say: Callable[[], None]) -> Iterator[None]:
 
 def _look(client: Client, say: Callable[[], None], over: Event) -> None:
     there = True
-    with suppress(OSError, CancelledError, RuntimeError):  # the scheduler has ended, which `perform` tells
+    with suppress(OSError, CancelledError, RuntimeError):  # the scheduler has ended, which `perform` reports
         while True:
             was_there, there = there, bool(client.nthreads())
             if was_there and not there:
@@ -124,11 +125,11 @@ def _look(client: Client, say: Callable[[], None], over: Event) -> None:
 def perform(
     client: Client, work: Callable[..., R], jobs: Mapping[str, tuple[object, ...]]
 ) -> Iterator[tuple[str, R | BaseException]]:
-    """Do `work(*arguments)` for each job and yield (key, result) as they are done; an exception in place of a result.
+    """Run `work(*arguments)` for each job; yield (key, result) when done, with an exception as result of a failed job.
 
-    A job whose worker died is done again elsewhere. One that outlived four workers is given up: the result is then
-    Dask's KilledWorker (distributed.scheduler.allowed-failures).
-    Raises ClusterError when the scheduler ends, or a worker cannot do any job: it would go through all of them.
+    A job whose worker died is repeated elsewhere. After four dead workers it is given up: the result is Dask's
+    KilledWorker (distributed.scheduler.allowed-failures). Raises ClusterError when the scheduler ends, or when a worker
+    cannot run any job: it would consume all of them.
     """
     try:
         yield from _performed(client, work, jobs)
@@ -171,10 +172,10 @@ def _performed(
 
 
 def _unpacked_there() -> Callable[[bytes], object]:
-    """Return a function that needs nothing of ours where it is called.
+    """Return a function that can be unpickled without our modules.
 
-    A worker that cannot even read its task, as it lacks a module, would end without a word. This function
-    is read anywhere, as Dask sends those inside others as they are, and says what is lacking, and on which computer.
+    A worker that cannot unpickle its task, because a module is missing, would fail without a message. This function can
+    be unpickled anywhere, since Dask sends nested functions by value, and reports what is missing on which computer.
     """
 
     def unpacked(packed: bytes) -> object:
@@ -183,7 +184,7 @@ def _unpacked_there() -> Callable[[bytes], object]:
 
         try:
             work, arguments = pickle.loads(packed)
-        except Exception as error:  # of whatever kind: another version may lack anything
+        except Exception as error:  # any exception: another version may lack anything
             raise ImportError(f"A worker on {gethostname()} cannot do the runs: {error}") from error
         return work(*arguments)
 
@@ -191,7 +192,7 @@ def _unpacked_there() -> Callable[[bytes], object]:
 
 
 def _failure_of(result: object) -> BaseException | None:
-    """Return the error of a failure, which Dask gives as it is or as (kind, error, trace); None of a result."""
+    """Return the error of a failure, which Dask returns directly or as (kind, error, trace); None for a result."""
     if isinstance(result, tuple) and len(result) == 3:
         result = result[1]
     return result if isinstance(result, BaseException) else None

@@ -1,4 +1,4 @@
-"""One run of a sweep: a scenario, without hardware and as fast as it goes, scored as a row of numbers."""
+"""One run of a sweep: a scenario without hardware, faster than real time, scored as a row of numbers."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ from cmr.experiments.team.population import Population, PopulationError, populat
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviour
 
-ONE_AT_A_TIME = Lock()  # a worker of several threads would compile the same code in two of them, which fails
+ONE_AT_A_TIME = Lock()  # two threads of a worker would compile the same code at once, which fails
 
 
 class ExperimentError(Exception):
@@ -31,9 +31,9 @@ class ExperimentError(Exception):
 
 @dataclass(frozen=True)
 class Experiment:
-    """All that a worker needs, files included: it may be on another computer.
+    """Everything a worker needs, including files, since it may be on another computer.
 
-    `believed` is the parameter file by which everybody steers; virtual robots move by it, too, or draw their own
+    `believed` is the parameter file used by all controllers; virtual robots also move with it, or draw their own
     parameters from `population`. `sources` is the digest of the CMR that planned it.
     """
 
@@ -46,8 +46,8 @@ class Experiment:
 def experiment_of(scenario: Scenario) -> Experiment:
     """Return the experiment that a scenario describes, with its files read.
 
-    Raises ExperimentError when a file cannot be used, robots steer by different files, or the scenario has what only
-    cmr-run can do.
+    Raises ExperimentError for an invalid file, robots with different parameter files, or features that only cmr-run
+    supports.
     """
     _check(scenario)
     paths = sorted({robot.parameters for robot in scenario.robots if robot.parameters is not None})
@@ -77,11 +77,11 @@ def _check(scenario: Scenario) -> None:
 
 
 def perform(experiment: Experiment, seed: int) -> Result:
-    """Return the metrics of one run [SI units], how long it took in its own time, and a digest of all paths.
+    """Return the metrics of one run [SI units], its computing time, and a digest of all paths.
 
-    Real and emulated robots are moved by a plant that differs from robot to robot and from seed to seed.
-    Raises ImportError, naming the computer, where a behaviour is not to be found that was there when the run was
-    planned, or this is not the CMR that planned it: results of two versions are not mixed.
+    Real and emulated robots are moved by a plant that varies with robot and seed. Raises ImportError, naming the
+    computer, if a behaviour available at planning is missing, or a different CMR is installed: results of two versions
+    are not mixed.
     """
     if experiment.sources != sources_digest():
         raise ImportError(f"A worker on {gethostname()} has another CMR installed")
@@ -105,7 +105,7 @@ def perform(experiment: Experiment, seed: int) -> Result:
 
 
 def key_of(document: str, files: Iterable[Path], seed: int) -> str:
-    """Return what a run is known by: it changes with the scenario, its files, the seed and CMR itself."""
+    """Return the key of a run: it depends on the scenario, its files, the seed and CMR itself."""
     contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)]
     return hashlib.sha256(json.dumps([version(), sources_digest(), document, contents, seed]).encode()).hexdigest()[:32]
 
@@ -118,7 +118,7 @@ def sources_digest() -> str:
 
 
 def files_of(scenario: Scenario) -> set[Path]:
-    """Return the files that a scenario's runs depend on, those of its behaviours included."""
+    """Return the files that a scenario's runs depend on, including those of its behaviours."""
     parameters = {robot.parameters for robot in scenario.robots if robot.parameters is not None}
     sources = {Path(getfile(type(behaviour))) for behaviour in _behaviours_of(scenario)}
     return parameters | set(scenario.population) | sources
@@ -127,14 +127,14 @@ def files_of(scenario: Scenario) -> set[Path]:
 def _behaviours_of(scenario: Scenario) -> list[AnyBehaviour]:
     """Return one of each of the behaviours of a scenario.
 
-    Raises BehaviourError for one that is not there.
+    Raises BehaviourError for a missing one.
     """
     behaviours = {(plan.name, tuple(plan.settings.items())) for robot in scenario.robots if (plan := robot.behaviour)}
     return [make_behaviour(name, dict(settings)) for name, settings in behaviours]
 
 
 def _digest(result: TeamRun) -> str:
-    """Return a digest of where all robots were at all times: equal runs are equal to the last bit."""
+    """Return a digest of all robots' trajectories: equal runs are equal to the last bit."""
     return hashlib.sha256(
         b"".join(part.tobytes() for part in (result.time, result.x, result.y, result.theta))
     ).hexdigest()

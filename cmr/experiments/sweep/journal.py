@@ -1,4 +1,4 @@
-"""What is done already: one line for each run, so that a sweep that was killed goes on where it stopped."""
+"""Finished runs, one line each, so that an interrupted sweep can be resumed."""
 
 import fcntl
 import json
@@ -19,10 +19,10 @@ class JournalError(Exception):
 
 
 class Journal:
-    """The results of runs in a file, by the runs' keys; a context manager that keeps the file to itself.
+    """Results of runs in a file, by key; a context manager that locks the file.
 
-    A line is whole or is not there: what a crash left of a last line is taken away on entry.
-    Raises JournalError on entry when another process uses the file, or a line is not one of a journal.
+    Lines are atomic: an incomplete last line after a crash is removed on entry. Raises JournalError on entry when
+    another process uses the file, or a line is invalid.
     """
 
     def __init__(self, path: Path) -> None:
@@ -50,7 +50,7 @@ class Journal:
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         if self._stream.tell() == 0:
-            self.path.unlink(missing_ok=True)  # nothing was done; still ours alone
+            self.path.unlink(missing_ok=True)  # nothing was done
         self._close()
 
     def _close(self) -> None:
@@ -58,7 +58,7 @@ class Journal:
         self._made.close()
 
     def add(self, key: str, result: Mapping[str, float | str | bool | None]) -> None:
-        """Keep the result of a run; one that is there already stays as it is."""
+        """Store the result of a run; an existing one is kept."""
         if key in self.results:
             return
         self.results[key] = dict(result)

@@ -1,4 +1,4 @@
-"""Which runs a sweep consists of: every combination of settings with every seed."""
+"""The runs of a sweep: every combination of settings with every seed."""
 
 import re
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from cmr.experiments.scenario.reading import load, parse
 from cmr.experiments.sweep.experiment import Experiment, experiment_of, files_of, key_of
 from cmr.experiments.sweep.settings import Setting, SettingError, Value, combinations, with_settings
 
-LINE = re.compile(r"^.*?: line \d+: ")  # says nothing of a scenario with other values than those of its file
+LINE = re.compile(r"^.*?: line \d+: ")  # line numbers are meaningless for a scenario with changed values
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run: `key` is what its result is known by, `values` are its settings by path."""
+    """One run: `key` identifies its result, `values` are its settings by path."""
 
     key: str
     experiment: Experiment
@@ -34,7 +34,7 @@ def plan(path: Path, settings: Sequence[Setting], seeds: int, hardware: Hardware
 
     Raises ScenarioError naming file, line and key, SettingError naming the key that is set, or ExperimentError.
     """
-    load(path, hardware)  # what is wrong with the file itself is reported with its lines
+    load(path, hardware)  # errors in the file itself are reported with line numbers
     document = read_file(path, ScenarioError).value
     assert isinstance(document, dict), "loading has looked at it"
     runs = []

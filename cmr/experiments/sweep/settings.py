@@ -1,4 +1,4 @@
-"""What is varied in a scenario: keys by their dotted path, and the values that each of them takes."""
+"""Varied settings of a scenario: keys by dotted path, with the values that each takes."""
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -11,7 +11,7 @@ import yaml
 from cmr.experiments.scenario.plan import BehaviourPlan
 
 Value: TypeAlias = float | int | str | bool | list[object] | dict[str, object] | None
-SEED = "seed"  # of the scenario; varied in a way of its own
+SEED = "seed"  # of the scenario; varied separately
 NOTHING = ("null", "~")  # as YAML has it: the scenario without this key
 
 
@@ -21,16 +21,16 @@ class SettingError(Exception):
 
 @dataclass(frozen=True)
 class Setting:
-    """A key of the scenario, such as robots.10.behaviour.gap, and the values that it takes in turn."""
+    """A key of the scenario, such as robots.10.behaviour.gap, and its values."""
 
     path: str
     values: tuple[Value, ...]
 
 
 def setting_of(text: str) -> Setting:
-    """Return the setting that `path=value,value,...` describes; a comma inside brackets or braces parts no values.
+    """Parse a setting from `path=value,value,...`; commas inside brackets or braces do not separate values.
 
-    Raises SettingError where it is not of this form, or a value comes twice.
+    Raises SettingError if the form is wrong, or a value is repeated.
     """
     path, equals, listed = text.partition("=")
     path = path.strip()
@@ -45,7 +45,7 @@ def setting_of(text: str) -> Setting:
 
 
 def _parts(listed: str) -> list[str]:
-    """Return what stands between the commas that are inside no brackets or braces."""
+    """Split at commas outside brackets and braces."""
     parts, depth = [""], 0
     for character in listed:
         depth += (character in "[{") - (character in "]}")
@@ -57,7 +57,7 @@ def _parts(listed: str) -> list[str]:
 
 
 def _value(path: str, text: str) -> Value:
-    """Return a value as YAML has it; 1e-3, which YAML 1.1 takes for a text, is a number."""
+    """Parse a value as YAML; 1e-3, which YAML 1.1 reads as text, becomes a number."""
     for kind in (int, float):
         try:
             return kind(text)
@@ -85,9 +85,9 @@ def combinations(settings: Sequence[Setting]) -> list[dict[str, Value]]:
 
 
 def with_settings(document: Mapping[str, object], values: Mapping[str, Value]) -> dict[str, Any]:
-    """Return a scenario, as YAML reads it, with other values at some paths.
+    """Return a scenario, as read from YAML, with changed values at some paths.
 
-    Raises SettingError naming the part of a path that is not there, and what is.
+    Raises SettingError naming the missing part of a path, and what exists.
     """
     changed = deepcopy(dict(document))
     for path, value in values.items():
@@ -100,7 +100,7 @@ def with_settings(document: Mapping[str, object], values: Mapping[str, Value]) -
 
 
 def _inside(place: object, part: str, path: str, where: str) -> object:
-    """Return what lies under a part of a path; a behaviour given as one text is taken apart for it."""
+    """Return the value at a part of a path; a behaviour given as text is parsed for it."""
     key = _key(place, part, path, where)
     assert isinstance(place, dict | list), "nothing else has keys"
     if isinstance(place[key], str) and part == "behaviour":
@@ -110,7 +110,7 @@ def _inside(place: object, part: str, path: str, where: str) -> object:
 
 def _put(place: object, last: str, value: Value, path: str, where: str) -> None:
     if isinstance(place, dict):
-        place[last] = value  # a key that is new here; the scenario says whether there is such a one
+        place[last] = value  # a new key; reading the scenario checks whether it exists
     else:
         index = _key(place, last, path, where)
         assert isinstance(place, list), "nothing else has keys"
@@ -118,7 +118,7 @@ def _put(place: object, last: str, value: Value, path: str, where: str) -> None:
 
 
 def _key(place: object, part: str, path: str, where: str) -> Any:
-    """Return the key or the index of a part of a path; robots are known by their ids."""
+    """Return the key or index for a part of a path; robots are identified by their ids."""
     there: dict[str, object] = {}
     if isinstance(place, dict):
         there = {str(key): key for key in place}
@@ -132,12 +132,12 @@ def _key(place: object, part: str, path: str, where: str) -> Any:
 
 
 def _name(entry: object, index: int) -> object:
-    """Return what an entry of a list is called: a robot's id, a group's first id, otherwise its number from 0 on."""
+    """Return the name of a list entry: a robot's id, a group's first id, otherwise its index."""
     return entry.get("id", entry.get("first_id", index)) if isinstance(entry, dict) else index
 
 
 def _taken_apart(behaviour: str) -> dict[str, object]:
-    """Return `name,key=value,...` as a mapping."""
+    """Parse `name,key=value,...` to a mapping."""
     name, *pairs = behaviour.split(",")
     settings = {key.strip(): value.strip() for key, _, value in (pair.partition("=") for pair in pairs)}
     return BehaviourPlan(name.strip(), settings).mapping

@@ -1,4 +1,4 @@
-"""The rows of a sweep, as a Parquet file and as a picture."""
+"""The rows of a sweep as a Parquet file and as a plot."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,8 +14,8 @@ from cmr.experiments.sweep.settings import Value
 from cmr.experiments.team.metrics import UNITS
 from cmr.report.colours import REAL_COLOUR, TWIN_COLOUR
 
-LONGEST_LABELS = 80  # characters of all labels together that stand side by side
-SMALLEST_SPAN = 0.01  # of the values, that an axis shows: what differs by less, as by rounding, is to look the same
+LONGEST_LABELS = 80  # characters of all labels together that fit side by side
+SMALLEST_SPAN = 0.01  # smallest range of an axis, relative to the values, so that rounding differences are invisible
 Row: TypeAlias = Mapping[str, Value]  # settings and results of a run by name
 PAGE, WIDEST = 12.0, 60.0  # inches: of panels side by side, and of one with many combinations
 
@@ -23,7 +23,7 @@ PAGE, WIDEST = 12.0, 60.0  # inches: of panels side by side, and of one with man
 def write_tables(
     rows: Sequence[Row], settings: Sequence[str], metrics: Sequence[str], out: Path, name: str
 ) -> list[str]:
-    """Write runs.parquet and summary.png below `out`; return lines that say what was found, and where it is."""
+    """Write runs.parquet and summary.png below `out`; return lines with the results and file names."""
     shown = [metric for metric in metrics if all(metric in row for row in rows)]
     table, picture = out / "runs.parquet", out / "summary.png"
     write_parquet(rows, table)
@@ -32,7 +32,7 @@ def write_tables(
 
 
 def write_parquet(rows: Sequence[Row], path: Path) -> None:
-    """Write a row for each run; the file is whole or not there. Settings of mixed kinds become texts."""
+    """Write a row for each run; atomically. Settings of mixed types become text."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
     temporary = path.with_name(f".{path.name}.part")
@@ -46,7 +46,7 @@ def _column(values: list[Value]) -> list[Value]:
 
 
 def draw_summary(rows: Sequence[Row], settings: Sequence[str], metrics: Sequence[str], title: str, path: Path) -> None:
-    """Write a picture: for each metric, how it is spread over the seeds, beside one another for each combination."""
+    """Plot each metric: its distribution over the seeds, side by side for each combination."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
         groups.setdefault("\n".join(f"{key} = {row[key]}" for key in settings) or "all seeds", []).append(row)
@@ -69,7 +69,7 @@ def draw_summary(rows: Sequence[Row], settings: Sequence[str], metrics: Sequence
 
 
 def _measured(row: Row, name: str) -> float:
-    """Return a metric of a run. Raises TypeError where it is no number."""
+    """Return a metric of a run. Raises TypeError if it is not a number."""
     value = row[name]
     if not isinstance(value, (int, float)):
         raise TypeError(f"{name} is {value!r}, no number")

@@ -1,6 +1,5 @@
-"""Experiments with teams of real and virtual robots, without hardware, without a bus, and as fast as they go.
+"""Experiments with teams of real and virtual robots, without hardware or bus, faster than real time.
 
-`hidden` draws the robots that nobody knows, `plant` moves them, `real_robots` gives them driver, sensors and pilot,
-`experiment` lets a team run, `scoring` tells by the `metrics` how it did, `population` draws virtual robots that differ
-as real ones do.
+`hidden` draws the true parameters of real robots, `plant` moves them, `real_robots` adds driver, sensors and pilot,
+`experiment` runs a team, `scoring` computes `metrics`, `population` draws virtual robots that differ as real ones do.
 """

@@ -1,6 +1,7 @@
-"""What an experiment needs of a scenario, and who plays which part in it: who is real, and who moves by what.
+"""Roles in an experiment: which robots are real, and which parameters move the others.
 
-The protocols say what is read of `cmr.experiments.scenario`, which knows this room and must not be known by it.
+The protocols describe what is needed of `cmr.experiments.scenario`, which imports this package and must not be
+imported.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -25,7 +26,7 @@ class BehaviourLike(Protocol):
 
     @property
     def name(self) -> str:
-        """What `make_behaviour` knows it by."""
+        """The name for `make_behaviour`."""
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -41,7 +42,7 @@ class RobotLike(Protocol):
 
     @property
     def behaviour(self) -> BehaviourLike | None:
-        """What it does."""
+        """Its behaviour."""
 
     @property
     def start(self) -> tuple[float, float, float] | None:
@@ -49,7 +50,7 @@ class RobotLike(Protocol):
 
     @property
     def waypoints(self) -> Sequence[tuple[float, float]]:
-        """The path it is given [m]."""
+        """Its waypoints [m]."""
 
 
 class ScenarioLike(Protocol):
@@ -61,7 +62,7 @@ class ScenarioLike(Protocol):
 
     @property
     def duration(self) -> float:
-        """How long the experiment takes at most [s]."""
+        """The longest duration of the experiment [s]."""
 
     @property
     def discs(self) -> Sequence[tuple[float, float, float]]:
@@ -77,23 +78,23 @@ class ScenarioLike(Protocol):
 
     @property
     def process_noise(self) -> bool:
-        """Whether virtual robots stray from their models as the parameter file says."""
+        """Whether virtual robots deviate from their models as specified in the parameter file."""
 
     @property
     def reaction(self) -> float:
-        """How much later than they decide virtual robots act [s]."""
+        """The delay of virtual robots' decisions [s]."""
 
     @property
     def ends_when(self) -> EndingLike:
-        """What ends it before."""
+        """The condition that ends it earlier."""
 
 
 @dataclass(frozen=True)
 class Cast:
-    """Who is who in an experiment.
+    """The roles of the robots in an experiment.
 
-    `believed` is the parameter file by which everybody steers. `real` are the ids of the real robots, whose physics
-    `laboratory` hides. Of the others, each moves by its parameters in `moves_by`, or by those believed.
+    `believed` is the parameter file used by all controllers. `real` are the ids of the real robots, whose true
+    parameters are in `laboratory`. Other robots move with their parameters in `moves_by`, or with the believed ones.
     """
 
     believed: ParameterFile

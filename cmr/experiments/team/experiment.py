@@ -1,7 +1,7 @@
-"""One experiment with a team, without hardware and without a bus, as fast as it goes; the same seed, the same result.
+"""One experiment with a team, without hardware or bus, faster than real time and deterministic for a seed.
 
-Simulator, estimators and pilots are those of the live system (`cmr.world`), fed with messages at the rates of the
-live system. Virtual robots move by the model. Real robots move by a plant of its own, which the model never sees.
+Simulator, estimators and pilots are those of the live system (`cmr.world`), fed with messages at the same rates.
+Virtual robots follow the model. Real robots follow an independent plant, which is hidden from the model.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -38,11 +38,10 @@ class ExperimentError(Exception):
 
 @dataclass(frozen=True)
 class TeamRun:
-    """Where the robots really were: `time` [s] of shape (t,), `x`, `y` [m] and `theta` [rad] of shape (t, n).
+    """The true trajectories: `time` [s] of shape (t,), `x`, `y` [m] and `theta` [rad] of shape (t, n).
 
     `robot_ids` are those of the columns; `metrics` holds the team's metrics by name, in the units of
-    `cmr.experiments.team.metrics`, NaN for those that mean nothing for this team. `waypoints_reached`: nobody is on
-    the way.
+    `cmr.experiments.team.metrics`, NaN for undefined ones. `waypoints_reached`: all robots have passed their waypoints.
     """
 
     robot_ids: tuple[int, ...]
@@ -63,9 +62,9 @@ def run(
 ) -> TeamRun:
     """Run a scenario until its duration is over, or its waypoints are reached where it ends then.
 
-    `seed` fixes all that is random. `listen` gets all messages from and to real robots, with their time [us].
-    Raises ExperimentError for a robot that starts nowhere or that nobody commands, and where the scenario has process
-    noise and the parameter file does not tell how much.
+    `seed` determines all random numbers. `listen` gets all messages from and to real robots, with their time [us].
+    Raises ExperimentError for a robot without a start or a behaviour, and if the scenario has process noise that the
+    parameter file does not specify.
     """
     world, real = _world(scenario, cast, seed), _real_robots(scenario, cast, seed)
     for message in _waypoints(scenario):
@@ -87,7 +86,7 @@ def run(
 
 
 def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[int, OnChannel], None]) -> None:
-    """Let a period pass: robots measure, the simulator goes on, pilots see its news and decide."""
+    """Simulate a period: robots measure, the simulator advances, pilots receive its messages and decide."""
     for message in real.advance(utime):
         world.handle(utime, *message)
         listen(utime, message)
@@ -99,16 +98,18 @@ def _take_turns(utime: int, world: World, real: RealRobots, listen: Callable[[in
 
 
 def _count_waypoints(counts: dict[int, int], ways: Mapping[int, Way], places: Floats) -> bool:
-    """Count on, by column, the waypoints that robots at these places, (3, n), have passed; tell if those are all."""
+    """Update the number of waypoints passed by robots at these positions, (3, n), by column; return whether all are
+    passed.
+    """
     for column, way in ways.items():
         counts[column] = passed(float(places[0, column]), float(places[1, column]), way, counts[column])
     return all(counts[column] == len(way) for column, way in ways.items())
 
 
 def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:
-    """Return the behaviours of robots of one program, by robot id; those described equally share an object.
+    """Return the behaviours of robots of one program, by robot id; equal descriptions share an object.
 
-    Raises ExperimentError for a robot without a behaviour, or with one that cannot be.
+    Raises ExperimentError for a robot without a behaviour, or with an invalid one.
     """
     try:
         return make_behaviours({robot.robot_id: _description(robot) for robot in robots})
@@ -161,13 +162,13 @@ def _real_robots(scenario: ScenarioLike, cast: Cast, seed: int) -> RealRobots:
 
 
 def _pilot(robot: RobotLike, believed: ParameterFile, geofence: Geofence | None) -> Pilot:
-    """Return the pilot of a real robot; each has a behaviour of its own, as each is a program of its own."""
+    """Return the pilot of a real robot, with a behaviour of its own, since each pilot is a separate program."""
     behaviour = _behaviours([robot])[robot.robot_id]
     return Pilot(robot.robot_id, behaviour, _follower(believed, robot.robot_id), geofence=geofence)
 
 
 def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
-    """Return the parameters of a robot in use: those believed, under its own id."""
+    """Return the follower of a robot's parameters: the believed ones, under its own id."""
     follower = ParameterFollower(robot_id)
     announced = replace(believed, robot_id=robot_id).announcement(sequence=1)
     follower.handle(0, PARAMETERS.channel(robot_id), announced)
@@ -183,7 +184,7 @@ def _waypoints(scenario: ScenarioLike) -> Iterator[OnChannel]:
 
 
 def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
-    """Return where all robots really are, shape (3, n), in the order of the scenario."""
+    """Return the true poses of all robots, shape (3, n), in the order of the scenario."""
     everybody = world.everybody()
     simulated = np.array(everybody.state[:3], dtype=float)
     keys = zip(everybody.robot_id, everybody.origin, strict=True)

@@ -1,6 +1,6 @@
-"""Robots as they really are: what a laboratory's robots have in common, and how each differs from the others.
+"""The true parameters of robots: what a laboratory's robots have in common, and how they differ.
 
-What is drawn here stays hidden. A calibration sees the sensors of such a robot and nothing else.
+These values stay hidden: a calibration only sees the sensors of such a robot.
 """
 
 import math
@@ -14,18 +14,18 @@ from cmr.parameters.file import ParameterFile
 from cmr.plant.parameters import PlantParameters, plant_parameters
 from cmr.plant.sensors import slip_of_way
 
-# By how much each of the paper's parameters exceeds what its maker's data sheet says, on average.
+# Mean deviation of each of the paper's parameters from its data sheet.
 FACTORS = {"wheel_radius": 1.0, "k2_over_k3": 1.3, "k1": 0.85, "base_width": 0.85}
-# Of one with a velocity controller; its k1 is the unit of its commands.
+# For a velocity controller; its k1 is the unit of its commands.
 FACTORS_OF_CONTROLLER = {"wheel_radius": 1.0, "response_time": 1.3, "speed_scale": 0.97, "base_width": 0.85}
-LARGEST_DRAW = 3.0  # standard deviations; a robot further out would have gone back to its maker
+LARGEST_DRAW = 3.0  # standard deviations; a robot further out would have been returned to its maker
 
 
 @dataclass(frozen=True, kw_only=True)
 class HiddenRobot:
-    """One real robot. The first four are as in the paper; each of the others vanishes where it is 0.
+    """One real robot. The first four are as in the paper; each of the others has no effect if 0.
 
-    With a `response_time` it has a velocity controller, which takes 1 / k1 for the wheel speed of duty 1.
+    With a `response_time` it has a velocity controller, which assumes a wheel speed of 1 / k1 at duty 1.
 
     What moves it are parameters of the plant, by the plant's names.
     """
@@ -56,7 +56,7 @@ class HiddenRobot:
 
     @property
     def parameters(self) -> PlantParameters:
-        """What the plant is to know of it."""
+        """The parameters for the plant."""
         own = {name: value for name, value in asdict(self).items() if name in PlantParameters._fields}
         controller = {
             "controller_response_time": self.response_time,
@@ -67,7 +67,7 @@ class HiddenRobot:
 
     @property
     def noise(self) -> tuple[float, float, float, float]:
-        """Sizes and times of torque and slip, as the plant takes them."""
+        """Sizes and correlation times of torque and slip noise, for the plant."""
         return self.torque_noise, self.torque_noise_time, *slip_of_way(self.slip_noise)
 
 
@@ -82,7 +82,7 @@ USUAL = HiddenRobot(
     torque_noise=1.0,
     slip_noise=0.002,
 )
-# How robots of one make differ: standard deviations of logarithms, and of what may have either sign.
+# Variation within a robot type: standard deviations of logarithms, and of signed parameters.
 SPREAD = {
     "wheel_radius": 0.005,
     "k2_over_k3": 0.06,
@@ -94,7 +94,7 @@ SPREAD = {
     "turn_slip": 0.25,
     "longitudinal_slip": 0.25,
 }
-SPREAD_OF_CONTROLLER = {"response_time": 0.06, "speed_scale": 0.01}  # in place of its motors'
+SPREAD_OF_CONTROLLER = {"response_time": 0.06, "speed_scale": 0.01}  # instead of its motors'
 SIGNED_SPREAD = {"motor_gain_asymmetry": 0.015, "wheel_radius_asymmetry": 0.0025, "gyro_bias": 0.002}
 TORQUES = ("coulomb_friction", "static_friction", "torque_noise")
 CONTROLLER = ("response_time", "speed_scale", "command_base_width")
@@ -102,7 +102,7 @@ SENSORS = ("gyro_noise", "position_noise", "heading_noise", "ticks_per_turn", "t
 
 
 def believed_of(file: ParameterFile) -> dict[str, float]:
-    """Return what a parameter file says of a robot, as a Laboratory takes it.
+    """Return the believed parameters from a parameter file, for a Laboratory.
 
     Raises ParameterFileError naming the first parameter that is missing.
     """
@@ -117,10 +117,10 @@ def believed_of(file: ParameterFile) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Laboratory:
-    """The robots of a laboratory: one with each id, always the same for the same `seed`.
+    """The robots of a laboratory: one per id, always the same for the same `seed`.
 
-    `believed` are what everybody takes for their parameters, as from `believed_of`. `size` scales all that sets the
-    robots apart from what is believed of them and from one another: 1 as it is usual, 0 not at all.
+    `believed` are the parameters that everybody assumes, as from `believed_of`. `size` scales the differences of the
+    robots from these and from each other: 1 is usual, 0 is none.
     """
 
     believed: Mapping[str, float]

@@ -1,7 +1,7 @@
-"""What an experiment with a team comes to, in numbers: each metric is a small function of where the robots went.
+"""Metrics of a team experiment: small functions of the robots' trajectories.
 
 `x` and `y` [m; world frame] have a row for each moment and a column for each robot, shape (t, n); `time` [s], shape
-(t,), counts from the start of the experiment. A metric that means nothing for a team is NaN.
+(t,), counts from the start of the experiment. An undefined metric is NaN.
 """
 
 import math
@@ -19,16 +19,16 @@ UNITS = {
     "path_spread": "m",
     "distance_driven": "m",
 }
-ARRIVED = 0.1  # m; a robot this near to its goal, the last of its waypoints, is there
-PASSED = 0.15  # m; one this near to a waypoint before has passed it: robots that look ahead cut corners
+ARRIVED = 0.1  # m; distance at which a robot has reached its goal, the last of its waypoints
+PASSED = 0.15  # m; distance at which it has passed earlier waypoints: robots that look ahead cut corners
 
 Way = Sequence[tuple[float, float]]  # waypoints [m]
 
 
 class Bond(NamedTuple):
-    """One robot's place relative to another: columns of both, and the distance [m] that is wanted between them.
+    """One robot's place relative to another: columns of both, and the desired distance [m].
 
-    `follows` tells whether the robot is to drive on the path of the other.
+    `follows` says whether the robot should drive on the other's path.
     """
 
     robot: int
@@ -46,13 +46,13 @@ def formation_error(x: Floats, y: Floats, bonds: Sequence[Bond]) -> float:
 
 
 def passed(x: float, y: float, way: Way, before: int) -> int:
-    """Return how many waypoints a robot has passed that is at x, y [m] now and had passed `before` of them.
+    """Return how many waypoints a robot at x, y [m] has passed, given that it had passed `before` of them.
 
-    They are passed in their order, so that a way may end where it began. All are passed: the robot is at its goal.
+    They are passed in order, so a path may end where it began. If all are passed, the robot has reached its goal.
     """
     while before < len(way):
         near = PASSED if before < len(way) - 1 else ARRIVED
-        if not math.dist((x, y), way[before]) <= near:  # as for a robot that is not seen, whose place is NaN
+        if not math.dist((x, y), way[before]) <= near:  # also for a robot that is not seen, with NaN positions
             break
         before += 1
     return before
@@ -79,7 +79,7 @@ def _arrival(x: Floats, y: Floats, way: Way) -> int:
 
 
 def minimum_separation(x: Floats, y: Floats) -> float:
-    """Return the least distance that the centres of two robots ever had [m]."""
+    """Return the least distance between the centres of two robots [m]."""
     count = x.shape[1]
     if count < 2:
         return float("nan")
@@ -99,7 +99,7 @@ def path_spread(x: Floats, y: Floats, bonds: Sequence[Bond]) -> float:
 
 
 def distance_driven(x: Floats, y: Floats) -> float:
-    """Return the length of the way that the robots drove, on average [m]."""
+    """Return the mean distance driven [m]."""
     return float(np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).sum(axis=0).mean())
 
 

@@ -1,4 +1,4 @@
-"""The real robots of a team: several of `cmr.plant`, with what their encoders count."""
+"""The real robots of a team: several of `cmr.plant`, with their encoder counts."""
 
 import math
 from collections.abc import Sequence
@@ -30,21 +30,21 @@ class Plant:
 
     @property
     def poses(self) -> Floats:
-        """How the robots really are: x, y [m] and theta [rad], which is never wrapped, each (n,)."""
+        """The true poses: x, y [m] and theta [rad], which is never wrapped, each (n,)."""
         return self._carried(POSE)
 
     def command(self, duties: Sequence[tuple[float, float]]) -> None:
-        """Drive each robot with these duties (left, right), -1 to 1, from now on."""
+        """Set each robot's duties (left, right), -1 to 1."""
         for robot, (left, right) in zip(self._robots, duties, strict=True):
             robot.command(left, right)
 
     def advance(self, time: float) -> None:
-        """Let the world go on until `time` [s since the start]."""
+        """Simulate until `time` [s since the start]."""
         for robot in self._robots:
             robot.advance(time)
 
     def ticks(self) -> Floats:
-        """Return what the encoders have counted since the start: whole numbers, shape (2, n)."""
+        """Return the encoder counts since the start: integers, shape (2, n)."""
         counted: Floats = np.floor(self._carried(TURNED) / (2.0 * math.pi) * self._ticks_per_turn)
         return counted
 

@@ -1,10 +1,10 @@
-"""Virtual robots that differ from one another as real ones do: each one's parameters are drawn.
+"""Populations: virtual robots that differ as real ones do, with randomly drawn parameters.
 
-Of several calibrated robots, their parameters' mean and covariance are taken; logarithms where all have the same
-sign and none is 0, so that what must be positive stays so. Few robots say little about correlations: those are shrunk
-as if as many robots as there are parameters that vary had been seen that show none, and two robots, whose parameters
-always lie on a line, had not been seen. The variances stay. Of one robot, the standard deviations in its file are
-taken, without correlations, which a file does not tell.
+From several calibrated robots, mean and covariance of their parameters are taken; of the logarithms if all have the
+same sign and none is 0, so that positive parameters stay positive. A few robots do not determine correlations: these
+are shrunk as if as many robots without correlations as there are varying parameters had been added, and two robots,
+whose parameters always lie on a line, removed. Variances are kept. From a single robot, the standard deviations in its
+file are used, without correlations, which a file does not contain.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from cmr.model.parameters import DEFINITIONS, RobotParameters
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 
 Floats = NDArray[np.float64]
-FURTHEST = 3.0  # standard deviations along each axis of the covariance; nobody would put a robot further out to work
+FURTHEST = 3.0  # standard deviations along each axis of the covariance; robots further out would not be used
 
 
 class PopulationError(Exception):
@@ -28,7 +28,7 @@ class PopulationError(Exception):
 
 @dataclass(frozen=True)
 class Population:
-    """The robots that could be built: normal in `names`, or in the logarithms of those that `logarithmic` tells.
+    """A population of robots: normal in `names`, or in the logarithms of the `logarithmic` ones.
 
     `mean` and `logarithmic` are of shape (p,), `spread`, of shape (p, p), is a square root of the covariance.
     `signs` (p,) are those of what is logarithmic.
@@ -50,10 +50,10 @@ class Population:
 
 
 def population_of(files: Sequence[ParameterFile]) -> Population:
-    """Return the population that these robots, or the one robot with its standard deviations, stand for.
+    """Return the population represented by these robots, or by one robot with its standard deviations.
 
-    Effects of diagnosed robots are among the parameters; a robot that lacks one has its neutral value.
-    Raises PopulationError where nothing tells how robots differ, or a file lacks one of the paper's parameters.
+    Effects of diagnosed robots are included; a robot that lacks one has its neutral value. Raises PopulationError if
+    nothing determines how robots differ, or a file lacks one of the paper's parameters.
     """
     if not files:
         raise PopulationError("A population needs parameter files: several robots', or one with standard deviations.")
@@ -87,8 +87,8 @@ def drawn_from(paths: Sequence[Path], robot_ids: Sequence[int], seed: int) -> di
 def _table(names: Sequence[str], robots: Sequence[Mapping[str, object]]) -> Floats:
     """Return the robots' values, shape (n, p).
 
-    Where a robot lacks an effect, what switches it on is neutral; what only says when or where it acts is as others
-    have it on average.
+    If a robot lacks an effect, the parameter that switches it on is neutral; conditions of the effect take the mean of
+    the others.
     """
     table = np.array([[robot.get(name, np.nan) for name in names] for robot in robots], dtype=float)
     for column, name in zip(table.T, names, strict=True):

@@ -1,8 +1,8 @@
-"""The real robots of an experiment: physics that nobody knows, with driver, sensors and pilot as they are live.
+"""The real robots of an experiment: hidden physics, with driver, sensors and pilot as in the live system.
 
-Drivers, gyros and pilots work at 50 Hz, which the live system allows at least, poses come at 25 Hz, and a command is
-in force 20 ms after the measurements that it rests on. The newest counts for half a second, and duties change no faster
-than a driver lets them.
+Drivers, gyros and pilots run at 50 Hz, the lowest rate of the live system, poses come at 25 Hz, and a command takes
+effect 20 ms after its measurements. The newest command counts for half a second, and duties are rate-limited as in the
+driver.
 """
 
 import math
@@ -26,15 +26,15 @@ from cmr.world.pilot import Pilot
 
 PERIOD = 20_000  # us
 POSE_EVERY = 2  # periods
-READINGS = 4  # random numbers a period and robot: gyro and pose
+READINGS = 4  # random numbers per period and robot: gyro and pose
 
 OnChannel: TypeAlias = tuple[str, Message]  # channel, message
 
 
 class RealRobots:
-    """Real robots, each with its pilot; `place` is where they really are, (3, n) [m, m, rad].
+    """Real robots, each with its pilot; `place` are their true poses, (3, n) [m, m, rad].
 
-    `seeds` fix the random numbers of each robot.
+    `seeds` determine the random numbers of each robot.
     """
 
     def __init__(
@@ -58,11 +58,11 @@ class RealRobots:
 
     @property
     def robot_ids(self) -> list[int]:
-        """Whose columns those of `place` are."""
+        """The ids of the columns of `place`."""
         return [pilot.robot_id for pilot in self._pilots]
 
     def advance(self, utime: int) -> Iterator[OnChannel]:
-        """Let a period pass until `utime` [us]; yield what drivers, gyros and cameras say then."""
+        """Simulate a period until `utime` [us]; yield the messages of drivers, gyros and cameras."""
         if not self._pilots:
             return
         self._periods += 1
@@ -80,20 +80,20 @@ class RealRobots:
         self._ticks = ticks
 
     def hear(self, utime: int, messages: Sequence[OnChannel]) -> None:
-        """Let all pilots hear these messages."""
+        """Pass these messages to all pilots."""
         for pilot in self._pilots:
             for channel, message in messages:
                 pilot.handle(utime, channel, message)
 
     def decide(self, utime: int) -> Iterator[OnChannel]:
-        """Yield the commands of all pilots; the drivers have them in the next period."""
+        """Yield the commands of all pilots, which the drivers receive in the next period."""
         for column, (pilot, memory) in enumerate(zip(self._pilots, self._memories, strict=True)):
             stream, command = COMMANDS_OF[pilot.kind], pilot.command(utime)
             memory.take(utime, *(duties_of(command, self._controllers[column]) or (0.0, 0.0)))
             yield stream.channel(pilot.robot_id), command
 
     def _serve(self, column: int, utime: int) -> tuple[float, float]:
-        """Return the duties that a driver sends now, or those that stand for the speeds that a robot was commanded."""
+        """Return the duties that a driver sends now, or those equivalent to a commanded speed."""
         if self._controllers[column] is not None:
             return self._memories[column].at(utime)
         ramp = self._ramps[column]
@@ -107,13 +107,14 @@ class RealRobots:
         robot = self._robots[column]
         noise = self._random[column].standard_normal(READINGS)
         psi = (ticks[:, column] - self._ticks[:, column]) * 2.0 * math.pi / robot.ticks_per_turn / (PERIOD * 1e-6)
-        # The rate is that of the period that the feedback ends: a gyro is fast enough not to tell it a period late.
+        # The yaw rate is that of the period before the feedback: a gyro is fast enough not to be a period late.
         rate = turned + robot.gyro_bias + robot.gyro_noise * float(noise[0])
         gyro = make(gyro_t, utime=utime, robot_id=robot_id, yaw_rate=rate, valid=1, received_utime=utime)
         yield GYRO.channel(robot_id), gyro
-        applied = duties if self._controllers[column] is None else (math.nan, math.nan)  # nobody tells those inside
+        # the controller's internal duties are not reported
+        applied = duties if self._controllers[column] is None else (math.nan, math.nan)
         yield MOTOR_FEEDBACK.channel(robot_id), _feedback(utime, robot_id, ticks[:, column], psi, applied)
-        if self._periods % POSE_EVERY == 1:  # also in the first: the simulator must not show a robot where it is not
+        if self._periods % POSE_EVERY == 1:  # also in the first: the simulator must not show a robot at a wrong place
             deviation = noise[1:4] * (robot.position_noise, robot.position_noise, robot.heading_noise)
             x, y, theta = (self.place[:, column] + deviation).tolist()
             pose = make(pose_xyt_t, utime=utime, robot_id=robot_id, x=x, y=y, theta=float(wrap(theta)))

@@ -1,4 +1,4 @@
-"""Score a team: who keeps which distance to whom, who has a goal, and the metrics of the paths that all drove."""
+"""Score a team: determine its bonds and goals, and compute the metrics of all paths."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ def scores(
     y: Floats,
     chosen: Sequence[str] = tuple(UNITS),
 ) -> dict[str, float]:
-    """Return the metrics of a team by name, in the units of `UNITS`, NaN for those that mean nothing for this team.
+    """Return the metrics of a team by name, in the units of `UNITS`, NaN for undefined ones.
 
     `time` [s] is of shape (t,), `x` and `y` [m] of shape (t, n), with a column for each of `robot_ids`.
     """
@@ -43,9 +43,9 @@ def ways_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> dict[int, Way
 
 
 def bonds_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> list[Bond]:
-    """Return which robot keeps which distance to which, by their columns.
+    """Return the distances to be kept between robots, by their columns.
 
-    That is who has a behaviour with the settings `leader` and `gap`, and who has a place in a formation with a leader.
+    These come from behaviours with the settings `leader` and `gap`, and from places in a formation with a leader.
     """
     found: list[tuple[int, int, float, bool]] = []
     teams: defaultdict[tuple[object, ...], list[int]] = defaultdict(list)
@@ -72,7 +72,7 @@ def _following(robot: RobotLike, plan: BehaviourLike) -> Iterator[tuple[int, int
 
 
 def _in_formation(team: Sequence[int], plan: BehaviourLike | None) -> Iterator[tuple[int, int, float, bool]]:
-    """Yield how far from their leader those of a team with one description have their places."""
+    """Yield the distance from the leader for the places of robots with one description."""
     made = make_behaviour(plan.name, plan.settings) if plan is not None else None
     if not isinstance(made, Formation) or made.leader == NO_LEADER:
         return

@@ -1,7 +1,7 @@
-"""Manoeuvres by name: motor duties over time, open loop, that make one physical effect or another show.
+"""Named manoeuvres: open-loop motor duties over time that reveal one physical effect or another.
 
-`pieces` are what manoeuvres are made of, `drives` says how each is driven, `table` what it is good for and the space
-it needs. They know nobody but the model. The behaviour `manoeuvre` of `cmr.world.behaviours` drives them, and
+`pieces` are what manoeuvres are made of, `drives` defines the duties of each, `table` its purpose and the space it
+needs. They depend only on the model. The behaviour `manoeuvre` of `cmr.world.behaviours` drives them, and
 `cmr.diagnosis.next_experiment` recommends them.
 """
 

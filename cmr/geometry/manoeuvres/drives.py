@@ -1,8 +1,8 @@
-"""How each manoeuvre is driven: functions from the robot's turn time to pieces of duty.
+"""The duties of each manoeuvre: functions from the robot's turn time to pieces of duty.
 
-`turn_time` [s] is how long the robot takes for a full turn on which its sides differ by a duty of 1. No duty is above
-0.9, so that real motors still obey. What is driven forth is driven back, so that a real robot, without any control,
-comes back to nearly where it began.
+`turn_time` [s] is how long the robot takes for a full turn on which its sides differ by a duty of 1. No duty exceeds
+0.9, which leaves real motors a reserve. Every motion is also driven in reverse, so that a real robot returns close to
+its start without control.
 """
 
 from collections.abc import Iterable
@@ -28,7 +28,7 @@ COMMON, AGAINST = (1.0, 1.0), (-1.0, 1.0)
 RAMP = 2.0  # s between zero duty and the peak of a ramp
 RAMP_PEAK = 0.3  # duty; dry friction that holds a wheel is around 0.1, up to 0.14 on a small teaching robot
 STANDSTILL = 30.0  # s
-EFFORT = 60.0  # s of the same loop again and again between two idle pauses
+EFFORT = 60.0  # s of repeating the same loop between two pauses
 IDLE = 20.0  # s; motors cool down by a quarter
 STAR_LINES = 6
 
@@ -101,7 +101,7 @@ def star(turn_time: float) -> list[Piece]:
 
 
 def rich_drive(turn_time: float) -> list[Piece]:
-    """Drive something of everything: each part shorter than in the manoeuvre of its name."""
+    """Drive a bit of everything: each part is shorter than in its own manoeuvre."""
     return [
         rest(2.0),
         *_straight_runs((0.25, 1.6), (0.5, 1.6), (0.85, 1.6)),
@@ -120,7 +120,7 @@ def rich_drive(turn_time: float) -> list[Piece]:
 
 
 def short_drive(turn_time: float) -> list[Piece]:
-    """Drive short movements, each forth and back, of all kinds and sizes; half of them turned by a quarter."""
+    """Drive short movements of all kinds and sizes, each forth and back; half of them rotated by a quarter turn."""
     quarter = turn_on_the_spot(0.25, 0.3, turn_time)
     return [
         rest(1.0),
@@ -148,7 +148,7 @@ def short_drive(turn_time: float) -> list[Piece]:
 
 
 def _turned_round(left: float, right: float, seconds: float) -> list[Piece]:
-    """Return a run at these duties and, at once, the same backwards."""
+    """Return a run at these duties, immediately followed by the same in reverse."""
     there = hold(left, right, seconds, BRISK)
     return [there, backwards(there)]
 
@@ -174,7 +174,7 @@ def _circles(turn_time: float, *circles: tuple[float, float]) -> list[Piece]:
 
 
 def _eight_and_back(turn_time: float, radius: float, outer: float) -> list[Piece]:
-    """Return a figure-eight of two circles and the same backwards, which leads back whatever the robot is like."""
+    """Return a figure-eight of two circles and the same backwards, which returns to the start for any robot."""
     there = [circle(radius, outer, turn_time, side)[0] for side in (LEFT, RIGHT)]
     return [*there, *map(backwards, reversed(there))]
 

@@ -1,7 +1,7 @@
-"""The manoeuvres in words, for a robot that is not driven by `cmr-pilot` but by a person or by software of its own.
+"""Descriptions of the manoeuvres, for robots that are driven by a person or by other software than `cmr-pilot`.
 
-Speeds are those that the robot has reached, lengths follow from them and from its size; all are round numbers. What
-matters for a manoeuvre is which motions it holds, not that they are exact.
+Speeds are those that the robot has reached, and lengths follow from them and from its size; all are round numbers. What
+matters is which motions a manoeuvre contains, not exact values.
 """
 
 import math
@@ -18,8 +18,8 @@ RUN = 3.0  # s of a fast straight run
 TIGHTEST = 1.5  # base widths, radius of a circle
 STAND = 30.0  # s
 DIRECTIONS = 6
-PORTION = 0.5  # of the wheels' speed in one motion that a robot is trusted to have in another
-SMALLEST = 1e-3  # m/s, rad/s, m; a robot that hardly moved is not asked to move less
+PORTION = 0.5  # share of the wheel speed in one kind of motion that a robot can surely reach in another
+SMALLEST = 1e-3  # m/s, rad/s, m; lower limit for robots that hardly moved
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Pace:
 
     @classmethod
     def seen(cls, speed: float, turn_rate: float, width: float) -> "Pace":
-        """Return the pace of a robot that was seen to drive and to turn so fast.
+        """Return the pace of a robot with these measured speeds.
 
-        A robot that was never seen to turn can turn all the same, as fast as its wheels allow, and drive likewise.
+        A robot that was never seen to turn is assumed to turn as fast as its wheels allow, and vice versa.
         """
         able = 0.5 * PORTION * width  # m, between speed and rate of turn
         return cls(max(speed, able * turn_rate), max(turn_rate, PORTION * speed / (0.5 * width)), width)
@@ -71,7 +71,7 @@ class Pace:
 
 
 class Instruction(NamedTuple):
-    """A drive in words, how long it takes [s], and how far the robot gets from where it began [m]."""
+    """A drive in words, how long it takes [s], and how far the robot gets from its start [m]."""
 
     text: str
     seconds: float
@@ -79,7 +79,7 @@ class Instruction(NamedTuple):
 
 
 def instruction(name: str, pace: Pace) -> Instruction:
-    """Return a manoeuvre in words for a robot; `name` is one of those in WORDS.
+    """Describe a manoeuvre for a robot; `name` is one of those in WORDS.
 
     Raises KeyError for a name that is not.
     """

@@ -1,4 +1,4 @@
-"""What a manoeuvre is: a name, what it shows, the space it needs, and duties over time."""
+"""A manoeuvre: a name, its purpose, the space it needs, and duties over time."""
 
 import math
 from collections.abc import Callable
@@ -14,12 +14,12 @@ STILL = 1.0  # s at rest at both ends of each manoeuvre
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A drive that is worth a name.
+    """A named drive.
 
-    `what` says what is driven, `good_for` what it shows, both in a few words that fit into a sentence. `space` [m] is
-    how far the centre of a TYPICAL robot may get from where it began, with a margin for robots less ideal. `gives`
-    lists the motions that are part of it, in the words of the catalogue of effects (`Effect.needs`,
-    `Effect.confused_with`). `pieces` takes the time [s] of a full turn where the sides differ by a duty of 1.
+    `what` describes the drive, `good_for` its purpose, both in a few words that fit into a sentence. `space` [m] is how
+    far the centre of a TYPICAL robot may get from its start, with a margin for less ideal robots. `gives` lists the
+    motions that it contains, in the words of the catalogue of effects (`Effect.needs`, `Effect.confused_with`).
+    `pieces` takes the time [s] of a full turn with sides that differ by a duty of 1.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What manoeuvres are made of: pieces of duty over time, straight lines between knots.
+"""Building blocks of manoeuvres: pieces of duty over time, piecewise linear between knots.
 
 A piece is an array of shape (n, 3) of knots: time [s] since the beginning of the piece, above 0 and increasing, and
 the duties of both sides. Its last knot is its end. It begins wherever the piece before it ended.
@@ -16,9 +16,9 @@ Floats: TypeAlias = NDArray[np.float64]
 Piece: TypeAlias = Floats
 
 GENTLE = 0.3  # s to go from one duty to another
-BRISK = 0.05  # s; still a step for a motor whose time constant is 0.16 s, and no blow to its gears
-PAUSE = 0.8  # s at zero duty, after which such a motor stands still
-SOFT = 0.5  # s in which a multisine sets in, and fades out
+BRISK = 0.05  # s; still a step for a motor whose time constant is 0.16 s, and gentle to its gears
+PAUSE = 0.8  # s at zero duty, after which such a motor has stopped
+SOFT = 0.5  # s in which a multisine fades in and out
 KNOTS = 200.0  # Hz, of a multisine and a chirp
 # Multiples of 0.1 Hz, so that all are periodic in 10 s and the robot is then where it began.
 FREQUENCIES = np.array([0.2, 0.3, 0.6, 1.0, 1.6, 2.7, 4.5, 7.5])  # Hz
@@ -41,7 +41,7 @@ SIGNS = (
     -1,
     -1,
 )  # x^4 + x + 1
-HELD = 0.12  # s for which a sign is held at least
+HELD = 0.12  # s; shortest time for which a sign is held
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Duties:
 
 
 def in_turn(pieces: Iterable[Piece]) -> Duties:
-    """Return pieces one after the other, from zero duty on."""
+    """Concatenate pieces, starting from zero duty."""
     knots, end = [np.zeros((1, 3))], 0.0
     for piece in pieces:
         knots.append(piece + np.array([end, 0.0, 0.0]))
@@ -94,7 +94,7 @@ def rest(seconds: float = PAUSE, transition: float = GENTLE) -> Piece:
 def forth_and_back(left: float, right: float, seconds: float, transition: float = GENTLE) -> list[Piece]:
     """Return a run at these duties, the same backwards, and a pause; each run takes `seconds`.
 
-    A robot that goes forth and back alike is then where it began, whatever its parameters.
+    A robot that moves symmetrically forth and back is then at its start, whatever its parameters.
     """
     there, back = hold(left, right, seconds, transition), hold(-left, -right, seconds, transition)
     return [there, back, rest(PAUSE, transition)]
@@ -111,7 +111,7 @@ def ramp(left: float, right: float, seconds: float) -> Piece:
 
 
 def multisine(left: float, right: float) -> Piece:
-    """Return PERIOD seconds of sines of all FREQUENCIES at once; `left` and `right` are the peaks, with sign."""
+    """Return PERIOD seconds of a sum of sines of all FREQUENCIES; `left` and `right` are the peaks, with sign."""
     time = _knots()
     count = len(FREQUENCIES)
     phases = math.pi * np.arange(count) ** 2 / count  # Schroeder's: peaks hardly higher than those of one sine
@@ -122,10 +122,10 @@ def multisine(left: float, right: float) -> Piece:
 
 
 def telegraph(left: float, right: float) -> list[Piece]:
-    """Return duties that change their sign at once, now sooner, now later, and the same backwards from the end on.
+    """Return duties that switch sign at irregular times, followed by the same in reverse.
 
-    The signs are a sequence of maximum length: within it all frequencies up to that of HELD are as strong. `left` and
-    `right` are the duties, with sign.
+    The signs are a maximum length sequence, with a flat spectrum up to the frequency of HELD. `left` and `right` are
+    the duties, with sign.
     """
     return [hold(sign * left, sign * right, HELD, BRISK) for sign in (*SIGNS, *(-one for one in reversed(SIGNS)))]
 

@@ -1,4 +1,4 @@
-"""A drive that was recorded, as a file, and as a manoeuvre that is driven again: duties over time.
+"""A recorded drive: its file, and its use as a manoeuvre, duties over time.
 
 schema: 1
 recorded: 2026-01-31T12:00:00Z
@@ -25,7 +25,7 @@ SUFFIX = ".yaml"
 KEYS = ("schema", "recorded", "robot_id", "space", "knots")
 LONGEST = 3600.0  # s
 LARGEST_SPACE = 1000.0  # m
-SAME = 0.002  # duty; a knot that lies so near the line of its neighbours is left out
+SAME = 0.002  # duty; a knot this close to the line between its neighbours is dropped
 
 
 class RecordedDriveError(DocumentError, ValueError):
@@ -76,7 +76,7 @@ def save(path: Path, knots: Floats, robot_id: int, space: float) -> None:
 
 
 def thinned(knots: Floats) -> Sequence[tuple[float, float, float]]:
-    """Return knots (n, 3) without those that lie on the line from the last that is kept to the next."""
+    """Return knots (n, 3) without those that lie on the line between the last one kept and the next."""
     kept: list[int] = [0]
     for k in range(1, len(knots) - 1):
         last, here, following = knots[kept[-1]], knots[k], knots[k + 1]

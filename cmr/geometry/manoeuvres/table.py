@@ -1,4 +1,4 @@
-"""The manoeuvres by name: what each is good for, and the space it needs."""
+"""The manoeuvres by name: their purposes, and the space they need."""
 
 from pathlib import Path
 from textwrap import fill
@@ -7,12 +7,12 @@ from cmr.geometry.manoeuvres import drives
 from cmr.geometry.manoeuvres.manoeuvre import STILL, Manoeuvre
 from cmr.geometry.manoeuvres.pieces import Piece, rest
 
-BETWEEN = "+"  # names in a sequence
+BETWEEN = "+"  # separates names in a sequence
 WIDTH = 79  # characters of a line of help
 ENDS = {"both ends", "at the end"}  # of a drive of a minute or more
 LONG_REST = {"rest at the beginning", "stand still"}
 
-PARTS = (  # of which the rich drive has something
+PARTS = (  # contained in the rich drive
     Manoeuvre(
         name="straight_runs",
         what="straight runs forth and back at three speeds",
@@ -146,10 +146,10 @@ class UnknownManoeuvreError(ValueError):
 
 
 def in_sequence(names: str) -> Manoeuvre:
-    """Return the manoeuvre that `names` says: one of the table or of a file (`.yaml`), or several joined by "+".
+    """Return the manoeuvre for `names`: one of the table or of a file (`.yaml`), or several joined by "+".
 
     Each is driven from rest to rest. Raises UnknownManoeuvreError for a name that is not in the table, and
-    RecordedDriveError, a ValueError too, for a file that holds no drive.
+    RecordedDriveError, also a ValueError, for an invalid file.
     """
     parts = [_manoeuvre(name) for name in names.split(BETWEEN)]
 
@@ -168,9 +168,9 @@ def in_sequence(names: str) -> Manoeuvre:
 
 
 def _manoeuvre(name: str) -> Manoeuvre:
-    """Return the manoeuvre of this name, or the drive that was recorded in this file."""
+    """Return the manoeuvre of this name, or the recorded drive of this file."""
     if name.endswith(".yaml"):
-        from cmr.geometry.manoeuvres.recorded import load  # reads YAML, which manoeuvres by name do without
+        from cmr.geometry.manoeuvres.recorded import load  # reads YAML, which is not needed for named manoeuvres
 
         return load(Path(name))
     if name not in MANOEUVRES:
@@ -181,7 +181,7 @@ def _manoeuvre(name: str) -> Manoeuvre:
 
 
 def help_text() -> str:
-    """Return what a command's help says of the manoeuvres: duration, space, what is driven, what it is good for."""
+    """Return the help text on manoeuvres: duration, space, description and purpose."""
     return "\n".join(
         fill(
             f"{manoeuvre.what}: {manoeuvre.good_for}",

@@ -1,1 +1,1 @@
-"""The effects that come with CMR, one module for each group."""
+"""The effects shipped with CMR, one module per group."""

@@ -1,4 +1,4 @@
-"""Battery and electronics: what becomes of a command on its way to the motor."""
+"""Battery and electronics: from the command to the motor."""
 
 from math import inf
 
@@ -63,7 +63,7 @@ TURN_RATE_LIMIT = Effect(
         """
     },
     parameters=(ParameterDefinition("turn_rate_limit", "rad/s", "largest commanded yaw rate", 0.01, inf, inf, 1.0),),
-    # Whoever turns a body's speed and turn rate into those of wheels may count by another width than the ground does.
+    # Software that converts (v, omega) to wheel speeds may use a different width than the effective one.
     given=(
         ParameterDefinition(
             "turn_rate_limit_base_width",
@@ -170,7 +170,7 @@ ELECTRICAL_LAG = Effect(
     needs="commands that change often",
     shows_in="wheel speeds after changes of the command",
     confused_with={"command_delay": "reversals", "slew_limit": "reversals of different size"},
-    rarity=6.0,  # commands come late more often than small motors have a lag of their own of 10 ms
+    rarity=6.0,  # command delays are more common than a lag of 10 ms in small motors
 )
 
 BATTERY_SAG = Effect(
@@ -187,7 +187,7 @@ BATTERY_SAG = Effect(
     confused_with={"static_friction": "big steps", "saturation": "big steps"},
 )
 
-# Load share times seconds that a drive of about two minutes at half speed draws.
+# Load share times seconds consumed in a drive of about two minutes at half speed.
 ENERGY_OF_A_DRIVE = 10.0
 
 BATTERY_DRIFT = Effect(

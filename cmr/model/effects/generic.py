@@ -1,20 +1,19 @@
-"""Generic terms: a sum over products of command, speed, turn rate and heading, which stand for no physical cause.
+"""Generic terms: sums of products of command, speed, yaw rate and heading, without a physical cause.
 
-They are no entries of the catalogue: nothing is ever named after them. Where a robot does what no entry describes, the
-diagnosis may give a few of them a coefficient, so that the simulation predicts better what it cannot explain. Each
-coefficient is a parameter as all others, 0.0 by default, which switches the product off exactly.
+They are not entries of the catalogue and are never named. If a robot does what no entry describes, the diagnosis may
+give some of them a coefficient, so that the simulation predicts better what it cannot explain. Each coefficient is a
+normal parameter, 0.0 by default, which switches the product off exactly.
 
-Of a wheel, products are of the duty `u` and of the share of the no-load speed `s` = K1 psi, so that coefficients are
-duties and mean the same for every robot. Of the body, they are of its speed v [m/s], its turn rate omega [rad/s] and
-its heading in the world, and coefficients have the units that this takes. Left out are products that an entry of the
-catalogue has by itself (v omega of the sideways speed: lateral_skid), and wheel angle and place: terms of those say
-nothing of other drives.
+Of a wheel, products are of the duty `u` and of the share of the no-load speed `s` = K1 psi, so coefficients are duties
+and comparable between robots. For the body, they are of its speed v [m/s], its yaw rate omega [rad/s] and its heading
+in the world, with coefficients in the corresponding units. Products already in the catalogue (v omega in the sideways
+speed: lateral_skid) are omitted, and so are wheel angle and position, whose terms do not transfer to other drives.
 """
 
 from cmr.model.effect import GENERIC, Effect
 from cmr.model.parameters import ParameterDefinition
 
-LARGEST = 1e3  # of a coefficient: no bound that matters
+LARGEST = 1e3  # of a coefficient: a bound that is never reached
 SMALL = 0.03  # typical size of those that have no unit
 
 Product = tuple[str, str, str, float]  # end of the parameter's name, unit, the product in words, typical size
@@ -23,7 +22,7 @@ Product = tuple[str, str, str, float]  # end of the parameter's name, unit, the 
 def _generic(
     name: str, moves: str, equations: dict[str, str], products: tuple[Product, ...], needs: str, shows_in: str
 ) -> Effect:
-    """Return an effect that adds up products, each with a coefficient of its own, and so `moves` something."""
+    """Return an effect that is a sum of products, each with its own coefficient; `moves` says what it acts on."""
     return Effect(
         name=name,
         group=GENERIC,

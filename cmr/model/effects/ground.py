@@ -1,4 +1,4 @@
-"""Wheels and ground: what becomes of the wheels' turning on its way to the robot's motion."""
+"""Wheels and ground: from wheel rotation to the robot's motion."""
 
 from cmr.model.command_kinds import DUTY
 from cmr.model.effect import Effect
@@ -113,7 +113,7 @@ TURN_ASYMMETRY = Effect(
     needs="turns both ways",
     shows_in="yaw, clockwise against counter-clockwise",
     confused_with={"wheel_radius_asymmetry": "spins", "turn_slip": "spins at several rates"},
-    rarity=12.0,  # wheels are unequal more often
+    rarity=12.0,  # unequal wheels are more common
 )
 
 SURFACE_CHANGE = Effect(
@@ -146,7 +146,8 @@ SURFACE_PATCH = Effect(
     "{surface_patch_friction:.1f} rad/s^2 of friction, base width {surface_patch_base_width:.1%} "
     "{surface_patch_base_width:larger/smaller}.",
     equations={
-        # How far inside the disc the step begins and ends; the share of the step inside blends the change in.
+        # Distances inside the disc at the beginning and end of the step; the share of the step inside blends the change
+        # in.
         "place": """
             begin = surface_patch_radius - sqrt((x - surface_patch_x) ** 2 + (y - surface_patch_y) ** 2)
             end = surface_patch_radius - sqrt((x_ahead - surface_patch_x) ** 2 + (y_ahead - surface_patch_y) ** 2)
@@ -194,7 +195,7 @@ TRAVEL_REDUCTION = Effect(
     group=GROUP,
     cause="Turning costs travel: the robot goes less far than its wheels turn, by {travel_reduction_share:.1%} times "
     "its yaw rate in rad/s while it turns slowly.",
-    # Skid-steer robots travel nearly as far as their wheels turn when they go straight, and half of it in hard turns.
+    # Skid-steer robots travel nearly as far as their wheels turn on a straight line, and half as far in hard turns.
     equations={
         "body": """
             turns = abs(yaw_rate)

@@ -1,4 +1,4 @@
-"""Motors and gearing: what becomes of the voltage on its way to the wheel."""
+"""Motors and gearing: from the voltage to the wheel."""
 
 from cmr.model.command_kinds import DUTY
 from cmr.model.effect import Effect, Memory

@@ -1,4 +1,4 @@
-"""Sensors: what encoders, gyro and a pose from outside make of the true motion."""
+"""Sensors: from the true motion to the readings of encoders, gyro and external pose."""
 
 from math import inf, pi
 
@@ -20,7 +20,7 @@ ENCODER_SCALE = Effect(
     needs="any motion, and commands or a pose from outside",
     shows_in="encoders against commands and pose",
     confused_with={"wheel_radius_scale": "none: the same mathematics, unless commands were recorded"},
-    rarity=20.0,  # a number of its data sheet; wheels differ in size more often
+    rarity=20.0,  # encoder ticks are on a data sheet; unequal wheels are more common
 )
 
 ENCODER_ASYMMETRY = Effect(
@@ -47,7 +47,7 @@ ENCODER_ASYMMETRY = Effect(
         "motor_gain_asymmetry": "none: the same mathematics beside unequal wheels; turn both wheels by hand and "
         "compare their ticks",
     },
-    # Encoders are numbers of a data sheet. Beside wheels that are just as unequal, unequal motors look the same.
+    # Encoder ticks are on a data sheet. Unequal motors together with unequal wheels look the same.
     rarity=20.0,
 )
 
@@ -69,8 +69,8 @@ ENCODER_QUANTISATION = Effect(
     confused_with={"deadband": "a finer encoder", "static_friction": "a finer encoder"},
 )
 
-# How late all sensors are together is not known: it counts as command_delay. Where the gyro is ahead of the wheels, the
-# first of gyro and poses counts as in time, else the wheels do: so no latency is negative.
+# The common latency of all sensors is unknown: it counts as command_delay. If the gyro is ahead of the wheels, the
+# earlier of gyro and poses is the reference, otherwise the wheels are: so no latency is negative.
 WHEEL_SPEED_LATENCY = Effect(
     name="wheel_speed_latency",
     group=GROUP,
@@ -139,7 +139,7 @@ GYRO_LATENCY = Effect(
     confused_with={"longitudinal_slip": "spins"},
 )
 
-# A clock is wrong by its rate first and latency comes on top, so the stamp is turned back in this order.
+# A clock has a rate error, and latency is added to it, so stamps are corrected in this order.
 CLOCK_SKEW = Effect(
     name="clock_skew",
     group=GROUP,
@@ -182,7 +182,7 @@ POSE_SMOOTHING = Effect(
     shows_in="the pose, late and to the inside of turns; it looks like late poses and smaller wheels",
     confused_with={"pose_latency": "faster turns", "wheel_radius_scale": "longer straight runs"},
     beside="pose_latency",
-    rarity=6.0,  # poses are late more often than smoothed
+    rarity=6.0,  # late poses are more common than smoothed ones
 )
 
 POSE_OFFSET = Effect(
@@ -203,7 +203,7 @@ POSE_OFFSET = Effect(
     confused_with={"lateral_skid": "spins on the spot"},
 )
 
-# After the tracked point, which lies where it does by the true heading.
+# After the tracked point, whose position depends on the true heading.
 POSE_HEADING_OFFSET = Effect(
     name="pose_heading_offset",
     group=GROUP,

@@ -1,7 +1,7 @@
-"""The model with effects: Python statements of effects become one compiled step of many robots.
+"""The model with effects: Python statements of effects are compiled into one step of many robots.
 
-`statements` checks those of each effect and names them. `evaluating` makes functions of arrays of them, `compose` the
-source of a step, in loops that `loops` cuts. `step_helpers` is what statements may call, `stepping` the loops around a
-step; both are compiled once, whatever effects there are. `model` puts robots into rows and drives them, `group` does
-so for a fleet.
+`statements` validates and renames those of each effect. `evaluating` turns them into functions of arrays, `compose`
+into the source of a step, split into `loops`. `step_helpers` are functions that statements may call, `stepping` are the
+loops around a step; both are compiled once, whatever effects there are. `model` arranges robots in rows and drives
+them, `group` does so for a fleet.
 """

@@ -1,11 +1,11 @@
 """Compose the extended model: Python source of one compiled step with the statements of all given effects.
 
-What the step is, `step_statements` says. There is no branch in it: choices become selections, and the loops over LANES
-robots are vectorised.
+The step is defined in `step_statements`. It has no branches: choices become selections, and loops over LANES robots are
+vectorised.
 
-Only this, and what else effects say, is composed: `step`, `begin` and `packet`. The loops around it are ordinary
-functions, in `stepping`; they know the rows that every robot has by the numbers below. The one over blocks is composed
-too: in a function of its own, the compiler makes the step slower by an eighth.
+Only this and other stages of effects are composed: `step`, `begin` and `packet`. The loops around them are ordinary
+functions in `stepping`, which use the fixed row numbers below. The loop over blocks is composed too: in a separate
+function, the step would be slower by an eighth.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,13 +25,15 @@ from cmr.model.extended.step_statements import (
 from cmr.model.parameters import DEFINITIONS as _PAPER
 from cmr.model.parameters import ParameterDefinition
 
-LANES = 16  # robots side by side; the distance between rows is known to the compiler, so it sees that none overlap
-ABREAST = 8  # robots that a processor's widest registers take at once
+# Robots side by side; the distance between rows is a compile-time constant, so the compiler knows that they do not
+# overlap.
+LANES = 16
+ABREAST = 8  # robots per widest SIMD register
 COMMANDS = ("command_left", "command_right", "left_before", "right_before")
-# The rows that every robot has, whatever effects there are, before its memory: see `Layout`.
+# The rows common to all robots, before memory: see `Layout`.
 ALWAYS = ("dt", *COEFFICIENTS, *_PAPER, *COMMANDS, *CHANGED)
-YAW_RATES = ("yaw_rate_first", "yaw_rate_second", "yaw_rate_end")  # what a step also leaves, behind all rows
-# Where they begin, in numbers, from the beginning of a block. What is `DT` here is `dt` in the statements of effects.
+YAW_RATES = ("yaw_rate_first", "yaw_rate_second", "yaw_rate_end")  # what a step also writes, after all rows
+# Their offsets from the beginning of a block. `DT` here is `dt` in the statements of effects.
 DT, KEPT_FIRST, GAINED_FIRST, GROWN_FIRST, KEPT_SECOND, GAINED_SECOND, GROWN_SECOND = range(0, 7 * LANES, LANES)
 KEPT_END, GAINED_END, GROWN_END, WHEEL_RADIUS, K2_OVER_K3, K1, BASE_WIDTH = range(7 * LANES, 14 * LANES, LANES)
 COMMAND_LEFT, COMMAND_RIGHT, LEFT_BEFORE, RIGHT_BEFORE, X, Y, THETA = range(14 * LANES, 21 * LANES, LANES)
@@ -88,10 +90,10 @@ def packet(rows, robots, seed, count, lateness):
 
 
 class Layout(NamedTuple):
-    """Where something ends in a block of robots with some effects, in numbers from the block's beginning.
+    """The ends of the parts of a block of robots with some effects, as offsets from the block's beginning.
 
-    First come the rows of `ALWAYS`, then memory, up to `memory`; what late commands depend on, up to `own`: so much
-    each robot has for itself; and the other parameters, up to `size`. Behind that a step leaves YAW_RATES.
+    First come the rows of `ALWAYS`, then memory, up to `memory`; then parameters of late commands, up to `own`: these
+    are separate for each robot; then the other parameters, up to `size`. After that a step writes YAW_RATES.
     """
 
     memory: int
@@ -105,7 +107,7 @@ def rows_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
 
 
 def layout_of(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]) -> Layout:
-    """Return where the parts of a block end."""
+    """Return the ends of the parts of a block."""
     memory = len(ALWAYS) + len(memories(effects))
     own = memory + sum(len(effect.parameters) for effect in late(effects))
     return Layout(*(LANES * rows for rows in (memory, own, len(rows_of(effects, definitions)))))
@@ -115,7 +117,7 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
     """Return the source of a module with what these effects do in a step, where a drive begins, and to a command.
 
     `definitions` are the parameters that robots have: the paper's first, then those of effects with a stage `packet`.
-    Those of sensors need not be among them. Raises ValueError where a statement reads a name that nothing gives it.
+    Those of sensors may be missing. Raises ValueError if a statement reads an undefined name.
     """
     statements = Statements(effects, definitions)
     rows = [*rows_of(effects, definitions), *YAW_RATES]
@@ -139,14 +141,14 @@ def compose(effects: Sequence[Effect], definitions: Mapping[str, ParameterDefini
 
 
 def late(effects: Iterable[Effect]) -> list[Effect]:
-    """Return the effects that make commands late or lose them."""
+    """Return the effects that delay or lose commands."""
     return [effect for effect in effects if "packet" in effect.equations]
 
 
 def _start(
     statements: Statements, effects: Sequence[Effect], definitions: Mapping[str, ParameterDefinition]
 ) -> list[str]:
-    """Return the lines that set the memory of a robot where a drive begins."""
+    """Return the lines that initialise the memory of a robot."""
     remembered = memories(effects)
     return [
         *(f"{name} = rows[{name.upper()} + i]" for name in ("psi_left", "psi_right", *definitions)),
@@ -159,7 +161,7 @@ def _start(
 
 
 def _packet(statements: Statements, effects: Sequence[Effect]) -> list[str]:
-    """Return the lines that say how late a robot's command comes, or that it is lost."""
+    """Return the lines that compute the delay of a robot's command, or its loss."""
     own = [*_PAPER, *(parameter.name for effect in late(effects) for parameter in effect.parameters)]
     return [
         *(f"{name} = rows[{name.upper()} + i]" for name in own),

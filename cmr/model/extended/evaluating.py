@@ -1,4 +1,4 @@
-"""The statements of a stage as a function of arrays: for sensors, and for what is known before any step is made."""
+"""The statements of a stage as a function of arrays: for sensors, and for values known before the simulation."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -33,20 +33,21 @@ def evaluated(effects: tuple[str, ...], stage: str, side: str | None = None) -> 
 
 
 def mean_radii(values: Mapping[str, Floats]) -> NDArray[np.float64]:
-    """Return the radius of each side's wheels [m] with all effects, on average over a turn: shape (2, C), left, right.
+    """Return the radius of each side's wheels [m] with all effects, averaged over a revolution: shape (2, C), left,
+    right.
 
-    `values` of parameters, by name, are arrays (C,); those that are missing are neutral.
+    `values` of parameters, by name, are arrays (C,); missing ones are neutral.
     """
-    turn = np.array([0.0, np.pi])[:, None]  # opposite angles make up for each other where a wheel is out of round
+    turn = np.array([0.0, np.pi])[:, None]  # opposite angles cancel out-of-roundness
     begin = {**_neutral_radii(), **values, "angle": turn, "radius": values["wheel_radius"] + 0.0 * turn}
     sides = [evaluated(_of_radii(), "ground", side)(begin) for side in SIDES]
     return np.stack([one["radius"].mean(axis=0) for one in sides])
 
 
 def slip_time(values: Mapping[str, Floats]) -> NDArray[np.float64]:
-    """Return for how much of a wheel's acceleration [s] the ground lags behind the wheel, (C,), the same on both sides.
+    """Return the lag of ground speed behind the wheel, per acceleration [s], (C,), the same on both sides.
 
-    `values` of parameters, by name, are arrays (C,); those that are missing are neutral.
+    `values` of parameters, by name, are arrays (C,); missing ones are neutral.
     """
     turning = 0.0 * values["wheel_radius"]
     known = {parameter.name: parameter.neutral for name in _of_slip() for parameter in CATALOGUE[name].parameters}
@@ -56,7 +57,7 @@ def slip_time(values: Mapping[str, Floats]) -> NDArray[np.float64]:
 
 @cache
 def _of_slip() -> tuple[str, ...]:
-    """Return the effects by which the ground lags behind the wheels, whatever happened before, and however it moves."""
+    """Return the effects that make the ground speed lag behind the wheels, independent of history and motion."""
     lagging = (name for name, one in CATALOGUE.items() if "rolling" in changed_by(one, "ground") and not one.memory)
     return tuple(name for name in lagging if name not in LAWS)
 

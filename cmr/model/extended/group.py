@@ -1,4 +1,4 @@
-"""The robots of a fleet that move by the extended model."""
+"""The robots of a fleet with effects, simulated by the extended model."""
 
 from collections.abc import Mapping
 
@@ -12,8 +12,8 @@ from cmr.model.extended.statements import memories
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-MOST_PACKETS = 1000  # that may be under way to one robot
-KEPT = ("time", "angle_left", "angle_right")  # what a robot keeps, besides memory, when others come or change
+MOST_PACKETS = 1000  # commands in transit to one robot, at most
+KEPT = ("time", "angle_left", "angle_right")  # kept, besides memory, when the group changes
 
 
 class ExtendedGroup:
@@ -26,25 +26,25 @@ class ExtendedGroup:
         chosen = {name: numbers[robots] for name, numbers in values.items() if name in self._model.definitions}
         self._blocks = self._model.robots(chosen, state[:, robots], 0.0)
         stepping.prepare(self._blocks.arguments.rows, self._blocks.stride, dt)
-        # One packet a step reaches back as far as the longest delay in a row of steps that is long enough.
+        # One packet per step covers the longest delay if the ring is long enough.
         self._ring = self._model.packets_under_way(chosen, np.full(MOST_PACKETS, dt))
         self._packets = np.empty(self._ring * 3 * LANES * len(self._blocks.rows))
         self._number = 0
         self._duty = np.zeros((2, len(self._blocks.rows) * LANES))
         self._luck = np.zeros(self._duty.shape[1], dtype=np.int64)
         self._luck[: len(robots)] = robots
-        # Looked up once: with a single robot that takes as long as a step.
+        # Cached: with a single robot the lookup takes as long as a step.
         rows, stride = self._blocks.arguments.rows, self._blocks.stride
         self._sending = (self._model.equations.packet, rows, stride, self._duty, self._luck)
         self._step, self._stepped = self._model.step, (*self._blocks.arguments, LANES)
-        # Robots that follow one another are read as a slice, which costs less than looking up each.
+        # Consecutive robots are read as a slice, which is cheaper than indexing.
         first, last = int(robots[0]), int(robots[-1])
         self._columns: slice | NDArray[np.int64] = slice(first, last + 1) if last - first + 1 == len(robots) else robots
 
     def remember(self, before: "ExtendedGroup", stays: NDArray[np.bool_], duty: Floats) -> None:
-        """Take over the memory of the robots that were in the group before, as far as `stays` says by index.
+        """Take over the memory of robots that stay in the group, by index in `stays`.
 
-        Commands still under way are forgotten: those in force, `duty` (2, robots of the fleet), stay until others come.
+        Commands in transit are dropped: those in force, `duty` (2, robots of the fleet), hold until new ones arrive.
         """
         _, here, there = np.intersect1d(self._robots, before._robots, assume_unique=True, return_indices=True)
         chosen = stays[self._robots[here]]
@@ -55,13 +55,13 @@ class ExtendedGroup:
             self._blocks.put(name, duty[side, self._robots[here]], here)
 
     def command(self, duty: Floats) -> None:
-        """Drive with the duties (2, robots of the fleet) from now on."""
+        """Set the duties (2, robots of the fleet)."""
         self._duty[:, : len(self._slots)] = duty[:, self._columns]
         for name, values in zip(("command_left", "command_right"), self._duty, strict=True):
             self._blocks.rows[:, self._model.row[name]] = values.reshape(-1, LANES)
 
     def advance(self, count: int) -> None:
-        """Let the step number `count` of the fleet pass."""
+        """Simulate the fleet's step number `count`."""
         if self._ring:
             packets = self._packets, self._ring, self._number
             stepping.send(*self._sending, self._seed, count, *packets, self._dt)

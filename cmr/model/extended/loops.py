@@ -1,10 +1,10 @@
-"""Cut a long sequence of statements into loops over robots, short enough for a processor to look ahead.
+"""Split a long sequence of statements into loops over robots, for instruction-level parallelism.
 
-A step is a chain of a thousand instructions, each waiting for the one before. In short loops the processor works on
-the next robots meanwhile, which halves the time. What a later part reads of an earlier one is kept in rows.
+A step is a dependency chain of a thousand instructions. In short loops the processor overlaps robots, which halves the
+time. Values used by later loops are stored in rows.
 
-Each assignment gets a name of its own, and choices become calls of `select`: else Numba would divide the step into
-hundreds of blocks and rename the variables itself, for which it takes twice as long.
+Each assignment gets a new name, and choices become calls of `select`: otherwise Numba would split the step into
+hundreds of blocks and do the renaming itself, which takes twice as long.
 """
 
 import ast
@@ -13,9 +13,9 @@ from collections.abc import Collection, Sequence
 
 
 def loops(parts: Sequence[Sequence[str]], rows: Collection[str], kept: Collection[str]) -> tuple[list[str], list[str]]:
-    """Return one loop for each part, and the names that need rows besides `rows`.
+    """Return one loop per part, and the names that need rows besides `rows`.
 
-    Loops run over `i` below `lanes`, on rows of an array `work`. `kept` are the rows that must hold their last value.
+    Loops run over `i` below `lanes`, on rows of an array `work`. `kept` are rows whose last value is needed.
     """
     reads, writes = zip(*(_names("\n".join(part)) for part in parts), strict=True)
     extra: list[str] = []
@@ -35,13 +35,13 @@ def loops(parts: Sequence[Sequence[str]], rows: Collection[str], kept: Collectio
 
 
 def _straight(body: Sequence[str], part: int) -> list[str]:
-    """Return statements that do the same without choices, and without assigning a name twice in all parts."""
+    """Return equivalent statements without choices and without reassignments across all parts."""
     straight = _Straight(part)
     return [ast.unparse(straight.visit(statement)) for statement in ast.parse("\n".join(body)).body]
 
 
 class _Straight(ast.NodeTransformer):
-    """Visits the statements of one part in their order."""
+    """Rewrites the statements of one part in order."""
 
     def __init__(self, part: int) -> None:
         self._part = part
@@ -49,26 +49,26 @@ class _Straight(ast.NodeTransformer):
         self._assigned: Counter[str] = Counter()
 
     def visit_Assign(self, node: ast.Assign) -> ast.Assign:
-        """Visit what is read before what is written."""
+        """Visit the reads before the writes."""
         node.value = self.visit(node.value)
         node.targets = [self.visit(target) for target in node.targets]
         return node
 
     def visit_Name(self, node: ast.Name) -> ast.Name:
-        """Give what is assigned a new name, and what is read the newest."""
+        """Give assigned variables new names, and use the newest for reads."""
         if isinstance(node.ctx, ast.Store):
             self._newest[node.id] = f"{node.id}__{self._part}_{self._assigned[node.id]}"
             self._assigned[node.id] += 1
         return ast.Name(self._newest.get(node.id, node.id), node.ctx)
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.Call:
-        """Return a call that chooses."""
+        """Return a call of `select`."""
         self.generic_visit(node)
         return ast.Call(ast.Name("select", ast.Load()), [node.test, node.body, node.orelse], [])
 
 
 def _names(code: str) -> tuple[list[str], list[str]]:
-    """Return the names that statements read before they assign them, and those that they assign, in order."""
+    """Return the names read before their assignment, and the assigned names, in order."""
     reads: dict[str, None] = {}
     writes: dict[str, None] = {}
     for statement in ast.parse(code).body:

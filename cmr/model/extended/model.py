@@ -1,4 +1,4 @@
-"""The model with effects: composed from the catalogue, written into a cache folder, compiled when first needed."""
+"""The model with effects: composed from the catalogue, written to a cache folder, compiled when first needed."""
 
 import hashlib
 import importlib.util
@@ -30,7 +30,9 @@ CACHE_LINE = 64  # bytes
 
 
 class ExtendedModel:
-    """The compiled model with some effects; `row` is the place of each number of a robot, `layout` of their parts."""
+    """The compiled model with some effects; `row` gives the row of each value of a robot, `layout` the parts of a
+    block.
+    """
 
     def __init__(self, effects: Sequence[Effect]) -> None:
         self.effects = tuple(effect for effect in effects if not effect.is_sensor)
@@ -40,27 +42,27 @@ class ExtendedModel:
         self.row = {name: index for index, name in enumerate(rows_of(self.effects, self.definitions))}
         self.layout = layout_of(self.effects, self.definitions)
         self._module: Any = composed_module(lambda: compose(self.effects, self.definitions), self.effects)
-        self.work: int = self._module.WORK  # numbers that a step computes with
+        self.work: int = self._module.WORK  # work space of a step
 
     @property
     def step(self) -> Any:
-        """The compiled step of robots, as `cmr.model.extended.compose` says, to be called from Python."""
+        """The compiled step of robots (`cmr.model.extended.compose`), callable from Python."""
         return self._module.step
 
     @cached_property
     def equations(self) -> "Equations":
-        """What the effects do, compiled."""
+        """The compiled equations of the effects."""
         from cmr.model.compiled import address
         from cmr.model.extended.stepping import Equations
 
         return Equations(*(address(getattr(self._module, name)) for name in Equations._fields))
 
     def on(self, values: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """Tell for which robots the values, by name, switch on any effect on the motion."""
+        """Return for which robots the values, by name, switch on an effect on the motion."""
         return self._differs([p for effect in self.effects for p in effect.parameters if p.switches], values, shape)
 
     def packets_under_way(self, values: Mapping[str, Floats], dt: Floats) -> int:
-        """Return how many packets, one for each step of `dt` [s], are at most to be kept; 0 where none is late."""
+        """Return the largest number of commands in transit, one per step of `dt` [s]; 0 without delays."""
         late = {parameter.name: parameter for parameter in self.late if parameter.name in values}
         if not np.any(self._differs(list(late.values()), values, values["k1"].shape)):
             return 0
@@ -69,7 +71,7 @@ class ExtendedModel:
         return int(np.max(np.searchsorted(ends, ends + longest, side="right") - np.arange(len(ends)), initial=1)) + 1
 
     def robots(self, values: Mapping[str, Floats], start: Sequence[Floats] | Floats, time: float) -> "Blocks":
-        """Return robots that begin with these values, by name, and at these states: x, y, theta and both psi."""
+        """Return robots with these values, by name, starting at these states: x, y, theta and both psi."""
         return Candidates(self, values, len(start[0])).begun(start, time)
 
     def _differs(
@@ -83,13 +85,13 @@ class ExtendedModel:
 
 
 class Candidates:
-    """Robots with these values, by name, that have not begun: they may begin at many states."""
+    """Robots with these values, by name, not yet started: they can start at many states."""
 
     def __init__(self, model: ExtendedModel, values: Mapping[str, Floats], count: int) -> None:
         self.model = model
         self._count = count
         lanes = np.arange(-(-count // LANES) * LANES)
-        self._filled = np.minimum(lanes, count - 1)  # lanes that are left over repeat the last robot
+        self._filled = np.minimum(lanes, count - 1)  # remaining lanes repeat the last robot
         self._rows = np.zeros((len(lanes) // LANES, len(model.row), LANES))
         for name, definition in model.definitions.items():
             given = values[name][self._filled].reshape(-1, LANES) if name in values else definition.neutral
@@ -100,7 +102,7 @@ class Candidates:
 
     @property
     def rows(self) -> Floats:
-        """All rows of all blocks, flat: robots that stand at the origin, without memory yet; not to be written to."""
+        """All rows of all blocks, flat: robots at the origin, without memory; read-only."""
         return self._rows.reshape(-1)
 
     def begun(self, start: Sequence[Floats] | Floats, time: float) -> "Blocks":
@@ -116,11 +118,11 @@ class Candidates:
 
 
 class Blocks:
-    """Robots as the compiled functions take them.
+    """Robots arranged for the compiled functions.
 
-    Robots stand in blocks of LANES. A block has rows of its own for what changes, and for parameters that differ from
-    robot to robot, at `places`; what all robots share stands once, in `work`, where a block is computed. That halves
-    what has to come from memory.
+    Robots are arranged in blocks of LANES. A block has its own rows for changing values, and for parameters that differ
+    between robots, at `places`; shared parameters exist once, in `work`, where a block is computed. That halves the
+    memory traffic.
     """
 
     def __init__(self, model: ExtendedModel, rows: Floats, places: NDArray[np.int64]) -> None:
@@ -137,27 +139,27 @@ class Blocks:
         self.arguments: Robots = Robots(flat, work, places * LANES)
 
     def put(self, name: str, values: Floats, slots: NDArray[np.int64]) -> None:
-        """Write what changes, by name, of the robots in these slots."""
+        """Set changing values, by name, of the robots in these slots."""
         self.rows[slots // LANES, self._row[name], slots % LANES] = values
 
     def all(self, name: str) -> Floats:
-        """Return what changes, by name, of all robots, and then of the lanes that are left over."""
+        """Return changing values, by name, of all robots, and of the remaining lanes."""
         return np.asarray(self.rows[:, self._row[name]].reshape(-1))
 
     def get(self, name: str, slots: NDArray[np.int64]) -> Floats:
-        """Return what changes, by name, of the robots in these slots."""
+        """Return changing values, by name, of the robots in these slots."""
         return np.asarray(self.rows[slots // LANES, self._row[name], slots % LANES])
 
 
 def aligned(count: int) -> Floats:
-    """Return zeros that begin where a line of a processor's cache does: else a step takes up to a quarter longer."""
+    """Return zeros aligned to a cache line: otherwise a step takes up to a quarter longer."""
     numbers = np.zeros(count + CACHE_LINE // 8)
     first = -numbers.ctypes.data % CACHE_LINE // 8
     return numbers[first : first + count]
 
 
 def model_of(names: Collection[str]) -> ExtendedModel:
-    """Return the model that has parameters with these names: generic terms and laws are in it only where one is used.
+    """Return the model for parameters with these names: generic terms and laws are included only if used.
 
     Generic terms would slow down all other models by an eighth.
     """
@@ -188,7 +190,7 @@ def drive(
     """Drive T spans with C candidates and return the states at the borders `at`, shape (7, len(at), C).
 
     `values` by name and `start` (x, y, theta, psi_left, psi_right) have shape (C,). `time` [s] is that of the first
-    border; `seed` fixes the random numbers, the same for all candidates.
+    border; `seed` determines the random numbers, equal for all candidates.
     """
     from cmr.model.extended.stepping import Spans
     from cmr.model.extended.stepping import drive as drive_all
@@ -206,9 +208,9 @@ def drive(
 
 
 def composed_module(compose: Callable[[], str], parts: object) -> ModuleType:
-    """Return the module composed of these parts, from the cache folder or written there, and compiled by Numba.
+    """Return the module composed from these parts, loaded from or written to the cache folder, and compiled by Numba.
 
-    It is composed once, like whatever Numba compiles: until some source file of the model changes, or the parts do.
+    Like Numba's own cache, it is reused until a source file of the model or the parts change.
     """
     key = hashlib.sha256(_sources() + repr(parts).encode()).hexdigest()[:16]
     name = f"cmr_model_{key}"
@@ -221,7 +223,7 @@ def composed_module(compose: Callable[[], str], parts: object) -> ModuleType:
     if specification is None or specification.loader is None:
         raise ImportError(f"cannot load {path}")
     module = importlib.util.module_from_spec(specification)
-    sys.modules[name] = module  # where Numba looks for it when it loads what another process compiled
+    sys.modules[name] = module  # where Numba searches for it when it loads code compiled by another process
     specification.loader.exec_module(module)
     return module
 

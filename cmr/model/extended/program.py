@@ -1,8 +1,8 @@
-"""One robot's model as plain statements: what the compiled step does, for whoever has to say it in another language.
+"""One robot's model as plain statements, for translation to other languages.
 
-The statements are those that `cmr.model.extended.compose` compiles, with the effects that the robot's parameters switch
-on and no others. They are assignments of Python, with conditional expressions and calls of the functions in
-`cmr.model.stages.FUNCTIONS`, of those in `helpers()` and of `sincos`; nothing about an effect is written again.
+The statements are those compiled by `cmr.model.extended.compose`, with only the effects that the robot's parameters
+switch on. They are Python assignments with conditional expressions and calls of the functions in
+`cmr.model.stages.FUNCTIONS`, of those in `helpers()` and of `sincos`; nothing about an effect is repeated.
 """
 
 import ast
@@ -25,7 +25,7 @@ OF_SENSORS = ("encoder_time", "encoder", "gyro_time", "gyro", "pose_time", "pose
 
 @dataclass(frozen=True)
 class Constant:
-    """A number that statements read, with what it is."""
+    """A number read by statements, with its meaning."""
 
     value: float
     definition: ParameterDefinition
@@ -35,11 +35,11 @@ class Constant:
 class Program:
     """The statements of one robot. Names in them are variables, `constants`, or those of COLLOCATION.
 
-    `state` is kept from step to step. `begin` sets memory and `duty_left`, `duty_right`, which hold the speeds, from
-    psi_left and psi_right. `packet` sets `delay` [s] and `lost` of the command with number `count`, with `dt`, `seed`
-    and `robot`. `step` takes command_left, command_right, dt and COEFFICIENTS to the new state, and leaves
-    `yaw_rate_end` [rad/s]. `sensors` are stages by name, without laws: they change `moment` (the stamp before),
-    `filtered`, `reading` (of a side: reading_left, reading_right) and x, y, theta, and read `time`, the stamp.
+    `state` is kept between steps. `begin` sets memory and `duty_left`, `duty_right`, which hold the speeds, from
+    psi_left and psi_right. `packet` sets `delay` [s] and `lost` of the command with number `count`, using `dt`, `seed`
+    and `robot`. `step` maps command_left, command_right, dt and COEFFICIENTS to the new state, and sets `yaw_rate_end`
+    [rad/s]. `sensors` are stages by name, without laws: they change `moment` (initially the stamp), `filtered`,
+    `reading` (per side: reading_left, reading_right) and x, y, theta, and read `time`, the stamp.
     """
 
     effects: tuple[Effect, ...]
@@ -52,23 +52,23 @@ class Program:
 
     @property
     def state(self) -> tuple[str, ...]:
-        """The names of what is kept from step to step."""
+        """The names of the values kept between steps."""
         return (*CHANGED, *self.memory)
 
     @property
     def is_late(self) -> bool:
-        """Whether commands come late, or are lost."""
+        """Whether commands are delayed or lost."""
         return self.packet != NOT_LATE
 
 
 def program_of(parameters: RobotParameters) -> Program:
-    """Return the statements of one robot, whose parameters are numbers.
+    """Return the statements of one robot with numeric parameters.
 
-    Raises KeyError for a name that is no parameter.
+    Raises KeyError for an unknown parameter.
     """
     effects = effects_on(parameters.values)
     motion = [effect for effect in effects if not effect.is_sensor]
-    # Laws of sensors read how the robot moves when a sensor looks, which is no part of these stages.
+    # Laws of sensors read the motion at the sensor's time, which is not part of these stages.
     sensing = [effect for effect in effects if effect.is_sensor and effect.name not in LAWS]
     constants = _constants(effects, parameters)
     of_motion, of_sensors = Statements(motion, constants), Statements(sensing, constants)
@@ -88,17 +88,18 @@ def _sensor(statements: Statements, stage: str) -> list[str]:
 
 
 def _constants(effects: list[Effect], parameters: RobotParameters) -> dict[str, Constant]:
-    """Return the paper's parameters and those of the effects; what the robot's lack is neutral."""
+    """Return the paper's parameters and those of the effects; missing ones are neutral."""
     definitions = [*PAPER.values(), *(parameter for effect in effects for parameter in effect.all_parameters)]
-    values = {**{one.name: one.neutral for one in definitions}, **parameters.values}  # the paper's are all there
+    values = {**{one.name: one.neutral for one in definitions}, **parameters.values}  # all of the paper's are given
     return {one.name: Constant(float(values[one.name]), one) for one in definitions}
 
 
 @cache
 def helpers() -> dict[str, ast.FunctionDef]:
-    """Return the functions that statements may call and that are no elementary ones, by name, without decorators.
+    """Return the non-elementary functions that statements may call, by name, without decorators.
 
-    They are read, not imported, which would import Numba. `random_number` computes with 64 bits, which wrap around.
+    They are read as source, because importing them would import Numba. `random_number` uses 64-bit arithmetic with
+    wrap-around.
     """
     specification = find_spec(HELPERS)
     assert specification is not None, f"{HELPERS} is part of this package"
@@ -112,7 +113,7 @@ def helpers() -> dict[str, ast.FunctionDef]:
 
 @cache
 def collocation() -> dict[str, float]:
-    """Return the numbers of COLLOCATION by name."""
+    """Return the constants of COLLOCATION by name."""
     scope: dict[str, float] = {}
     exec(COLLOCATION, {}, scope)
     return scope

@@ -1,4 +1,4 @@
-"""The statements of effects, made ready for the step: checked, and with names that cannot meet others' by accident."""
+"""Prepare the statements of effects for the step: validate them, and rename variables to avoid collisions."""
 
 import ast
 import zlib
@@ -10,16 +10,16 @@ from cmr.model.stages import ALWAYS, FUNCTIONS, STAGES
 
 SIDES = {"left": 1.0, "right": -1.0}
 ACROSS = {"left": "right", "right": "left"}
-# What stages of sensors read of the motion beyond what their sensor shows.
+# Motion variables read by sensor stages beyond what their sensor measures.
 OF_MOTION = {"gyro": ("speed", "x", "y", "theta"), "pose": ("speed", "yaw_rate")}
-OTHER = "other_"  # so begin the names of what the wheel on the other side has
+OTHER = "other_"  # prefix of variables of the wheel on the other side
 OF_A_SIDE = {name for stage in STAGES.values() if stage.per_side for name in (*stage.changes, *stage.reads)} - {
     *("load_share", "cosine", "sine", "time")
 }
 
 
 def memories(effects: Iterable[Effect], *, lasting: bool = False) -> list[str]:
-    """Return what the step calls all memory, or that which is `lasting`: after its effect, and each with its side."""
+    """Return the names of all memory in the step, or of `lasting` memory: prefixed by effect, with side."""
     return [
         name
         for effect in effects
@@ -34,9 +34,9 @@ def _for_sides(name: str, per_side: bool) -> list[str]:
 
 
 class Statements:
-    """The statements of all effects; `parameters` are the names that all of them may read.
+    """The statements of all effects; `parameters` may be read by all of them.
 
-    Raises ValueError where a statement reads a name that nothing gives it.
+    Raises ValueError if a statement reads an undefined name.
     """
 
     def __init__(self, effects: Sequence[Effect], parameters: Collection[str]) -> None:
@@ -47,15 +47,15 @@ class Statements:
                 _check(effect, stage, {*parameters, *self._names[effect.name]})
 
     def of(self, stage: str) -> list[str]:
-        """Return the statements of a stage of the whole robot."""
+        """Return the statements of a stage for the whole robot."""
         return [line for effect in self._effects for line in self._lines(effect, stage, None)]
 
     def both(self, stage: str) -> list[str]:
-        """Return the statements of a side's stage, for both sides."""
+        """Return the statements of a per-side stage, for both sides."""
         return [line for side in SIDES for line in self.of_side(stage, side)]
 
     def of_side(self, stage: str, side: str) -> list[str]:
-        """Return the statements of a side's stage, for one side."""
+        """Return the statements of a per-side stage, for one side."""
         return [line for effect in self._effects for line in self._lines(effect, stage, side)]
 
     def _lines(self, effect: Effect, stage: str, side: str | None) -> list[str]:
@@ -80,7 +80,7 @@ def changed_by(effect: Effect, stage: str) -> set[str]:
 
 
 def read_by(effect: Effect, stage: str) -> set[str]:
-    """Return the names in the statements that an effect has for a stage."""
+    """Return the names read by an effect's statements in a stage."""
     if stage not in effect.equations:
         return set()
     return {node.id for node in ast.walk(_parsed(effect, stage)) if isinstance(node, ast.Name)}
@@ -92,7 +92,7 @@ def _stored(effect: Effect, stage: str) -> set[str]:
 
 
 def _own_names(effect: Effect) -> dict[str, bool]:
-    """Return the names that belong to an effect, memory and what it assigns, each with whether every side has one."""
+    """Return the names owned by an effect, memory and assigned variables, each with whether it is per side."""
     own = {}
     for memory in effect.memory:
         own[memory.name] = memory.per_side
@@ -113,7 +113,7 @@ def _check(effect: Effect, name: str, known: set[str]) -> None:
 
 
 class _Rename(ast.NodeTransformer):
-    """Give the names in an effect's statements the side, and its own names the effect's name."""
+    """Add the side to names in an effect's statements, and the effect's name to its own names."""
 
     def __init__(self, effect: str, own: Mapping[str, bool], side: str | None) -> None:
         self._effect, self._own, self._side = effect, own, side
@@ -124,7 +124,7 @@ class _Rename(ast.NodeTransformer):
         if name == "side" and self._side:
             return ast.Constant(SIDES[self._side])
         if name == "random":
-            stream = zlib.crc32(self._effect.encode())  # keeps its random numbers apart from those of other effects
+            stream = zlib.crc32(self._effect.encode())  # separates its random numbers from those of other effects
             return ast.parse(f"random_number(seed, count, robot, {stream})", mode="eval").body
         if name in self._own:
             return self._named(f"{self._effect}_{name}", node, self._own[name])
@@ -133,7 +133,7 @@ class _Rename(ast.NodeTransformer):
         return self._named(name, node, name in OF_A_SIDE)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
-        """Hand the step to the function that needs it."""
+        """Pass the step to functions that need it."""
         self.generic_visit(node)
         if isinstance(node.func, ast.Name) and node.func.id == "after":
             node.args = [ast.Name("time"), ast.Name("dt"), *node.args]

@@ -1,4 +1,4 @@
-"""What the statements of a step, and those of effects, may call besides elementary functions."""
+"""Functions that statements of a step, and of effects, may call besides elementary functions."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from cmr.model.elementary import expm1
 
 @inlined
 def coefficients(rate: float, t: float, dt: float) -> tuple[float, float, float]:
-    """Return how a wheel speed is kept over t [s], and how it responds to a constant and to a growing source."""
+    """Return the decay of a wheel speed over t [s], and its response to a constant and to a growing source."""
     lost = expm1(-rate * t)
     z = rate * t
     gained = -lost / rate
@@ -24,13 +24,13 @@ def sign(value: float) -> float:
 
 @inlined
 def after(time: float, dt: float, moment: float) -> float:
-    """Return the share of the step of `dt` [s] from `time` on that lies after the moment."""
+    """Return the share of the step of `dt` [s] starting at `time` that is after the moment."""
     return min(max((time + dt - moment) / dt, 0.0), 1.0)
 
 
 @inlined
 def share(before: float, behind: float) -> float:
-    """Return the share of a step during which a value is positive that goes evenly from the one to the other."""
+    """Return the share of a step during which a value changing linearly from `before` to `behind` is positive."""
     throughout = 1.0 if before > 0.0 else 0.0
     part = (max(behind, 0.0) - max(before, 0.0)) / (behind - before)
     return part if behind != before else throughout
@@ -44,11 +44,11 @@ def where(condition: bool, yes: float, no: float) -> float:
 
 @inlined
 def random_number(seed: int, number: int, robot: int, stream: int) -> float:
-    """Return a number in [0, 1) that the four arguments fix (SplitMix64; Steele et al., OOPSLA 2014)."""
+    """Return a number in [0, 1) determined by the four arguments (SplitMix64; Steele et al., OOPSLA 2014)."""
     z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(number) * np.uint64(0xD1B54A32D192ED03)
     z = z + np.uint64(robot) * np.uint64(0xABC98388FB8FAC03) + np.uint64(stream) * np.uint64(0x8CB92BA72F3D8DD7)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     z = z ^ (z >> np.uint64(31))
-    # The highest bits become those of a float between 1 and 2.
+    # The highest bits become the mantissa of a float between 1 and 2.
     return np.uint64((z >> np.uint64(12)) | np.uint64(0x3FF0000000000000)).view(np.float64) - 1.0

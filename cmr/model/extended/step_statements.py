@@ -1,4 +1,4 @@
-"""The statements of one step, of where a drive begins and of a command's way: the paper's, and those of effects.
+"""The statements of one step, of the initialisation and of a command's delay: the paper's, and those of effects.
 
 The step, for a robot on a span of constant commands:
 
@@ -9,7 +9,7 @@ The step, for a robot on a span of constant commands:
    sticks, or sets off with what friction cannot hold.
 4. Wheels, ground and body at the two Gauss-Legendre points; heading and position by collocation.
 
-There is no branch in it: choices are conditional expressions, and all statements are assignments.
+It has no branches: choices are conditional expressions, and all statements are assignments.
 """
 
 from collections.abc import Iterable
@@ -30,11 +30,11 @@ second_BY_FIRST, second_BY_SECOND = 0.5386751345948129, 0.25
 end_BY_FIRST, end_BY_SECOND = 0.5, 0.5
 """
 HELD = [f"duty_{side} = k1 * psi_{side}" for side in SIDES]  # the duties that hold the speeds where a drive begins
-NOT_LATE = ["delay = 0.0", "lost = False"]  # a command, as long as no effect says otherwise
+NOT_LATE = ["delay = 0.0", "lost = False"]  # a command without effects
 
 
 def step_parts(statements: Statements) -> list[list[str]]:
-    """Return the statements of one step, in the parts that may be loops of their own."""
+    """Return the statements of one step, in parts that may become separate loops."""
     return [
         [
             "duty_left, duty_right = command_left, command_right",
@@ -80,7 +80,7 @@ def _each(lines: Iterable[str], side: str) -> list[str]:
 
 
 def _evaluation(statements: Statements) -> list[str]:
-    """Return the lines that compute accelerations without friction, and friction, from the wheel speeds."""
+    """Return the lines that compute accelerations without friction, and friction, from wheel speeds."""
     lines = [
         "load_share = max(0.0, duty_left * (duty_left - 0.8 * k1 * psi_left)) "
         "+ max(0.0, duty_right * (duty_right - 0.8 * k1 * psi_right))"
@@ -131,7 +131,7 @@ _DIRECTION = (
     "direction_SIDE = sign(acceleration_SIDE) if before_SIDE == 0.0 else sign(before_SIDE)",
     "hold_SIDE = break_away_SIDE if before_SIDE == 0.0 else 0.0",
     "free_SIDE = 0.0 if abs(acceleration_SIDE) <= hold_SIDE else 1.0",
-    # Without friction a wheel at rest is free although nothing drives it.
+    # Without friction a wheel at rest is free even if nothing drives it.
     "free_SIDE = free_SIDE if break_away_SIDE > 0.0 else 1.0",
     "acceleration_SIDE = free_SIDE * (acceleration_SIDE - direction_SIDE * friction_SIDE)",
 )
@@ -152,9 +152,9 @@ _CORRECT = (
     "domega_first_SIDE = source_SIDE + FIRST * change_SIDE - rate * first_SIDE",
     "domega_second_SIDE = source_SIDE + SECOND * change_SIDE - rate * second_SIDE",
     "domega_end_SIDE = source_SIDE + change_SIDE - rate * after_SIDE",
-    # A wheel that friction reverses: at rest after the share `until` of the step, then stuck, or off the other way with
-    # the `part` of its acceleration that friction leaves there. What this changes of its speed grows from then on: the
-    # Gauss points get the straight line that is nearest to it. So friction that is nearly none changes nearly nothing.
+    # A wheel reversed by friction: at rest after the share `until` of the step, then stuck, or accelerated in the other
+    # direction with the `part` of its acceleration left by friction. The change in speed grows from then on: at the
+    # Gauss points it is replaced by the best-fitting straight line, so vanishing friction changes almost nothing.
     "reverses_SIDE = direction_SIDE * after_SIDE < 0.0",
     "reverses_SIDE = reverses_SIDE & (break_away_SIDE > 0.0)",
     "until_SIDE = before_SIDE / (before_SIDE - after_SIDE)",

@@ -1,7 +1,6 @@
-"""The loops around the composed step: over blocks of robots, commands under way and spans of a drive.
+"""The loops around the composed step: over blocks of robots, commands in transit, and spans of a drive.
 
-They are compiled once, whatever effects there are, and call what those do: the functions of `Equations`, which
-`compose` composes.
+They are compiled once, whatever effects there are, and call the composed functions of `Equations`.
 """
 
 from collections.abc import Callable
@@ -43,7 +42,7 @@ Indices = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """What effects do, each as the address of a composed function."""
+    """The equations of effects, as addresses of composed functions."""
 
     step: Callable[[Floats, Floats, Indices, int], None]
     begin: Callable[[Floats], None]
@@ -51,10 +50,10 @@ class Equations(NamedTuple):
 
 
 class Robots(NamedTuple):
-    """Robots in blocks of LANES, as `cmr.model.extended.model.Blocks` puts them.
+    """Robots in blocks of LANES, as arranged by `cmr.model.extended.model.Blocks`.
 
-    In `rows` a block has what each robot has for itself, and then the rows of `varying`, by their place in `work`,
-    where a block is computed. It holds the other parameters, which all robots share.
+    In `rows` a block has each robot's own values, and then the rows of `varying`, by their offset in `work`, where a
+    block is computed. `work` also holds the shared parameters.
     """
 
     rows: Floats
@@ -63,7 +62,7 @@ class Robots(NamedTuple):
 
 
 class Spans(NamedTuple):
-    """Commands of T spans, and how long each is [s]; shape (T,)."""
+    """Commands of T spans, and their durations [s]; shape (T,)."""
 
     left: Floats
     right: Floats
@@ -78,7 +77,7 @@ SPANS = structure(Spans, "f8[::1]", "f8[::1]", "f8[::1]")
 
 @inlined
 def _prepare(rows: Floats, i: int, dt: float) -> None:
-    """Compute the coefficients of the robot in place `i` for a step of dt [s]."""
+    """Compute the coefficients of the robot in lane `i` for a step of dt [s]."""
     rate = rows[K1 + i] * rows[K2_OVER_K3 + i]
     rows[DT + i] = dt
     rows[KEPT_FIRST + i], rows[GAINED_FIRST + i], rows[GROWN_FIRST + i] = coefficients(rate, FIRST * dt, dt)
@@ -103,7 +102,7 @@ def prepare_each(here: Floats, durations: Floats) -> None:
 
 @compiled("void(i8, f8[::1], i8)")
 def start(begin: Callable[[Floats], None], rows: Floats, size: int) -> None:
-    """Set the memory of all robots to what it is where a drive begins; blocks have all rows here, `size` numbers."""
+    """Initialise the memory of all robots; blocks have all rows here, `size` numbers."""
     for block in range(len(rows) // size):
         call(begin, rows[block * size : (block + 1) * size])
 
@@ -122,15 +121,15 @@ def send(
     number: int,
     dt: float,
 ) -> None:
-    """Send each robot its `duty` (2, robots), and set its commands to the mean over the step of those in force.
+    """Send each robot its `duty` (2, robots), and set its command to the mean over the step of the commands in force.
 
-    In force is the newest packet that has arrived; before the first, the duty that held the speed at the start.
-    `packets` holds the last `ring` ones of each block: left, right, arrival. `number` is 0 for the first packet;
-    seed, count and the index in `robots` fix a packet's random numbers.
+    The newest packet that has arrived is in force; before the first, the duty that held the speed at the start.
+    `packets` holds the last `ring` ones of each block: left, right, arrival. `number` is 0 for the first packet; seed,
+    count and the index in `robots` determine a packet's random numbers.
     """
     length = 3 * LANES
     lateness = np.empty((2, LANES))
-    mean = np.empty(length)  # of left, of right; and until when the step's commands are not known yet
+    mean = np.empty(length)  # mean of left and of right; and the end of the part of the step without known commands
     for block in range(len(rows) // stride):
         here = rows[block * stride : (block + 1) * stride]
         first = block * LANES
@@ -158,7 +157,7 @@ def _packet(sent: Floats, ring: int, number: int) -> Floats:
 
 @inlined
 def _put(here: Floats, newest: Floats, before: Floats, duty: Floats, first: int, lateness: Floats) -> None:
-    """Put a block's `newest` packets under way; a lost one leaves the one `before` in force."""
+    """Put a block's `newest` packets in transit; a lost one keeps the one `before` in force."""
     for i in range(LANES):
         lost, now = lateness[1, i] > 0.0, here[TIME + i]
         newest[i] = before[i] if lost else duty[0, first + i]
@@ -168,7 +167,7 @@ def _put(here: Floats, newest: Floats, before: Floats, duty: Floats, first: int,
 
 @inlined
 def _forget(here: Floats, sent: Floats, ring: int) -> None:
-    """Fill a block's packets with the duties that hold its speeds, as if they had always been in force."""
+    """Fill a block's packets with the duties that hold its speeds, as if always in force."""
     for k in range(0, ring * 3 * LANES, 3 * LANES):
         for i in range(k, k + LANES):
             sent[i] = here[LEFT_BEFORE + i - k]
@@ -178,7 +177,7 @@ def _forget(here: Floats, sent: Floats, ring: int) -> None:
 
 @inlined
 def _average(here: Floats, sent: Floats, ring: int, number: int, mean: Floats, per_dt: float) -> None:
-    """Add each packet of a block to the `mean` by the share of the step during which it is in force, newest first."""
+    """Add each packet of a block to the `mean` weighted by its share of the step in force, newest first."""
     for k in range(ring):
         one = _packet(sent, ring, number + ring - k)
         for i in range(LANES):
@@ -203,8 +202,8 @@ def drive(
 ) -> None:
     """Drive T spans with `count` robots and record their states at the borders `at`, ascending.
 
-    `own` is that of `Layout`; `recorded` has shape (len(at), count, RECORDED). `ring` is the number of packets that may
-    be under way, 0 where none is late. All robots have the same luck.
+    `own` is that of `Layout`; `recorded` has shape (len(at), count, RECORDED). `ring` is the largest number of packets
+    in transit, 0 without delays. All robots have the same random numbers.
     """
     stride = own + len(robots.varying) * LANES
     packets, index, duty = np.empty(ring * 3 * LANES), np.zeros(LANES, dtype=np.int64), np.empty((2, LANES))

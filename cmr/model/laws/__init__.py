@@ -1,9 +1,8 @@
-"""Laws: formulas that diagnosis proposed, or users wrote, as effects of the model.
+"""Laws: formulas proposed by diagnosis, or written by users, as effects of the model.
 
-A formula is text of a closed grammar (`grammar`): it is data, and nothing of it is ever run as Python that somebody
-wrote. `words` lists what a formula may say, `units` what unit each part has, `places` where in the model a law acts,
-`tree` is what a formula becomes, `law` what a law is; `effect` makes of it an entry as any other, whose equations
-`statements` writes.
+A formula is text of a closed grammar (`grammar`): it is data, and never executed as Python. `words` lists the variables
+and functions of formulas, `units` checks units, `places` are the places in the model where laws act, `tree` is a parsed
+formula, `law` a law; `effect` turns it into a normal entry, with equations from `statements`.
 """
 
 from cmr.model.laws.law import Law as Law

@@ -9,8 +9,8 @@ from cmr.model.laws.statements import Equations
 from cmr.model.parameters import ParameterDefinition
 
 SMALLEST_DIVISOR = 1e-6
-USUAL = 0.03  # typical size of a coefficient that nobody has estimated
-# The motions that show how something depends on a variable, in the words of the catalogue.
+USUAL = 0.03  # typical size of a coefficient without an estimate
+# The motions that reveal a dependence on a variable, in the words of the catalogue.
 NEEDS = {
     "v": "two speeds that differ much",
     "w": "spins at several rates",
@@ -36,7 +36,7 @@ NEEDS = {
 
 
 def law_effect(law: Law, estimates: Mapping[str, float] | None = None) -> Effect:
-    """Return the effect that a law is, with equations for the stages of the model.
+    """Return a law as an effect, with equations for the stages of the model.
 
     `estimates` are values of its coefficients by the names of their parameters, which become their typical size.
     """
@@ -79,7 +79,7 @@ def _given(law: Law, constant: str, unit: str) -> ParameterDefinition:
 
 
 def _cause(law: Law) -> str:
-    """Return the sentence that says what a law does, with a field for each coefficient."""
+    """Return the sentence that describes a law, with a field for each coefficient."""
     units = law.units
     terms = [
         f"{{{name}:+.3g}} {'' if units[name] == '-' else units[name] + ' '}times {_plain(text)}"
@@ -92,5 +92,5 @@ def _cause(law: Law) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return text in which braces are no fields."""
+    """Escape braces, so that they are not fields."""
     return text.replace("{", "{{").replace("}", "}}")

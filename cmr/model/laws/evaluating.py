@@ -1,4 +1,4 @@
-"""The value of a formula for arrays of its variables."""
+"""Evaluate formulas for arrays of their variables."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -14,10 +14,10 @@ Floats = NDArray[np.float64]
 
 
 def evaluate(part: Part, variables: Mapping[str, ArrayLike]) -> Floats:
-    """Return the value of a part of a formula.
+    """Evaluate a part of a formula.
 
-    `variables` are arrays, or numbers, that broadcast: those that it reads and its constants, by name; for `low_pass`
-    also `dt` [s], from each row of the first axis to the next. Raises KeyError for one that is missing.
+    `variables` are arrays, or numbers, that broadcast: its variables and constants, by name; for `low_pass` also `dt`
+    [s], the step along the first axis. Raises KeyError for a missing one.
     """
     if part.kind == "number":
         return np.asarray(part.number, np.float64)
@@ -43,7 +43,7 @@ def _clip(value: Floats, limit: Floats) -> Floats:
 
 
 def _low_pass(value: Floats, seconds: Floats, dt: Floats) -> Floats:
-    """Return a signal behind a filter of first order that begins at 0."""
+    """Filter a signal by a first-order low pass starting at 0."""
     value, kept = np.broadcast_arrays(value, np.exp(-dt / seconds))
     result = np.zeros(value.shape)
     rows = (len(value), -1)
@@ -53,7 +53,7 @@ def _low_pass(value: Floats, seconds: Floats, dt: Floats) -> Floats:
 
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1])")
 def follow(values, kept, result):  # type: ignore[no-untyped-def]
-    """Let each column of the result follow the values, `kept` being what it keeps of its distance to them in a step."""
+    """Filter each column; `kept` is the decay of the difference per step."""
     for row in range(1, len(values)):
         for column in range(values.shape[1]):
             value = values[row, column]

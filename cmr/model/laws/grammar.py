@@ -1,7 +1,7 @@
-"""The closed grammar of formulas: text becomes a tree of known names, numbers and operations, or an error.
+"""The closed grammar of formulas: text is parsed into a tree of known names, numbers and operations, or rejected.
 
-A formula is data from a file that anybody may have written. Its length is bounded before it is read, its depth while it
-is read and its size behind it; names must be known variables, known functions or constants that the law declares.
+A formula is data from an untrusted file. Its length is limited before parsing, its depth during parsing and its size
+afterwards; names must be known variables, known functions or constants declared by the law.
 
     sum     := product (("+" | "-") product)*
     product := power (("*" | "/") power)*          a divisor has no variable
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-LONGEST, DEEPEST, MOST_PARTS = 300, 12, 60  # characters, brackets and signs within one another, parts of the tree
+LONGEST, DEEPEST, MOST_PARTS = 300, 12, 60  # characters, nesting of brackets and signs, parts of the tree
 LARGEST_POWER = 4
 MOST_CONSTANTS = 6
-SMALLEST, LARGEST = 1e-9, 1e9  # size of a number other than 0
+SMALLEST, LARGEST = 1e-9, 1e9  # magnitude of a number other than 0
 TOKEN = re.compile(
     r" *(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)|(?P<name>[a-z][a-z0-9_]*)|(?P<sign>\*\*|[-+*/(),]))",
     re.ASCII,
@@ -36,12 +36,12 @@ CONSTANT = re.compile(r"[a-z][a-z0-9]*(?:_[a-z0-9]+)*", re.ASCII)
 
 
 class FormulaError(ValueError):
-    """A formula is none of the grammar; the text says what is wrong, and at which of its characters."""
+    """A formula is not in the grammar; the text says what is wrong, and at which character."""
 
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula of the grammar, checked."""
+    """A valid formula."""
 
     text: str
     root: Part
@@ -50,12 +50,12 @@ class Formula:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """The variables that it reads, in the order of VARIABLES."""
+        """The variables read, in the order of VARIABLES."""
         return tuple(name for name in VARIABLES if name in self.root.names)
 
     @property
     def constants(self) -> tuple[str, ...]:
-        """The constants that it names, in the order of the text."""
+        """The constants named, in the order of the text."""
         named = (part.name for part in self.root.walk() if part.kind == "name" and part.name not in VARIABLES)
         return tuple(dict.fromkeys(named))
 
@@ -67,7 +67,7 @@ class Formula:
     def evaluate(self, variables: Mapping[str, "Floats | float"]) -> "Floats":
         """Return its value for arrays of variables and constants by name, which broadcast.
 
-        `low_pass` also needs `dt` [s], the step from each row to the next; rows are the first axis, and it begins at 0.
+        `low_pass` also needs `dt` [s], the step from each row to the next; along the first axis, starting at 0.
         """
         from cmr.model.laws.evaluating import evaluate
 
@@ -75,9 +75,9 @@ class Formula:
 
 
 def parse(text: str, constants: Collection[str] = ()) -> Formula:
-    """Return the formula in a text, in which `constants` are known.
+    """Parse a formula, in which `constants` are known.
 
-    Raises FormulaError, a ValueError, which says what is wrong and where in the text.
+    Raises FormulaError, a ValueError, with the error and its position.
     """
     if not isinstance(text, str) or not text.strip(" "):
         raise FormulaError("a formula is text such as v * abs(w)")
@@ -90,7 +90,7 @@ def parse(text: str, constants: Collection[str] = ()) -> Formula:
         raise FormulaError(f"{text!r} reads no variable; where nothing varies, write 1")
     units = Constants()
     measured = units.resolved(_measure(root, units, text))
-    _measure(root, units, text)  # what was learned on the way must hold from the beginning
+    _measure(root, units, text)  # a second pass applies the units learned in the first
     if measured.unknown:
         raise FormulaError(
             f"{text!r}: the constant {' and '.join(measured.unknown)} scales the formula, as its coefficient does"
@@ -99,7 +99,7 @@ def parse(text: str, constants: Collection[str] = ()) -> Formula:
 
 
 class _Reader:
-    """Reads one text."""
+    """Parser of one text."""
 
     def __init__(self, text: str, constants: Collection[str]) -> None:
         self._text, self._constants = text, constants
@@ -108,7 +108,7 @@ class _Reader:
         self._depth = 0
 
     def formula(self) -> Part:
-        """Return all of the text as one part."""
+        """Parse the whole text."""
         part = self._sum()
         if self._kind != "end":
             raise self._error(f"expected an operator or the end, not {self._token[1]!r}")
@@ -228,14 +228,14 @@ class _Reader:
 
 
 def _is_constant(part: Part) -> bool:
-    """Tell whether a part is a number, with or without a sign, or a constant."""
+    """Return whether a part is a number, with or without a sign, or a constant."""
     if part.kind == "negative":
         return part.parts[0].kind == "number"
     return part.kind == "number" or (part.kind == "name" and part.name not in VARIABLES)
 
 
 def _tokens(text: str) -> Iterator[tuple[str, str, int]]:
-    """Yield what each token is, its text and its place; "end" is the last."""
+    """Yield kind, text and position of each token; "end" is the last."""
     at = 0
     while text[at:].strip(" "):
         match = TOKEN.match(text, at)
@@ -249,7 +249,7 @@ def _tokens(text: str) -> Iterator[tuple[str, str, int]]:
 
 
 def _measure(part: Part, units: Constants, text: str) -> Measure:
-    """Return the unit of a part, and learn those of constants; FormulaError where units do not fit."""
+    """Return the unit of a part, and infer those of constants; raise FormulaError if units do not match."""
     inner = [_measure(one, units, text) for one in part.parts]
     try:
         return _combined(part, inner, units)

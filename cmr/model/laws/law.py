@@ -1,4 +1,4 @@
-"""What a law is: one to three formulas at one place in the model, each with a coefficient."""
+"""A law: one to three formulas at one place in the model, each with a coefficient."""
 
 import math
 import re
@@ -11,15 +11,15 @@ from cmr.model.laws.places import PLACES, SIDES, Place
 from cmr.model.laws.units import Unit, per, unit_of, unit_text
 from cmr.model.laws.words import FUNCTIONS, VARIABLES
 
-PREFIX = "law_"  # no name of the model begins so: the names of laws become names in its compiled step
+PREFIX = "law_"  # reserved prefix: names of laws become names in the compiled step
 NAME = re.compile(PREFIX + r"[a-z0-9]+(?:_[a-z0-9]+)*", re.ASCII)
 LONGEST_NAME, LONGEST_DESCRIPTION = 64, 500
 MOST_FORMULAS = 3
-LARGEST = 1e6  # of a coefficient or constant: no bound that matters
+LARGEST = 1e6  # of a coefficient or constant: a bound that is never reached
 
 
 class LawError(ValueError):
-    """A law is none; the text says what is wrong, `within` where, as keys of a document."""
+    """A law is invalid; the text says what is wrong, `within` where, as keys of a document."""
 
     def __init__(self, text: str, *within: str) -> None:
         super().__init__(text)
@@ -28,13 +28,13 @@ class LawError(ValueError):
 
 @dataclass(frozen=True)
 class Law:
-    """Physics that no entry of the catalogue describes, as far as a formula can say it.
+    """Physics that no entry of the catalogue describes, as a formula.
 
     `place` is a key of PLACES; `side`, of a place at the wheels, says which wheels: both, the right one with the
-    opposite sign ("opposite"), or one. What is there becomes larger by the sum of `formulas`, each times its
+    opposite sign ("opposite"), or one. The quantity there is increased by the sum of `formulas`, each times its
     coefficient: the parameter `name` where there is one formula, `name`_1 to `name`_3 where there are more. `constants`
-    are the values of what formulas name, such as a frequency: the parameters `name`_constant. `description` is free
-    text. Raises LawError, a ValueError, on construction for what is none of the grammar.
+    are the values of constants in formulas, such as a frequency: the parameters `name`_constant. `description` is free
+    text. Raises LawError, a ValueError, on construction if it is not in the grammar.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Law:
     def parsed(self) -> tuple[Formula, ...]:
         """The formulas, parsed.
 
-        Raises FormulaError for one that is none of the grammar.
+        Raises FormulaError for one that is not in the grammar.
         """
         return tuple(parse(text, tuple(self.constants)) for text in self.formulas)
 
@@ -90,7 +90,7 @@ class Law:
         return f"{self.name}_{constant}"
 
     def is_same(self, other: "Law") -> bool:
-        """Tell whether another law says the same under its name, constants of whatever value."""
+        """Return whether another law is the same apart from the values of constants."""
         mine, its = (
             (one.name, one.place, one.side, one.formulas, tuple(sorted(one.constants))) for one in (self, other)
         )
@@ -128,7 +128,7 @@ def _check_constants(constants: object) -> None:
 
 
 def _check_description(text: object) -> None:
-    """Raise LawError for what is no text, or would do something to a terminal or a page, such as a line break."""
+    """Raise LawError for text with characters that affect a terminal or a page, such as a line break."""
     if not isinstance(text, str) or len(text) > LONGEST_DESCRIPTION or not text.isprintable():
         raise LawError(f"must be printable text on one line, at most {LONGEST_DESCRIPTION} characters", "description")
 
@@ -166,13 +166,13 @@ def _check_units_of_constants(formulas: tuple[Formula, ...]) -> None:
 
 
 def _check_divisors(law: Law, formula: Formula) -> None:
-    """Raise LawError where a constant that is a divisor or a time constant is not positive."""
+    """Raise LawError if a constant used as divisor or time constant is not positive."""
     for name in positive_constants(formula):
         if law.constants[name] <= 0.0:
             raise LawError(f"must be positive: {formula.text!r} divides by it", "constants", name)
 
 
 def positive_constants(formula: Formula) -> set[str]:
-    """Return the constants that must be positive: those by which a formula divides, and time constants."""
+    """Return the constants that must be positive: divisors and time constants."""
     dividing = (part.parts[1] for part in formula.root.walk() if part.kind in ("/", "low_pass"))
     return {part.name for part in dividing if part.kind == "name"}

@@ -1,10 +1,10 @@
-"""Where in the model a law may act: the stage, what the law adds to, and which variables it may read there."""
+"""Places in the model where a law may act: the stage, the affected variable, and the variables it may read."""
 
 from dataclasses import dataclass
 
 from cmr.model.laws.words import VARIABLES
 
-SIDES = ("both", "opposite", "left", "right")  # which wheels a law of a wheel acts on, and with which sign
+SIDES = ("both", "opposite", "left", "right")  # wheels on which a law of a wheel acts, and the sign
 OF_BODY = ("v", "w", "theta", "x", "y", "t")
 REMEMBERED = ("load", "charge", "since_turn", "way_since_turn")
 OF_WHEEL = (*OF_BODY, "psi", "other_psi", "domega", "other_domega", "u", "other_u", "s", "effort", *REMEMBERED)
@@ -14,8 +14,8 @@ OF_WHEEL = (*OF_BODY, "psi", "other_psi", "domega", "other_domega", "u", "other_
 class Place:
     """A place in the model: a law adds its formulas, times their coefficients, to `what`, which has a `unit`.
 
-    `stage` is that of `cmr.model.stages` in which it does. `words` says what happens there, after "A law changes".
-    `variables` may be read; a law of a sensor keeps no memory.
+    `stage` is a stage of `cmr.model.stages`. `words` describes the quantity, after "A law changes". `variables` may be
+    read; a law of a sensor has no memory.
     """
 
     stage: str
@@ -28,7 +28,7 @@ class Place:
 
     @property
     def of_sensors(self) -> bool:
-        """Whether a law there changes what sensors say and leaves the motion alone."""
+        """Whether a law there changes sensor readings but not the motion."""
         return self.stage in ("gyro", "pose", "pose_time")
 
 

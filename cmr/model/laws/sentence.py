@@ -1,4 +1,4 @@
-"""A law in words, and as an equation that an engineer reads."""
+"""Laws in words, and as equations."""
 
 from collections.abc import Iterator, Mapping
 from itertools import groupby, product
@@ -30,7 +30,7 @@ CAUSES = {
     "since_turn": "the time since the turn reversed",
     "way_since_turn": "the way since the turn reversed",
 }
-# Of each place: what it is in a word, its symbol, that of the value without the law, and the variable that it is of.
+# Of each place: its name, its symbol, that of the value without the law, and its own variable.
 SUBJECTS = {
     "wheel_acceleration": ("wheel acceleration", "domega", "domega_model", "psi"),
     "wheel_voltage": ("motor voltage", "u_motor", "u", "u"),
@@ -47,12 +47,12 @@ SUBJECTS = {
     "pose_beside": ("place of the poses to the left", "left_pose", "", ""),
     "pose_lateness": ("age of the poses", "age_pose", "", ""),
 }
-OF_THEMSELVES = ("w_wheels", "v_wheels", "w", "psi", "u")  # of these values a law may be a share
+OF_THEMSELVES = ("w_wheels", "v_wheels", "w", "psi", "u")  # a law may be a share of these values
 TIGHTNESS = {"+": 1, "-": 1, "negative": 3, "*": 3, "/": 3, "**": 4}
 
 
 def headline(law: Law, values: Mapping[str, float]) -> str:
-    """Return what a law says in a few words, such as "Speed costs turning"."""
+    """Return a short description of a law, such as "Speed costs turning"."""
     what, _, _, own = SUBJECTS[law.place]
     named = dict.fromkeys(name for formula in law.parsed for name in formula.variables)
     causes = list(dict.fromkeys(CAUSES[name] for name in named if name != own))
@@ -92,7 +92,7 @@ def equation(law: Law, values: Mapping[str, float]) -> str:
 
 
 def written(part: Part, constants: Mapping[str, str], within: int = 0) -> str:
-    """Return a part of a formula as an engineer writes it: products without a sign, the values of constants put in."""
+    """Format a part of a formula: products without a sign, with the values of constants."""
     tight = TIGHTNESS.get(part.kind, 9)
     if part.kind == "number":
         return f"{part.number:g}"
@@ -137,7 +137,7 @@ def _factors(part: Part) -> Iterator[Part]:
 
 
 def _without_factor(part: Part, name: str) -> list[Part] | None:
-    """Return the factors of a product without the first that is this variable; None where it is none of them."""
+    """Return the factors of a product without the first one that is this variable; None if there is none."""
     factors = list(_factors(part))
     for number, one in enumerate(factors):
         if one.kind == "name" and one.name == name:
@@ -146,7 +146,7 @@ def _without_factor(part: Part, name: str) -> list[Part] | None:
 
 
 def _sense(formula: Formula, own: str, constants: Mapping[str, float]) -> int:
-    """Return 1 or -1 where a formula has the sign of one variable, or the opposite, whatever others are; else 0."""
+    """Return 1 or -1 if a formula always has the sign of one variable, or the opposite; otherwise 0."""
     if any(part.kind == "low_pass" for part in formula.root.walk()):
         return 0
     others = [name for name in formula.variables if name != own]

@@ -1,6 +1,6 @@
-"""A law as statements for the stages of the model's step, which then is compiled with it as with any other effect.
+"""Convert a law to statements for the stages of the model's step, for compilation like any other effect.
 
-Names of its own begin with an underscore: as those of no effect, so that the names of two laws cannot meet.
+Its own names begin with an underscore, which no effect uses, so that names of two laws cannot collide.
 """
 
 from collections.abc import Iterator
@@ -11,9 +11,9 @@ from cmr.model.laws.tree import Part
 from cmr.model.laws.words import LARGEST_EXPONENT, TURNING, VARIABLES
 from cmr.model.stages import STAGES
 
-BEFORE = "place"  # the stage, once a step, for what does for all of the step
+BEFORE = "place"  # stage for values computed once per step
 OF_A_SIDE = ("psi", "other_psi", "domega", "other_domega", "u", "other_u", "s", "effort")
-# What a variable is in a stage of a side, of the whole robot, and of a sensor; others are called as they are.
+# Expressions of variables in a stage of a side, of the whole robot, and of a sensor; others keep their names.
 IN_SIDE = {
     "v": "0.5 * wheel_radius * (psi + other_psi)",
     "w": "side * wheel_radius * (other_psi - psi) / base_width",
@@ -31,7 +31,7 @@ IN_ROBOT = {
     "load": "load_share",
 }
 IN_SENSOR = {"v": "speed", "w": "yaw_rate", "t": "time"}
-# In the middle of a step, from the values at its beginning and its end.
+# At the middle of a step, from the values at its beginning and end.
 SLOW = {
     "theta": f"theta + 0.5 * dt * {IN_ROBOT['w']}",
     "x": "0.5 * (x + x_ahead)",
@@ -70,7 +70,7 @@ class Equations:
         self._lines.setdefault(stage, []).extend(lines)
 
     def _stored(self, expression: str, stage: str, called: str = "") -> str:
-        """Give an expression a name in a stage, once, and return it."""
+        """Assign an expression to a name in a stage, once, and return the name."""
         if (stage, expression) not in self._known:
             if not called:
                 self._count += 1
@@ -80,7 +80,7 @@ class Equations:
         return self._known[stage, expression]
 
     def _expression(self, part: Part, stage: str) -> str:
-        """Return a part of a formula as an expression of a stage, after the lines that it needs."""
+        """Return a part of a formula as an expression of a stage, after adding the lines that it needs."""
         if part.kind == "number":
             return repr(part.number)
         if part.kind == "name":
@@ -148,7 +148,7 @@ class Equations:
         return f"share({self._stored(begin, BEFORE)}, {self._stored(end, BEFORE)})"
 
     def _low_pass(self, part: Part) -> str:
-        """Return the memory that follows an expression."""
+        """Return the memory that low-pass filters an expression."""
         inner, seconds = part.parts
         per_side = not inner.names.isdisjoint(OF_A_SIDE)
         stage = "memory" if per_side else "robot_memory"
@@ -163,7 +163,7 @@ class Equations:
         return self._known[stage, following]
 
     def _remembered(self, name: str) -> str:
-        """Return a memory of the whole robot, after the lines that keep it."""
+        """Return a memory of the whole robot, after adding the lines that update it."""
         memory = REMEMBERED[name]
         if memory not in self.memory:
             self.memory.append(memory)
@@ -202,7 +202,7 @@ def _has_memory(part: Part) -> bool:
 
 
 def _changed(law: Law, total: str) -> list[str]:
-    """Return the statements that add the `total` of a law's formulas to what is at its place."""
+    """Return the statements that add the `total` of a law's formulas at its place."""
     place = law.at
     if place.what == "ahead":
         return [f"_off = {total}", "x = x + _off * cos(theta)", "y = y + _off * sin(theta)"]

@@ -1,6 +1,6 @@
-"""Units of formulas: what unit each part has, what its constants must have, and whether sums add like to like.
+"""Units of formulas: the unit of each part, those required of constants, and consistency of sums.
 
-A unit is the exponents of m, s and rad. An angle counts as a number where it is added or compared: 1 rad is 1 m/m.
+A unit is a set of exponents of m, s and rad. An angle counts as a number in sums and comparisons: 1 rad is 1 m/m.
 """
 
 import re
@@ -32,7 +32,7 @@ def unit_of(text: str) -> Unit:
 
 
 def unit_text(unit: Unit) -> str:
-    """Return a unit as text, as the catalogue writes it: "rad/s^2", "1/m", "-"."""
+    """Format a unit as in the catalogue: "rad/s^2", "1/m", "-"."""
     names = (2, 0, 1)  # rad, m, s: "rad s/m^2"
     above = [_power(BASE[k], unit[k]) for k in names if unit[k] > 0]
     below = [_power(BASE[k], -unit[k]) for k in (0, 1, 2) if unit[k] < 0]
@@ -52,10 +52,10 @@ def _power(name: str, exponent: int) -> str:
 
 @dataclass(frozen=True)
 class Measure:
-    """The unit of a part of a formula, times powers of constants whose units are not known yet.
+    """The unit of a part of a formula, times powers of constants with unknown units.
 
-    A bare number has `any` unit where it is added to something that has one. What is `scaled` by a number has any unit
-    where a function asks for one, as in exp(-t / 1.5).
+    A bare number has `any` unit when added to a quantity. A value `scaled` by a number has any unit where a function
+    requires one, as in exp(-t / 1.5).
     """
 
     unit: Unit = NUMBER
@@ -75,7 +75,7 @@ class Measure:
 
 
 class Constants:
-    """The units of the constants of a formula, as far as they are known."""
+    """The known units of the constants of a formula."""
 
     def __init__(self) -> None:
         self.known: dict[str, Unit] = {}
@@ -85,16 +85,16 @@ class Constants:
         return Measure(self.known[name]) if name in self.known else Measure(unknown={name: 1})
 
     def resolved(self, measure: Measure) -> Measure:
-        """Return a measure with what has become known since."""
+        """Return a measure with all units known by now."""
         result = Measure(measure.unit)
         for name, power in measure.unknown.items():
             result = result.times(self.of(name), power)
         return Measure(result.unit, result.unknown, measure.any, measure.scaled)
 
     def require(self, measure: Measure, unit: Unit) -> None:
-        """Require that a measure has a unit, which may tell that of a constant.
+        """Require a unit of a measure, which may determine that of a constant.
 
-        Raises ValueError where it has another, or where several constants leave it open.
+        Raises ValueError if it has another unit, or several constants leave it open.
         """
         measure = self.resolved(measure)
         if measure.any:

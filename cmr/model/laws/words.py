@@ -1,13 +1,13 @@
-"""What a formula may say: its variables and functions, each with its unit and meaning."""
+"""Variables and functions of formulas, each with its unit and meaning."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A quantity that formulas read. `small` is the size below which a smoothed sign of it fades to 0.
+    """A variable of formulas. `small` is the size below which a smoothed sign of it fades to 0.
 
-    What is `slow` changes so little within a step that one value does for all of it.
+    A `slow` variable is constant within a step.
     """
 
     unit: str
@@ -20,7 +20,7 @@ class Variable:
 class Function:
     """A function of formulas: how many arguments it has, and what it does.
 
-    `constants` says how many of the last arguments must be constants or numbers, which do not change in a drive.
+    `constants` is how many of the last arguments must be constants or numbers.
     """
 
     arguments: int
@@ -64,4 +64,4 @@ FUNCTIONS = {
     "low_pass": Function(2, "the first argument, smoothed with the time constant that is the second", constants=1),
 }
 LARGEST_EXPONENT = 30.0  # of exp: an absurd constant must not make a robot's state infinite
-TURNING = 0.02  # rad/s of yaw rate, less of which is no turn that could reverse another
+TURNING = 0.02  # rad/s of yaw rate; slower rotation does not reverse a turn

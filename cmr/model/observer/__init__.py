@@ -1,5 +1,5 @@
-"""The model drawn towards what sensors say: prediction errors of recorded drives, for many candidates at once.
+"""The model as an observer of recorded drives: prediction errors for many candidates at once.
 
-`observer` prepares and composes what is compiled, `drives` puts recorded drives side by side; the text of what is
-compiled is in `loops`, what that counts with in `helpers`.
+`observer` prepares and composes the compiled code, `drives` joins recorded drives; the source of the loops is in
+`loops`, their functions in `helpers`.
 """

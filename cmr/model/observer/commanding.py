@@ -1,6 +1,7 @@
-"""Commands within a step of the observer: those that come in its middle split it in two; compiled into its loops.
+"""Commands within a step of the observer: one in the middle splits the step; compiled into its loops.
 
-A command's row of a profile is the share of the step at which it comes, or 0, the duties before it, and those after it.
+A command's row of a profile is the share of the step at which it arrives, or 0, the duties before it, and those after
+it.
 """
 
 import numpy as np
@@ -28,27 +29,29 @@ from cmr.model.observer.helpers import (
 
 Indices = NDArray[np.int64]
 
-# Duty; a step is split for larger changes, and takes the mean command for smaller ones. For a change D at the share s
-# of a step dt, the mean puts the angle of a wheel k2_over_k3 D dt^2 s (1 - s) / 2 off: 3e-5 rad.
+# Duty; a step is split for larger changes, and uses the mean command for smaller ones. For a change D at the share s of
+# a step dt, the mean causes an error of a wheel's angle of k2_over_k3 D dt^2 s (1 - s) / 2: 3e-5 rad.
 SMALL = 0.02
-SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, with right behind it
+SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, followed by right
 
 
 @inlined
 def known(duty: float, held: float) -> float:
-    """Return a duty, or where it is not known, as before the first command, that which held the speed at the start."""
+    """Return a duty, or if it is unknown, as before the first command, the one that held the speed at the start."""
     return held if np.isnan(duty) else duty
 
 
 @inlined
 def command(here: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> tuple[bool, bool]:
-    """Command a whole step to each lane by its profile; return whether it must be split, and whether one is inside."""
+    """Set the commands of each lane for a whole step; return whether it must be split, and whether one arrives
+    inside.
+    """
     splits, comes = False, False
     for i in range(lanes):
         duties = commands[profile[i], step]
         share = duties[SPLIT]
         change_left, change_right = duties[LAST] - duties[FIRST], duties[LAST + 1] - duties[FIRST + 1]
-        # Neither is true of duties that are not known, as before the first command.
+        # Both are false for unknown duties, as before the first command.
         small = abs(change_left) <= SMALL and abs(change_right) <= SMALL
         splits |= share > 0.0 and not small
         comes |= share > 0.0
@@ -61,9 +64,9 @@ def command(here: Floats, commands: Floats, profile: Indices, step: int, lanes: 
 
 @inlined
 def command_first_part(here: Floats, shares: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> bool:
-    """Command the first part of a split step; return whether it is split as the last one that was.
+    """Set the commands of the first part of a split step; return whether its split equals the last one.
 
-    Robots to which no command comes within the step take it in two halves.
+    Lanes without a command within the step take it in two halves.
     """
     same = True
     for i in range(LANES):
@@ -78,7 +81,7 @@ def command_first_part(here: Floats, shares: Floats, commands: Floats, profile: 
 
 @inlined
 def command_last_part(here: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> None:
-    """Command the last part of a split step."""
+    """Set the commands of the last part of a split step."""
     for i in range(LANES):
         duties = commands[profile[min(i, lanes - 1)], step]
         here[COMMAND_LEFT + i] = known(duties[LAST], here[LEFT_BEFORE + i])
@@ -89,9 +92,9 @@ def command_last_part(here: Floats, commands: Floats, profile: Indices, step: in
 def bend(
     newest: Floats, own: Floats, curving: Floats, commands: Floats, profile: Indices, step: int, lanes: int, dt: float
 ) -> None:
-    """Bend the yaw rate within a step, kept already, where a command comes that the step has taken as a mean.
+    """Bend the stored yaw rate within a step in which a command was averaged.
 
-    The mean command leads to the same end.
+    The mean command leads to the same end of the step.
     """
     for i in range(lanes):
         duties = commands[profile[i], step]
@@ -116,9 +119,9 @@ def bend(
 
 @inlined
 def prepare_parts(here: Floats, shares: Floats, dt: float, parts: Floats, before: Floats, behind: Floats) -> None:
-    """Keep the coefficients of a block for steps of these shares of dt, and for the rest of it; `parts` is overwritten.
+    """Compute the coefficients of a block for steps of these shares of dt, and of the rest; `parts` is overwritten.
 
-    Numbers are copied one by one here and below: a slice that is assigned takes seconds to compile.
+    Numbers are copied individually here and below: slice assignment takes seconds to compile.
     """
     for i in range(LANES):
         parts[i] = (1.0 - shares[i]) * dt
@@ -134,6 +137,6 @@ def prepare_parts(here: Floats, shares: Floats, dt: float, parts: Floats, before
 
 @inlined
 def put_coefficients(kept: Floats, here: Floats) -> None:
-    """Put coefficients that were kept back into their block."""
+    """Copy stored coefficients back to their block."""
     for i in range(len(kept)):
         here[DT + i] = kept[i]

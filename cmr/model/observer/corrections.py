@@ -1,4 +1,4 @@
-"""What the observer's state is corrected by: errors of encoders and of poses; compiled into its loops."""
+"""Corrections of the observer's state by encoder and pose errors; compiled into its loops."""
 
 from math import pi
 
@@ -53,8 +53,8 @@ def move(own: Floats, here: Floats, i: int, x: float, y: float, turned: float) -
 
 @inlined
 def correct_by_encoders(own: Floats, here: Floats, i: int, left: bool, right: bool) -> None:
-    """Turn the wheels of lane i by its errors of encoders, each that is used, and move the robot with them."""
-    # By how much the wheels, not their encoders, are elsewhere.
+    """Correct the wheels of lane i by their encoder errors, if used, and the robot with them."""
+    # Displacement of the wheels, not of their encoders.
     error_left = own[SCALE_LEFT + i] * own[ERROR_LEFT + i] if left else 0.0
     error_right = own[SCALE_RIGHT + i] * own[ERROR_RIGHT + i] if right else 0.0
     rolled_left, rolled_right = own[GAIN_ANGLE + i] * error_left, own[GAIN_ANGLE + i] * error_right
@@ -68,8 +68,7 @@ def correct_by_encoders(own: Floats, here: Floats, i: int, left: bool, right: bo
     here[PSI_RIGHT + i] += own[GAIN_PSI + i] * error_right
     own[OFFSET_LEFT + i] += own[GAIN_PSI + i] * error_left
     own[OFFSET_RIGHT + i] += own[GAIN_PSI + i] * error_right
-    # Wheels that are elsewhere have carried the robot there, but for what it slipped as they came to the speed that
-    # they have.
+    # Displaced wheels have also moved the robot, except for slip while they accelerated.
     rolled_left -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_left
     rolled_right -= own[SLIP_TIME + i] * own[GAIN_PSI + i] * error_right
     rolled_left *= own[RADIUS_LEFT + i]
@@ -84,10 +83,10 @@ def correct_by_pose(
     own: Floats, here: Floats, i: int, x: float, y: float, theta: float, east: tuple[float, float],
     north: tuple[float, float], pose: Floats, restart: bool, dt: float,
 ) -> None:  # fmt: skip
-    """Move the robot of lane i towards where a `pose` (3,) shows it [m, m, rad]: there at once, if it is to `restart`.
+    """Correct the robot of lane i towards a measured `pose` (3,) [m, m, rad]: completely on a `restart`.
 
-    `x`, `y`, `theta` are what the sensor was expected to show, `east` and `north` what it would show of a robot NEARBY:
-    where the sensor stretches or folds space, following its error itself may lead away.
+    `x`, `y`, `theta` are the expected readings, `east` and `north` those for a robot displaced by NEARBY:
+    if the sensor distorts or folds space, following the error directly may diverge.
     """
     error_x, error_y = pose[0] - x, pose[1] - y
     error_theta = pose[2] - theta
@@ -98,7 +97,7 @@ def correct_by_pose(
     east_x, east_y = (east[0] - x) / NEARBY, (east[1] - y) / NEARBY
     north_x, north_y = (north[0] - x) / NEARBY, (north[1] - y) / NEARBY
     stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
-    # Nobody knows what the robot did before the beginning: each pose of then is a new one.
+    # The motion before the beginning is unknown: each earlier pose restarts.
     restarts = restart or (own[AT_TIME + i] < -EARLY * dt and own[GAIN_POSITION + i] > 0.0)
     followed = (1.0 if restarts else own[GAIN_POSITION + i]) / max(1.0, stretched)
     turned = (1.0 if restarts else own[GAIN_THETA + i]) * error_theta

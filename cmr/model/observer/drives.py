@@ -1,4 +1,4 @@
-"""Recorded drives side by side, as the compiled observer takes them: one call for all pieces of a recording."""
+"""Recorded drives joined for the compiled observer: one call for all pieces of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=np.generic)
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-MOST_PROFILES = 16  # that are kept: candidates mostly have the same few delays
+MOST_PROFILES = 16  # cached: candidates mostly share a few delays
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Where the rows of each of K drives end in arrays that hold those of all, shape (K + 1,), with 0 before."""
+    """The ends of each of K drives in joined arrays, shape (K + 1,), starting with 0."""
 
     steps: Indices
     wheel: Indices
@@ -32,13 +32,12 @@ class Ends:
 
 @dataclass(frozen=True)
 class Drives:
-    """What was sent to a robot and what its sensors said in K drives, one after another.
+    """Commands and sensor readings of K drives, one after another.
 
     Times of readings and commands [s] count from the beginning of their own drive. `start` (K, 7) is x, y, theta,
-    psi_left, psi_right there and how far the wheels had turned [rad], `began` (K,) [s] the time since the robot set
-    off; the other arrays are those of `Observations`, and `ends` says where each drive's rows end. A drive that is
-    `continued` (K,) follows the one before after a gap: what lasts longer than a gap is as it was, such as what the
-    battery has given.
+    psi_left, psi_right and the wheel rotations there [rad], `began` (K,) [s] the time since the robot set off; the
+    other arrays are those of `Observations`, and `ends` are the ends of each drive's rows. A `continued` (K,) drive
+    follows the previous one after a gap: lasting memory, such as the battery's charge, is kept.
     """
 
     dt: float
@@ -61,9 +60,9 @@ class Drives:
 
     @classmethod
     def of(cls, observations: Sequence["Observations"], continued: Sequence[bool] = ()) -> "Drives":
-        """Join drives on rasters of the same step; without `continued` each is for itself.
+        """Join drives with equal steps; without `continued` they are independent.
 
-        Raises ValueError where the steps differ, or without any drive.
+        Raises ValueError if the steps differ, or without any drive.
         """
         steps = {one.dt for one in observations}
         if len(steps) != 1:
@@ -101,9 +100,9 @@ class Drives:
         return int(self.ends.steps[-1])
 
     def profile(self, delay: float) -> Floats:
-        """Return the duties in each step of all drives, (steps, 5), where commands come `delay` [s] after their time.
+        """Return the duties in each step of all drives, (steps, 5), with commands delayed by `delay` [s].
 
-        Columns are those of `cmr.model.commands`. What is returned is kept, and is not to be written to.
+        Columns are those of `cmr.model.commands`. The result is cached and read-only.
         """
         known = self._profiles.get(delay)
         if known is None:
@@ -118,7 +117,7 @@ class Drives:
 
 
 def ends_of(counts: Sequence[int] | Indices) -> Indices:
-    """Return where each of K parts ends, (K + 1,), with 0 before."""
+    """Return the ends of K parts, (K + 1,), starting with 0."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 

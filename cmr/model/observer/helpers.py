@@ -1,8 +1,8 @@
-"""What the compiled observer remembers of steps and of each candidate, and how it reads that: compiled into its loops.
+"""History of steps and candidate data of the compiled observer, and their access; compiled into its loops.
 
-Steps are looked back on through `past`, shape (history, KEPT_OF_STEPS, LANES): where the robot was at the end of each
-step, and how its yaw rate went within it. What else is kept of a candidate are rows of one array, `own`, of LANES each,
-as the model's rows are in `here`: only so does the compiler see that none overlap, and vectorises.
+The history is `past`, shape (history, KEPT_OF_STEPS, LANES): the pose at the end of each step, and the course of the
+yaw rate within it. Other data of a candidate are rows of one array, `own`, of LANES each, like the model's rows in
+`here`: only then does the compiler know that they do not overlap, and vectorises.
 """
 
 import numpy as np
@@ -17,21 +17,22 @@ from cmr.model.parameters import DEFINITIONS as PAPER
 Floats = NDArray[np.float64]
 
 EARLY = 1e-3  # of a step: smaller differences between times do not count
-# What is kept of each step behind the pose: the share after which it was split, the mean yaw rate before that and by
-# how much it grew there, then the same behind, then how much it curved before and behind: parabolas.
+# Stored for each step after the pose: the share of its split, the mean yaw rate before it and its growth there, then
+# the same after it, then the curvatures before and after: parabolas.
 SPLIT_AT, MEAN_BEFORE, GROWTH_BEFORE, MEAN, GROWTH, CURVE_BEFORE, CURVE, KEPT_OF_STEPS = 3, 4, 5, 6, 7, 8, 9, 10
 TWELFTH = 1.0 / 12.0
-STEEP = 1.7320508075688772  # from two Gauss points to the ends of a step, a line grows by so many times as much
+# Ratio of the growth of a line between the ends of a step to that between its two Gauss points.
+STEEP = 1.7320508075688772
 
-# What changes: the first six are by how much corrections have moved the robot, and turned its wheels.
+# Changing rows: the first six are the accumulated corrections of pose and wheels.
 OFFSET_X, OFFSET_Y, OFFSET_THETA, OFFSET_LEFT, OFFSET_RIGHT, OFFSET_YAW_RATE = range(0, 6 * LANES, LANES)
 BEFORE_LEFT, BEFORE_RIGHT, HALF, MIDDLE_LEFT, MIDDLE_RIGHT = range(6 * LANES, 11 * LANES, LANES)
 ERROR_LEFT, ERROR_RIGHT = range(11 * LANES, 13 * LANES, LANES)
 BOW_BEFORE_LEFT, BOW_BEFORE_RIGHT, BOW_LEFT, BOW_RIGHT = range(13 * LANES, 17 * LANES, LANES)
 AT_TIME, AT_X, AT_Y, AT_THETA, ERROR_X, ERROR_Y, ERROR_THETA = range(17 * LANES, 24 * LANES, LANES)
 GYRO_AT, GYRO_READING = range(24 * LANES, 26 * LANES, LANES)
-# What is given: gains, radians that a wheel turns for one that its encoder reports, radii [m], and the time of slip
-# [s]; then the parameters of sensors.
+# Given rows: gains, wheel radians per encoder radian, radii [m], and the time of slip [s]; then the parameters of
+# sensors.
 GAIN_ANGLE, GAIN_PSI, GAIN_POSITION, GAIN_THETA = range(26 * LANES, 30 * LANES, LANES)
 SCALE_LEFT, SCALE_RIGHT, RADIUS_LEFT, RADIUS_RIGHT, SLIP_TIME = range(30 * LANES, 35 * LANES, LANES)
 SENSORS = 35 * LANES  # the paper's parameters, and those of effects of sensors
@@ -40,13 +41,13 @@ K2_OVER_K3, K1, BASE_WIDTH = (SENSORS + LANES * [*PAPER].index(name) for name in
 
 @inlined
 def place(step: int, mask: int) -> np.uint64:
-    """Return where the past has this step: unsigned, or each access would take a negative one to count from the end."""
+    """Return the index of a step in the history: unsigned, so that no access checks for negative values."""
     return np.uint64(step & mask)
 
 
 @inlined
 def beside_line(step: Floats, lane: int, share: float, dt: float) -> float:
-    """Return by how much the heading at a share of a step lies beside the line between its ends [rad]."""
+    """Return the deviation of the heading at a share of a step from the line between its ends [rad]."""
     if not 0.0 < share < 1.0:
         return 0.0
     split = step[SPLIT_AT, lane]
@@ -62,7 +63,7 @@ def beside_line(step: Floats, lane: int, share: float, dt: float) -> float:
 
 @inlined
 def yaw_rate_within(step: Floats, lane: int, share: float) -> float:
-    """Return the yaw rate at a share of a step, without what corrections add [rad/s]."""
+    """Return the yaw rate at a share of a step, without corrections [rad/s]."""
     split = step[SPLIT_AT, lane]
     if split > 0.0 and share <= split + EARLY:
         off = share / split - 0.5
@@ -76,9 +77,9 @@ def yaw_rate_within(step: Floats, lane: int, share: float) -> float:
 def angle_within(
     share: float, half: float, begin: float, middle: float, end: float, bows: tuple[float, float]
 ) -> float:
-    """Return a wheel's angle at a share of a step that is split at `half` [rad]; `bows` are those of both parts.
+    """Return a wheel's angle at a share of a step split at `half` [rad]; `bows` are those of both parts.
 
-    Within a step, or each part of it, the speed changes along a line: the angle is a parabola.
+    Within a step, or each part of it, the speed is linear and the angle a parabola.
     """
     early = share < half
     along = share / half if early else (share - half) / (1.0 - half)
@@ -88,7 +89,7 @@ def angle_within(
 
 @inlined
 def begin_past(past: Floats, own: Floats, here: Floats, dt: float) -> None:
-    """Let the past be that the robot has come along at its first speeds: the first poses of a late sensor show that."""
+    """Initialise the history with motion at the initial speeds: the first poses of a late sensor show it."""
     history = len(past)
     for i in range(LANES):
         left, right = own[RADIUS_LEFT + i] * here[PSI_LEFT + i], own[RADIUS_RIGHT + i] * here[PSI_RIGHT + i]
@@ -104,14 +105,14 @@ def begin_past(past: Floats, own: Floats, here: Floats, dt: float) -> None:
 
 @inlined
 def begin_step(own: Floats, here: Floats, lanes: int) -> None:
-    """Note the angles with which a step begins."""
+    """Store the wheel angles at the beginning of a step."""
     for i in range(lanes):
         own[BEFORE_LEFT + i], own[BEFORE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
 
 
 @inlined
 def not_split(newest: Floats, own: Floats) -> None:
-    """Note that a step is one part."""
+    """Mark a step as not split."""
     for i in range(LANES):
         newest[SPLIT_AT, i] = 0.0
         own[HALF + i] = 0.0
@@ -122,7 +123,7 @@ def not_split(newest: Floats, own: Floats) -> None:
 def end_first_part(
     newest: Floats, own: Floats, here: Floats, yaw_rates: Floats, shares: Floats, turning: Floats, dt: float
 ) -> None:
-    """Note what the first part of a split step came to; `yaw_rates` are those at its two Gauss points and its end."""
+    """Store the result of the first part of a split step; `yaw_rates` are those at its two Gauss points and its end."""
     for i in range(LANES):
         own[HALF + i] = shares[i]
         own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
@@ -141,7 +142,7 @@ def end_first_part(
 def end_step(
     own: Floats, here: Floats, yaw_rates: Floats, turning: Floats, growing: Floats, curving: Floats, dt: float
 ) -> None:
-    """Note the bows of both wheels over a step, or its last part, and how the yaw rate went there."""
+    """Store the bows of both wheels over a step, or its last part, and the course of the yaw rate."""
     for i in range(LANES):
         length = (1.0 - own[HALF + i]) * dt
         way_left = here[ANGLE_LEFT + i] - own[MIDDLE_LEFT + i]
@@ -156,9 +157,9 @@ def end_step(
 
 @inlined
 def end_given_step(own: Floats, before: Floats, then: Floats, growing: Floats, curving: Floats) -> None:
-    """Note how the yaw rate went where speeds (2,) are given, means over this step and the next.
+    """Store the course of the yaw rate for given speeds (2,), means over this step and the next.
 
-    At a border the wheels turn half as one step says, half as the next.
+    At a border the wheels have the mean of the speeds of both steps.
     """
     for i in range(LANES):
         faster_left = own[SCALE_LEFT + i] * (then[0] - before[0])
@@ -172,12 +173,12 @@ def end_given_step(own: Floats, before: Floats, then: Floats, growing: Floats, c
 def keep_step(
     newest: Floats, own: Floats, here: Floats, turning: Floats, growing: Floats, curving: Floats, lanes: int
 ) -> None:
-    """Keep a step for looking back, without what corrections have added: so the past is smooth."""
+    """Add a step to the history, without corrections, so that the past is smooth."""
     for i in range(lanes):
         newest[0, i] = here[X + i] - own[OFFSET_X + i]
         newest[1, i] = here[Y + i] - own[OFFSET_Y + i]
         newest[2, i] = here[THETA + i] - own[OFFSET_THETA + i]
-        # What corrections add fades as a wheel's speed does.
+        # Corrections decay like a wheel's speed.
         own[OFFSET_LEFT + i] *= here[KEPT_END + i]
         own[OFFSET_RIGHT + i] *= here[KEPT_END + i]
         width = own[BASE_WIDTH + i]
@@ -192,9 +193,9 @@ def keep_step(
 
 @inlined
 def read_gyro(past: Floats, own: Floats, lanes: int, earliest: float, latest: float, border: int) -> None:
-    """Write the yaw rates at each lane's position, between `earliest` and `latest`, as a gyro without effects has them.
+    """Write the yaw rates at each lane's position, between `earliest` and `latest`, as measured by an ideal gyro.
 
-    Nearly always all lanes look back to the same step, and take a few instructions together.
+    Nearly always all lanes use the same step, which takes a few instructions together.
     """
     mask = len(past) - 1
     step = min(max(int(np.ceil(latest - EARLY)), 1), border)
@@ -215,9 +216,9 @@ def read_gyro(past: Floats, own: Floats, lanes: int, earliest: float, latest: fl
 def read_pose(
     past: Floats, own: Floats, i: int, moment: float, filtered: float, border: int, began: float, dt: float
 ) -> None:
-    """Write where lane i was when a sensor looked, at a moment [s], or a mean over `filtered` [s] before it.
+    """Write the pose of lane i at a sensor's time [s], or its mean over `filtered` [s] before.
 
-    A moment still to come lies on the line through the last two borders.
+    A future time is extrapolated from the last two borders.
     """
     history, now = len(past), border * dt
     mask = history - 1

@@ -1,6 +1,6 @@
-"""The compiled observer as text: the composed step, corrected by what the sensors say; see `observer`.
+"""The source of the compiled observer: the composed step, corrected by sensor readings; see `observer`.
 
-Only that is text into which statements of effects are put; what it calls are compiled functions (helpers, commanding,
+Only code with statements of effects is text; everything it calls is a compiled function (helpers, commanding,
 corrections).
 """
 
@@ -30,7 +30,7 @@ from cmr.model.observer.helpers import (
 )
 '''
 
-# How the robot moved, and where it was, when a sensor looked: between the two borders of the step.
+# The motion and pose at a sensor's time: between the two borders of the step.
 _MOTION = (
     "first = min(max(int(floor(position)), border - (history - 2)), border - 1)",
     "one, other = past[place(first, mask)], past[place(first + 1, mask)]",

@@ -1,11 +1,11 @@
-"""The model as an observer: it drives the recorded commands and is drawn towards what the sensors say.
+"""The model as an observer: it simulates the recorded commands and is corrected by the sensors.
 
-What a sensor says minus what the observer expected just before is the prediction error (innovation). Errors of free
-runs pile up along the drive; prediction errors do not, and each tells of its own moment. With the gains of a Kalman
-filter they are as independent as the noise (Ljung, System Identification, 2nd ed., 1999, chapters 4 and 7).
+The prediction error (innovation) is a reading minus its prediction just before. Errors of free runs accumulate along
+the drive; prediction errors do not, and each refers to its own time. With the gains of a Kalman filter they are as
+independent as the noise (Ljung, System Identification, 2nd ed., 1999, chapters 4 and 7).
 
-All effects take part, those of sensors too: the observer corrects its state by what the sensor, with its effects, would
-have said. Many candidate parameters are observed at once, one to a lane.
+All effects are included, also those of sensors: the observer corrects its state by the predicted readings with effects.
+Many candidate parameters are observed at once, one per lane.
 """
 
 import os
@@ -37,22 +37,22 @@ from cmr.model.parameters import Quantity
 
 Floats = NDArray[np.float64]
 MOTION = (*CHANGED[:9], "yaw_rate")  # columns of the observed motion
-LONGEST_LATENCY = 1.2  # s that the observer looks back
-RESTART = 0  # in `pose_use`: the observer begins again at this pose
+LONGEST_LATENCY = 1.2  # s of history
+RESTART = 0  # in `pose_use`: the observer restarts at this pose
 FOLLOWED = 1
-DEAD_MOTOR = {"k2_over_k3": 1e-2, "k1": 1e-5}  # neither drives nor slows down: wheel speeds are given
+DEAD_MOTOR = {"k2_over_k3": 1e-2, "k1": 1e-5}  # neither drives nor slows down, for given wheel speeds
 
 
 @dataclass(frozen=True)
 class Observations:
-    """What was sent to a robot and what its sensors said, on a time grid of `steps` of `dt` [s] from time 0 on.
+    """Commands and sensor readings, on a time grid of `steps` of `dt` [s] from time 0 on.
 
-    Where no `commands` were recorded, `given` [rad/s], shape (steps, 2), are the measured wheel speeds with which the
-    robot rolled; else it is empty. `wheel` [rad], shape (W, 2), are the encoders' angles at `wheel_time` [s],
-    `wheel_use` whether each is used; `gyro` [rad/s], and `pose` [m, m, rad] of shape (P, 3), likewise; `pose_use` is
-    FOLLOWED or RESTART. `start` is x, y, theta, psi_left, psi_right at time 0, which is `time` [s] after the drive
-    began; `turned` [rad] is how far each wheel had turned by then, left and right. All times of readings ascend and lie
-    within the grid. `kind`, of cmr.model.command_kinds, is what the duties of `commands` stand for.
+    Without recorded `commands`, `given` [rad/s], shape (steps, 2), are the measured wheel speeds as input; otherwise it
+    is empty. `wheel` [rad], shape (W, 2), are the encoders' angles at `wheel_time` [s], `wheel_use` whether each is
+    used; `gyro` [rad/s], and `pose` [m, m, rad] of shape (P, 3), likewise; `pose_use` is FOLLOWED or RESTART. `start`
+    is x, y, theta, psi_left, psi_right at time 0, which is `time` [s] after the drive began; `turned` [rad] are the
+    wheel rotations by then, left and right. All times of readings ascend and lie within the grid. `kind`, of
+    cmr.model.command_kinds, is the kind of command that the duties of `commands` represent.
     """
 
     dt: float
@@ -74,7 +74,7 @@ class Observations:
 
     @property
     def seconds(self) -> float:
-        """How long it took [s]."""
+        """Its duration [s]."""
         return self.steps * self.dt
 
     @cached_property
@@ -86,7 +86,7 @@ class Observations:
 
 
 class Gains(NamedTuple):
-    """How far the observer follows its sensors: shares of an error, and for the speed 1/s; numbers or one a lane."""
+    """The observer gains: shares of an error, and for the speed 1/s; numbers or one per lane."""
 
     angle: Quantity
     psi: Quantity
@@ -97,7 +97,7 @@ class Gains(NamedTuple):
 class Innovations(NamedTuple):
     """Prediction errors of C candidates: wheel (W, 2, C) [rad], gyro (G, C) [rad/s], pose (P, 3, C) [m, m, rad; world].
 
-    `motion`, shape (T + 1, 10), is how the first candidate moved: columns MOTION.
+    `motion`, shape (T + 1, 10), is the motion of the first candidate: columns MOTION.
     """
 
     wheel: Floats
@@ -117,13 +117,13 @@ def observe(
     """Observe a drive with C candidates.
 
     `values` maps names of parameters, the paper's and those of effects, to numbers or arrays (C,). `seed` and `luck`
-    (C,) fix random numbers. Raises KeyError for a name that no parameter has.
+    (C,) determine random numbers. Raises KeyError for an unknown parameter.
     """
     return Observer(values, gains).observe(observations, seed=seed, luck=luck)
 
 
 class Observer:
-    """C candidates and their gains, made ready to observe many drives; arguments are those of `observe`."""
+    """C candidates and their gains, prepared to observe many drives; arguments as in `observe`."""
 
     def __init__(self, values: Mapping[str, Quantity], gains: Gains) -> None:
         self._count = max(int(np.size(value)) for value in (*values.values(), *gains))

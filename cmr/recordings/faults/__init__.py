@@ -1,4 +1,4 @@
-"""What is wrong in a recording, and what of it can be put right: clocks, poses, wheels, gyro.
+"""Detect and repair faults in a recording: clocks, poses, wheels, gyro.
 
-`checks` runs all checks, each of which yields `findings`; `joining` makes one recording of several.
+`checks` runs all checks, which return `findings`; `joining` combines several recordings.
 """

@@ -1,6 +1,6 @@
-"""Find what is wrong in a recording before it is used: nothing is set aside unsaid.
+"""Check a recording before it is used; everything that is excluded is reported.
 
-No parameter of the robot is needed, and nothing but NumPy: a calibration that starts with it starts at once.
+It needs no parameters of the robot, and only NumPy, so a calibration can start with it at once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,10 +28,10 @@ CLOCK = {"poses": "poses_clock", "gyro": "gyro_clock"}  # the check of each sens
 
 
 def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
-    """Find what is wrong in a recording: poses, wheels, clocks, gaps and the log itself.
+    """Check a recording: poses, wheels, clocks, gaps and the log itself.
 
-    How late the wheels tell is found, unless it is known from other recordings of the robot: `wheels_late`, which is
-    late_wheels.IN_TIME where they are not.
+    The latency of the wheels is estimated, unless it is known from other recordings of the robot: `wheels_late`,
+    late_wheels.IN_TIME if they are not late.
     """
     even = even_stamps(recording)
     for stamps in even:
@@ -48,7 +48,7 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
     lags, rates = _lags_without_repeats(plausible), rates_of(sound)
     late = _late(plausible, lags, rates) if wheels_late is None else wheels_late
     late = None if late == IN_TIME else late
-    if late is not None:  # all else is compared with the wheels as they should have been stamped
+    if late is not None:  # everything else is compared with wheels with corrected stamps
         plausible = with_wheels_in_time(plausible, late)
         lags = _lags_without_repeats(plausible)
     pose_lag, gyro_lag = _pose_and_gyro_lag(lags)
@@ -70,32 +70,32 @@ def check(recording: Recording, wheels_late: Lag | None = None) -> Findings:
 
 
 def late_wheels_in_all(recordings: Sequence[Recording]) -> Lag | None:
-    """Return how late the wheels of one robot tell, from all its recordings at once; None if they need not be late.
+    """Return the latency of the wheels of one robot, from all its recordings at once; None if they need not be late.
 
-    Many short ones tell together what none of them tells.
+    Many short recordings together determine what none of them does.
     """
     joined = one_after_another(recordings)
     return _late(joined, lags_of(joined), rates_of(joined))
 
 
 def _late(recording: Recording, lags: list[Lag], rates: Mapping[str, float]) -> Lag | None:
-    """Return how late the wheels tell, where the gyro is surely ahead of them."""
+    """Return the latency of the wheels, if the gyro is significantly ahead of them."""
     gyro = next((lag for lag in lags if lag.sensor == "gyro"), None)
     return late_wheels(recording, lags) if gyro is not None and is_ahead(gyro, rates) else None
 
 
 def _lags_without_repeats(recording: Recording) -> list[Lag]:
-    """Return the lags of the sensors; a pose that only repeats the one before is old, and is left out."""
+    """Return the lags of the sensors; repeated poses are old, and are skipped."""
     lags = lags_of(recording)
     held = held_poses(recording, _pose_and_gyro_lag(lags)[0])
     return lags_of(recording.where({"poses": ~held})) if held.any() else lags
 
 
 def _pose_and_gyro_lag(lags: list[Lag]) -> tuple[float, float]:
-    """Return by how much [s] poses and gyro lag their reference.
+    """Return the lags [s] of poses and gyro behind their reference.
 
-    Where one is unknown, the two are taken to agree beside commands, which both follow as slowly as the robot does, and
-    sensors to agree with the wheels.
+    If one is unknown, the two are assumed to agree when compared with commands, which both follow as slowly as the
+    robot does, and sensors are assumed to agree with the wheels.
     """
     known = {lag.sensor: lag.seconds for lag in lags if lag.known and lag.sensor != "wheels"}
     commanded = any(lag.reference == "commands" for lag in lags if lag.sensor != "wheels")
@@ -104,12 +104,12 @@ def _pose_and_gyro_lag(lags: list[Lag]) -> tuple[float, float]:
 
 
 def _without(recording: Recording, found: list[Finding]) -> Recording:
-    """Return the recording without what these findings set aside."""
+    """Return the recording without the samples excluded by these findings."""
     return Findings(tuple(found), np.empty(0, np.int64), (), {}).cleaned(recording)
 
 
 def _over_all(finding: Finding, before: list[Finding], recording: Recording) -> Finding:
-    """Return a finding in the samples that those `before` it left as one in all samples."""
+    """Convert a finding on the remaining samples to one on all samples."""
     spread_out = {}
     for name, mask in finding.set_aside.items():
         whole = np.zeros(len(recording.signals[name]), np.bool_)
@@ -125,7 +125,7 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
         Finding(
             "pose_outliers",
             outliers,
-            f"{counted(outliers, 'pose')} of {len(faults.outliers)} cannot be true beside the others (noise is "
+            f"{counted(outliers, 'pose')} of {len(faults.outliers)} are inconsistent with the others (noise is "
             f"{1000 * faults.position_noise:.1f} mm and {np.degrees(faults.heading_noise):.2f} degrees): set aside.",
             {"poses": faults.outliers} if outliers else {},
         ),
@@ -163,7 +163,7 @@ def _wheels_finding(late: Lag | None) -> Finding:
 
 
 def _lag_findings(lags: list[Lag], rates: Mapping[str, float], slowest: float) -> list[Finding]:
-    """Tell where clocks differ; that wheels follow their commands late is how motors are."""
+    """Report clock offsets; a lag of wheels behind commands is normal for motors."""
     findings = []
     for sensor in CLOCK:
         lag = next((lag for lag in lags if lag.sensor == sensor), None)
@@ -173,7 +173,7 @@ def _lag_findings(lags: list[Lag], rates: Mapping[str, float], slowest: float) -
 
 
 def lag_sentence(sensor: str, lag: Lag | None) -> str:
-    """Say how far the clock of poses or gyro is from that of its reference."""
+    """Describe the offset of the clock of poses or gyro from that of its reference."""
     subject = "The poses'" if sensor == "poses" else "The gyro's"
     if lag is None:
         return f"{subject} clock has nothing to be compared with."

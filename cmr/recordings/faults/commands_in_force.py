@@ -1,13 +1,13 @@
-"""Find commands that were recorded and not in force: somebody drove with a joystick, or something stopped the robot.
+"""Detect recorded commands that were not in force: somebody drove with a joystick, or something stopped the robot.
 
-A multiplexer on the robot decides who drives; a recording holds one of its inputs. A robot with a velocity controller
-that is commanded to stand comes to rest, at the slowest by
+A multiplexer on the robot selects who drives; a recording contains only one of its inputs. A robot with a velocity
+controller that is commanded to stand comes to rest, at the slowest with
 
     |psi(t)| = |psi(0)| exp(-(t - DELAY) / SLOWEST_CONTROLLER),
 
-t [s] since the command to stand, psi [rad/s] the wheels' speeds. One that turns its wheels faster was driven otherwise.
-One that stands though it is commanded to drive was stopped. Duties are none of these: without one a robot may roll on,
-and with a small one it may stand. Of pieces shorter than DELAY and LEAST together nothing is concluded.
+t [s] since the command to stand, psi [rad/s] the wheels' speeds. Faster wheels were driven by something else. A robot
+that stands although it is commanded to drive was stopped. This does not apply to duties: without one a robot may coast,
+and with a small one it may stand. Pieces shorter than DELAY plus LEAST are not judged.
 """
 
 from collections.abc import Mapping
@@ -23,22 +23,22 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.robust import quantile, running_median
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
-DELAY = 1.0  # s after which a command has taken effect at the latest
-TURNING = 0.1  # of fast driving; a wheel that turns more slowly may be noise
+DELAY = 1.0  # s by which a command has certainly taken effect
+TURNING = 0.1  # of fast driving; slower rotation may be noise
 FAST = 0.9  # quantile of the speeds while the robot is commanded to drive
-CLEARLY = 0.25  # of the fastest command; with less a wheel may stand
-NOTHING = 1e-3  # of the fastest command; less is a command to stand
-LEAST = 2.0  # s at a stretch for which wheels must do what they were not commanded to
-SLOWING = 1.0  # s for which a robot may set off, or slow down, before and after that
-LONGEST_PERIOD, PERIODS = 0.5, 4.0  # s, and usual periods, for which a sample says something of what follows
-HALF = 2  # readings on either side, of which the median is taken
-LATEST = 700.0  # time constants; of an unknown speed something must be left, as infinity times zero is no number
+CLEARLY = 0.25  # of the fastest command; with a smaller one a wheel may stand
+NOTHING = 1e-3  # of the fastest command; a smaller one is a command to stand
+LEAST = 2.0  # s for which wheels must continuously contradict the command
+SLOWING = 1.0  # s for starting and stopping, before and after that
+LONGEST_PERIOD, PERIODS = 0.5, 4.0  # s, and usual periods, for which a sample is valid
+HALF = 2  # readings on either side for the median
+LATEST = 700.0  # time constants; limits the exponent, as infinity times zero is NaN
 
 Numbers = NDArray[np.int64]
 
 
 def commands_in_force(recording: Recording, rates: Mapping[str, float]) -> Finding:
-    """Find the commands that were not in force, which are set aside; `rates` [Hz] are those of the signals."""
+    """Find commands that were not in force, and exclude them; `rates` [Hz] are those of the signals."""
     driven, stopped = _found(recording)
     if (driven | stopped).any():  # a clock that is far off looks the same
         lag = next((lag for lag in lags_of(recording) if lag.sensor == "wheels"), None)
@@ -84,7 +84,7 @@ def _found(recording: Recording) -> tuple[Mask, Mask]:
 def _in_force(recording: Recording, drives: Mask) -> tuple[Numbers, Floats]:
     """Return the number of the command in force at each reading of the wheels, -1 where none is, shape (n,).
 
-    And for how long [s] the robot had been commanded to drive, or to stand, as then.
+    Also return for how long [s] the robot had been commanded to drive, or to stand.
     """
     commands, wheels, pieces = recording.commands, recording.wheels, recording.pieces
     piece = pieces.number(commands.utime)
@@ -99,13 +99,13 @@ def _in_force(recording: Recording, drives: Mask) -> tuple[Numbers, Floats]:
 
 
 def _allowed(speed: Floats, command: Numbers, since: Floats, drives: Mask) -> Floats:
-    """Return how fast a wheel may still turn at each reading, (n,), from its speed in the first DELAY."""
+    """Return how fast a wheel may still turn at each reading, (n,), given its speed in the first DELAY."""
     begins = np.append(True, np.diff(drives.astype(np.int8)) != 0)
     stretch = (np.cumsum(begins) - 1)[command]
     at_first = np.full(int(begins.sum()), -np.inf)
     early = (command >= 0) & (since <= DELAY)
     np.maximum.at(at_first, stretch[early], speed[early])
-    at_first[np.isinf(at_first)] = np.inf  # of a stretch of which the beginning was not seen
+    at_first[np.isinf(at_first)] = np.inf  # for a stretch with an unknown beginning
     time_constants = np.clip((since - DELAY) / SLOWEST_CONTROLLER, 0.0, LATEST)
     return np.asarray(at_first[stretch] * np.exp(-time_constants), np.float64)
 
@@ -121,7 +121,7 @@ def _lasting(recording: Recording, marked: Mask) -> list[tuple[int, int]]:
 
 
 def _around(recording: Recording, runs: list[tuple[int, int]]) -> Mask:
-    """Return which commands belong to these runs, or to the time in which the robot sets off or slows down; (n,)."""
+    """Return which commands belong to these runs, or to the starting or stopping around them; (n,)."""
     utime, pieces = recording.commands.utime, recording.pieces
     piece, slowing = pieces.number(utime), round((DELAY + SLOWING) / SECONDS)
     inside = np.zeros(len(utime), np.bool_)

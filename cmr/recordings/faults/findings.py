@@ -1,4 +1,4 @@
-"""What was found in a recording, in words and in numbers, and what to set aside."""
+"""Findings of checks, in words and numbers, with the samples to exclude."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,10 +13,10 @@ from cmr.recordings.signal import Mask, Times
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found.
+    """The finding of one check.
 
-    `found` counts it, 0 is a clean bill; `sentence` says it to a person. `set_aside` marks by signal the samples that
-    are not to be used, each mask of the signal's shape.
+    `found` is a count, 0 means no problem; `sentence` is text for a person. `set_aside` marks by signal the samples to
+    exclude, each mask of the signal's shape.
     """
 
     check: str
@@ -27,13 +27,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Findings:
-    """What all checks of a recording found.
+    """The findings of all checks of a recording.
 
     `splits` are the times [us] of the first pose after each jump of the tracker, and after each pause of the whole
-    recording: a path ends before and begins there.
-    `lags` tell how the sensors' clocks differ, `rates` [Hz] how often each signal came. Where the wheels tell late,
-    `wheels_late` says how late, and the lags are those to wheels that were set right. `even_stamps` are those
-    of wheels and poses that were stamped unevenly; everything was found with them.
+    recording, where paths are split. `lags` are the offsets of the sensors' clocks, `rates` [Hz] the rates of the
+    signals. `wheels_late` is the latency of wheel readings, if any; the lags then refer to corrected wheels.
+    `even_stamps` are corrected stamps of wheels and poses; all other findings are based on them.
     """
 
     all: tuple[Finding, ...]
@@ -47,25 +46,25 @@ class Findings:
         return next(finding for finding in self.all if finding.check == check)
 
     def lag(self, sensor: str) -> Lag | None:
-        """Return by how much a sensor (poses, gyro, wheels) is stamped later than its reference; None if unknown."""
+        """Return how much later a sensor (poses, gyro, wheels) is stamped than its reference; None if unknown."""
         return next((lag for lag in self.lags if lag.sensor == sensor and lag.known), None)
 
     def sentences(self) -> list[str]:
-        """Return what was found, one sentence for each check that found something."""
+        """Return a sentence for each check with a finding."""
         return [finding.sentence for finding in self.all if finding.found]
 
     def data_checks(self) -> list[dict[str, str | int]]:
-        """Return every check with what it counted, as it stands in a diagnosis."""
+        """Return every check with its count, for a diagnosis."""
         return [{"check": finding.check, "found": finding.found} for finding in self.all]
 
     def stamped(self, recording: Recording) -> Recording:
-        """Return the recording, the one that was checked, with the stamps with which everything was found."""
+        """Return the checked recording with the stamps used for all findings."""
         for stamps in self.even_stamps:
             recording = stamps.of(recording)
         return recording
 
     def cleaned(self, recording: Recording) -> Recording:
-        """Return the recording, the one that was checked, without the samples to set aside."""
+        """Return the checked recording without the samples to exclude."""
         keep: dict[str, Mask] = {}
         for finding in self.all:
             for name, mask in finding.set_aside.items():

@@ -1,7 +1,7 @@
-"""Tell whether the gyro turns the way, and as far as, the poses and the wheels do.
+"""Check the sign and scale of the gyro against poses and wheels.
 
-A gyro that is mounted upside down, or that tells degrees, sees the same motion as the others but for a factor. That
-is no matter of clocks, and no effect of the catalogue: such a gyro is set aside before clocks are compared.
+A gyro that is mounted upside down, or reports degrees, measures the same motion up to a factor. This is neither a clock
+fault nor an effect of the catalogue: such a gyro is excluded before clocks are compared.
 """
 
 import math
@@ -15,16 +15,16 @@ from cmr.recordings.rates import STEP, IncomparableError, Rates, common_rates, c
 from cmr.recordings.recording import Recording
 from cmr.recordings.travel import travel_of
 
-FEWEST_SPANS = 10  # over which rates are averaged; fewer tell nothing
-# Of what one sign leaves unexplained, the share that the other may leave at most, at whatever lag of the clocks.
+FEWEST_SPANS = 10  # spans over which rates are averaged; fewer are not sufficient
+# Largest residual of one sign relative to that of the other, at any lag of the clocks.
 LEFT = 0.5
-SMALLEST, LARGEST = 0.7, 1.4  # times the turn of the poses; a gyro's effects are smaller
-# Between how many times the turn that wheels without slip would make the robot really turns: tyres that scrub let it
-# turn less, and the nominal base width may be wrong.
+SMALLEST, LARGEST = 0.7, 1.4  # times the rotation of the poses; effects of a gyro are smaller
+# Range of the robot's rotation relative to that implied by wheels without slip: tyre scrub reduces it, and the nominal
+# base width may be wrong.
 LEAST_TURN, MOST_TURN = 0.1, 10.0
 SMALLEST_RATIO, LARGEST_RATIO = 0.01, 1.0  # wheel radius over base width, where they are not known; scrub included
 DEGREES = math.degrees(1.0)
-AS_GOOD_AS = 1.4  # times more or less: so near a unit's factor it is the unit
+AS_GOOD_AS = 1.4  # factor on either side; this close to a unit's factor, the unit is the cause
 OR_ELSE: Mapping[tuple[str, ...], str] = {
     ("poses",): ", or the poses are mirrored",
     ("wheels",): ", or encoders of the two sides are swapped (--swap)",
@@ -34,7 +34,7 @@ OR_ELSE: Mapping[tuple[str, ...], str] = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """How the gyro's turns compare with another sensor's: `reverse`, and from `least` to `most` times as large.
+    """The gyro's rotation compared with another sensor's: `reverse`, and a factor from `least` to `most`.
 
     The unit is rad per unit of the other's turns.
     """
@@ -49,18 +49,18 @@ class Comparison:
         return math.sqrt(self.least * self.most)
 
     def times(self, factor: float) -> "Comparison":
-        """Return the comparison of a gyro that reads so many times as much."""
+        """Return the comparison for a gyro scaled by this factor."""
         return Comparison(self.reverse, factor * self.least, factor * self.most)
 
     def within(self, least: float, most: float) -> bool:
-        """Tell whether the factor may lie between these."""
+        """Return whether the factor may lie between these."""
         return self.most >= least and self.least <= most
 
 
 def gyro_findings(recording: Recording) -> list[Finding]:
-    """Find a gyro that turns the other way, or by another factor, than the poses and the wheels do.
+    """Find a gyro with a wrong sign or factor compared with poses and wheels.
 
-    Where these contradict each other, it is one of them that is wrong, and the gyro stays.
+    If these contradict each other, one of them is wrong, and the gyro is kept.
     """
     seen = _comparisons(recording)
     reverse = bool(seen) and all(one.reverse for one in seen.values())
@@ -79,7 +79,7 @@ def gyro_findings(recording: Recording) -> list[Finding]:
 
 
 def _comparisons(recording: Recording) -> dict[str, Comparison]:
-    """Compare the gyro's turns with those of the poses, and of the wheels or else the commands, where they tell."""
+    """Compare the gyro's rotation with that of the poses, and of the wheels or else the commands, if possible."""
     others = ("poses", "wheels") if len(recording.wheels) > 1 else ("poses", "commands")
     present = [name for name in others if len(recording.signals[name]) > 1] if len(recording.gyro) > 1 else []
     origin = int(recording.pieces.first[0]) if present else 0
@@ -90,17 +90,16 @@ def _comparisons(recording: Recording) -> dict[str, Comparison]:
             rates = common_rates(gyro, other, recording.pieces, origin)
         except IncomparableError:
             continue
-        (pair,) = rates.pairs  # a gyro does not tell how the robot drives
+        (pair,) = rates.pairs  # a gyro does not measure driving
         if np.count_nonzero(pair[0].covered & pair[1].covered) * STEP > FEWEST_SPANS * rates.span:
             compared[name] = _compared(*pair, rates.shifts)
     return {name: comparison for name, comparison in compared.items() if comparison}
 
 
 def _compared(gyro: Rates, other: Rates, shifts: int) -> Comparison | None:
-    """Compare two rates of turning, of clocks up to `shifts` steps apart; None if they are not alike.
+    """Compare two yaw rates, with clock offsets of up to `shifts` steps; None if they are not correlated.
 
-    Both are in error: the regression of the gyro on the other gives too small a factor, that of the other on the gyro
-    too large a one.
+    Both have errors: regressing the gyro on the other gives too small a factor, the reverse too large a one.
     """
     correlation, _ = correlation_of(gyro, other, shifts)
     best = int(np.argmax(np.abs(correlation)))
@@ -118,7 +117,7 @@ def _compared(gyro: Rates, other: Rates, shifts: int) -> Comparison | None:
 
 
 def _wrong_factor(recording: Recording, seen: Mapping[str, Comparison]) -> str:
-    """Return what is wrong with the gyro's factor; empty if nothing is, or if another sensor is to blame."""
+    """Return what is wrong with the gyro's factor; empty if nothing is, or if another sensor is at fault."""
     poses, wheels = seen.get("poses"), seen.get("wheels")
     turn = _turn_of_wheels(recording)
     if poses is None:
@@ -129,7 +128,7 @@ def _wrong_factor(recording: Recording, seen: Mapping[str, Comparison]) -> str:
 
 
 def _turn_of_wheels(recording: Recording) -> tuple[float, float]:
-    """Return by how much the robot may turn, at least and at most, per unit of the wheels' turns [rad]."""
+    """Return the range of the robot's rotation per unit of the wheels' rotation [rad]."""
     given = recording.parameters
     if given is None or not given.has("wheel_radius", "base_width"):
         return SMALLEST_RATIO, LARGEST_RATIO

@@ -1,8 +1,8 @@
-"""Find headings that the tracker turned on the robot: after a jump, the robot no longer goes where they point.
+"""Find headings that the tracker rotated relative to the robot: after a jump, they no longer match its motion.
 
-A tracker that starts again in another frame turns path and headings alike; nothing but a cut is needed then. One whose
-tracked body was moved on the robot, or was recognised wrongly, goes on with other headings. What the robot does would
-look like another robot's, so that such poses are set aside.
+A tracker that restarts in another frame rotates path and headings alike, so a cut suffices. If the tracked body was
+moved on the robot, or recognised wrongly, the headings change relative to the motion. The robot would then appear to be
+a different one, so such poses are excluded.
 """
 
 from dataclasses import dataclass
@@ -17,20 +17,19 @@ from cmr.recordings.robust import spread, wrapped
 from cmr.recordings.signal import SECONDS, Floats, Mask
 from cmr.recordings.travel import travel_of
 
-WINDOW = 0.5  # s over which the robot's way is compared with its heading
-TURNED = 0.1  # rad; headings that differ by less may be as true as the robot's slip
+WINDOW = 0.5  # s over which the robot's motion is compared with its heading
+TURNED = 0.1  # rad; smaller differences may be due to slip
 SURE = 7.0  # standard deviations by which they must differ
-SHORTEST_WAY = 0.5  # m that a part must tell of, to be judged
-OUTLYING = 4.0  # standard deviations; windows further off, in which wheels slip, tell nothing of headings
+SHORTEST_WAY = 0.5  # m of a part's path required to judge it
+OUTLYING = 4.0  # standard deviations; windows further off, with wheel slip, are not used
 FEWEST = 20  # windows
 
 
 @dataclass(frozen=True)
 class Ways:
-    """How the robot moved in windows of time, shape (n,), of the `part` between two jumps that each belongs to.
+    """The motion in windows of time, shape (n,), and the `part` between two jumps that each belongs to.
 
-    `moved` [m, complex: ahead + i to the left of the heading], `driven` as the wheels tell in their unit, `turned`
-    [rad].
+    `moved` [m, complex: ahead + i to the left of the heading], `driven` by the wheels, in their unit, `turned` [rad].
     """
 
     part: NDArray[np.int64]
@@ -40,9 +39,9 @@ class Ways:
 
 
 def turned_headings(recording: Recording, faults: PathFaults, pose_lag: float) -> Finding:
-    """Find the poses between jumps whose headings point elsewhere than the robot goes, beside those of other parts.
+    """Find poses between jumps whose headings do not match the motion, compared with other parts.
 
-    `pose_lag` [s] is by how much poses are stamped later than the wheels.
+    `pose_lag` [s] is how much later poses are stamped than the wheels.
     """
     part = np.cumsum(faults.jumps, dtype=np.int64)
     wrong = np.zeros(len(part), np.bool_)
@@ -66,7 +65,7 @@ def turned_headings(recording: Recording, faults: PathFaults, pose_lag: float) -
 
 
 def _ways(recording: Recording, part: NDArray[np.int64], used: Mask, pose_lag: float) -> Ways | None:
-    """Return how the robot moved from each `used` pose to one a window later, of the same part; None if unknown."""
+    """Return the motion from each `used` pose to one a window later, of the same part; None if unknown."""
     poses, part = recording.poses.where(used), part[used]
     wheels, commands = recording.wheels, recording.commands
     if len(poses) < FEWEST or max(len(wheels), len(commands)) < 2:
@@ -87,8 +86,8 @@ def _ways(recording: Recording, part: NDArray[np.int64], used: Mask, pose_lag: f
 def _angles(ways: Ways | None) -> dict[int, tuple[float, float]]:
     """Return, by part, the angle [rad] from the heading to the way and its standard deviation.
 
-    The tracked point's lever arm and sideways skid, the same in all parts, are fitted beside it: in bends they, too,
-    carry the robot sideways.
+    The tracked point's lever arm and sideways skid, the same in all parts, are fitted as well, because in bends they
+    also move it sideways.
     """
     if ways is None or len(ways.part) < FEWEST:
         return {}

@@ -1,7 +1,7 @@
-"""Find poses that only repeat the one before while the robot moves: the tracker has not seen the robot again.
+"""Find poses that repeat the previous one while the robot moves, because the tracker has lost it.
 
-A tracker that rounds what it says may by chance say the same numbers twice of a robot that moves slowly. Such a pose is
-a true one. How often that happens follows from how coarsely it rounds, and how much it scatters.
+A tracker that rounds its output may repeat the same numbers for a slow robot by chance. Such a pose is valid. How often
+that happens depends on its rounding and noise.
 """
 
 import numpy as np
@@ -13,27 +13,27 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.robust import TO_DEVIATION, quantile, ratio, wrapped
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 
-CREEPING = 0.5  # of the way between two poses; a robot that went less far may stand in the same place
-BY_CHANCE = 1e-4  # of recordings in which a true pose repeats the one before and is called held
-COMPARED = 0.5  # s over which poses and wheels tell how far the robot went
+CREEPING = 0.5  # of the distance between two poses; a robot that moved less may be at the same position
+BY_CHANCE = 1e-4  # share of recordings in which a valid repeated pose is called held
+COMPARED = 0.5  # s over which the distances by poses and wheels are compared
 SECOND_DIFFERENCE = 6.0**0.5  # standard deviation of a second difference of white noise, in those of the noise
-ROUNDED = 12.0**-0.5  # standard deviation of what is rounded off, of the size of the step
+ROUNDED = 12.0**-0.5  # standard deviation of rounding errors, as a share of the step
 REPEATING = (4.0 * np.pi) ** -0.5  # density of the difference of two values of unit normal noise, at 0
 
 
 def held_poses(recording: Recording, pose_lag: float = 0.0) -> Mask:
-    """Tell which poses repeat the one before though wheels turn, or are commanded to where none were recorded, (n,).
+    """Return which poses repeat the previous one although wheels turn, or (without wheel data) are commanded to, (n,).
 
-    `pose_lag` [s] is by how much poses are stamped later than the wheels.
+    `pose_lag` [s] is how much later poses are stamped than the wheels.
     """
     poses = recording.poses
     same = np.append(False, np.all([values[1:] == values[:-1] for values in poses.fields.values()], axis=0))[
         : len(poses)
     ]
-    same &= ~recording.pieces.borders(poses.utime)  # a tracker may begin each piece where it began the one before
+    same &= ~recording.pieces.borders(poses.utime)  # a tracker may start each piece where it started the previous one
     if not same.any():
         return same
-    # A robot follows its commands sooner or later than on average: it moved for sure if it did so either way.
+    # A robot follows its commands sooner or later than on average: it certainly moved if it did so either way.
     response = 0.0 if len(recording.wheels) else response_to_commands(pose_lag)
     held = same
     for lag in {pose_lag - response, pose_lag, pose_lag + response}:
@@ -42,7 +42,7 @@ def held_poses(recording: Recording, pose_lag: float = 0.0) -> Mask:
 
 
 def _moved_on(recording: Recording, new: Mask, ways: tuple[Floats, Floats] | None) -> Mask:
-    """Tell at which poses the robot is surely elsewhere than at the last `new` one, each of shape (n,)."""
+    """Return at which poses the robot has certainly moved since the last `new` one, each of shape (n,)."""
     if ways is None:
         return np.zeros(len(new), np.bool_)
     first = np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
@@ -55,9 +55,9 @@ def _moved_on(recording: Recording, new: Mask, ways: tuple[Floats, Floats] | Non
 
 
 def _ways(recording: Recording, utime: Times) -> tuple[Floats, Floats] | None:
-    """Return how far the robot has driven and turned at each time, both ways counted up, in units of the wheels.
+    """Return the total distance driven and rotation at each time, in units of the wheels.
 
-    None where nothing tells it.
+    None if they are unknown.
     """
     if len(recording.wheels):
         signal, names = recording.wheels, ("psi_left", "psi_right")
@@ -72,9 +72,9 @@ def _ways(recording: Recording, utime: Times) -> tuple[Floats, Floats] | None:
 
 
 def _chance(poses: Signal, pieces: Pieces, new: Mask, ways: tuple[Floats, Floats], first: NDArray[np.int64]) -> Floats:
-    """Return how likely each pose, if it is true, repeats the one numbered `first` by chance, shape (n,).
+    """Return the probability that each pose, if valid, repeats the one numbered `first` by chance, shape (n,).
 
-    `new` marks the poses that do not repeat the one before; `ways` are how far the robot has driven and turned.
+    `new` marks the poses that do not repeat the one before; `ways` are the distance driven and the rotation.
     """
     x, y, theta = (poses[name] for name in ("x", "y", "theta"))
     theta = theta[0] + np.append(0.0, np.cumsum(wrapped(np.diff(theta))))
@@ -86,7 +86,7 @@ def _chance(poses: Signal, pieces: Pieces, new: Mask, ways: tuple[Floats, Floats
         if not noise > 0.0:
             continue
         moved = _scale(parts, poses.utime, pieces, way) * (way - way[first])
-        # What is rounded to the same may be a step apart in each direction.
+        # Values rounded to the same number may differ by a step in each direction.
         beyond = np.maximum(moved - float(np.linalg.norm(steps)), 0.0) / noise
         for step in steps:
             chance *= min(REPEATING * step / noise, 1.0)
@@ -95,7 +95,7 @@ def _chance(poses: Signal, pieces: Pieces, new: Mask, ways: tuple[Floats, Floats
 
 
 def _rounding(values: Floats) -> float:
-    """Return the step to which values are rounded: the smallest difference between two that follow one another."""
+    """Return the step to which values are rounded: the smallest difference of consecutive values."""
     steps = np.abs(np.diff(values))
     return float(np.min(steps[steps > 0.0], initial=np.inf)) if np.any(steps > 0.0) else 0.0
 
@@ -107,7 +107,7 @@ def _noise(values: Floats) -> float:
 
 
 def _scale(parts: tuple[Floats, ...], utime: Times, pieces: Pieces, way: Floats) -> float:
-    """Return how far the path leads, in these parts of the pose together, for each unit of the wheels' way."""
+    """Return the path length, in these parts of the pose together, per unit of the wheels' distance."""
     period = float(np.median(np.diff(utime))) * SECONDS
     width = int(np.clip(round(COMPARED / period), 1, len(utime) - 1))
     number = pieces.number(utime)

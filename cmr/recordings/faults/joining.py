@@ -1,4 +1,4 @@
-"""Recordings of one robot set one after another, as the pieces of one recording."""
+"""Join recordings of one robot to one recording with several pieces."""
 
 from collections.abc import Sequence
 
@@ -8,11 +8,11 @@ from cmr.recordings.arrivals import KEPT
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Signal
 
-APART = round(10.0 / SECONDS)  # us between two of them: a pause for every check
+APART = round(10.0 / SECONDS)  # us between two of them: every check treats it as a pause
 
 
 def one_after_another(recordings: Sequence[Recording]) -> Recording:
-    """Return one recording whose pieces are these, at least one, in their order; parameters are the first one's."""
+    """Return one recording with these as pieces, in order; parameters are the first one's."""
     shifts, end = [], 0
     for recording in recordings:
         times = [signal.utime for signal in recording.signals.values() if len(signal)]

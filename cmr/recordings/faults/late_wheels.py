@@ -1,9 +1,9 @@
-"""Find wheels that tell late: their readings are older than their stamps say.
+"""Detect late wheel readings, which are older than their stamps.
 
-Many bought robots filter the speeds that they report, or stamp them on arrival. The gyro then turns before the wheels
-do, which no robot can; a gyro's clock that is ahead looks the same, and poses may be as late as the wheels. The sensor
-that is first, gyro or poses, counts as in time: so none tells what has not yet happened. How late all of them are
-together is not known: it counts as command_delay.
+Many commercial robots filter the speeds that they report, or stamp them on arrival. The gyro then turns before the
+wheels do, which is impossible; a gyro clock that is ahead looks the same, and poses may be as late as the wheels. The
+earliest sensor, gyro or poses, is taken as reference, so that none reports the future. A common latency of all is
+unknown: it counts as command_delay.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,14 +16,14 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
 SURELY = 3.0  # standard deviations
-IN_TIME = Lag("wheels", "gyro", 0.0, 0.0)  # of wheels that are known not to be late
+IN_TIME = Lag("wheels", "gyro", 0.0, 0.0)  # for wheels that are known not to be late
 
 
 def late_wheels(recording: Recording, lags: Sequence[Lag]) -> Lag | None:
-    """Return by how much the wheels lag the first of the other sensors in these `lags`; None if they need not.
+    """Return the lag of the wheels behind the earliest other sensor in these `lags`; None if they need not be late.
 
-    The driver of CMR stamps its wheels when they were read: they are never late. Nor are wheels that would then have
-    turned before they were commanded to.
+    CMR's driver stamps wheels when they are read, so they are never late. The same holds for wheels that would
+    otherwise turn before they were commanded to.
     """
     known = {lag.sensor: lag for lag in lags if lag.known}
     first = known.get("gyro")
@@ -36,18 +36,18 @@ def late_wheels(recording: Recording, lags: Sequence[Lag]) -> Lag | None:
 
 
 def _is_before(one: Lag, other: Lag) -> bool:
-    """Tell whether a lag is surely smaller than another."""
+    """Return whether a lag is significantly smaller than another."""
     return one.seconds < other.seconds - SURELY * float(np.hypot(one.std, other.std))
 
 
 def with_wheels_in_time(recording: Recording, late: Lag) -> Recording:
-    """Return the recording with its wheels stamped as much earlier as they are late."""
+    """Return the recording with its wheel stamps corrected for their latency."""
     wheels = recording.wheels
     return replace(recording, wheels=replace(wheels, utime=wheels.utime - round(late.seconds / SECONDS)))
 
 
 def together(found: Iterable[Lag | None]) -> Lag | None:
-    """Return the lag of wheels that several recordings of one robot tell, as a mean; None where none does."""
+    """Return the mean wheel lag over several recordings of one robot; None if none shows it."""
     known = [lag for lag in found if lag is not None]
     if not known:
         return None

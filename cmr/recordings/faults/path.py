@@ -1,4 +1,4 @@
-"""A measured path freed of the motion that wheels and gyro tell: what is left is slow, unless poses are wrong."""
+"""A measured path minus the motion from wheels and gyro: the residual is slow, unless poses are wrong."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,25 +14,25 @@ from cmr.recordings.robust import quantile, ratio, run_ends, running_largest, ru
 from cmr.recordings.signal import Floats, Mask, Signal
 from cmr.recordings.travel import Travel, travel_of
 
-HALF = 5  # neighbours on either side; a burst of that many outliers is seen through
+HALF = 5  # neighbours on either side; bursts of up to this many outliers are tolerated
 SHORTEST_STEP = 1e-6  # s; time stamps are no finer
 SAME_RATE = 0.02  # share by which usual times between poses may differ from round ones
-HARDEST, HARDEST_TURN = 10.0, 200.0  # m/s^2, rad/s^2; no robot on wheels brakes or sets off harder
+HARDEST, HARDEST_TURN = 10.0, 200.0  # m/s^2, rad/s^2; no wheeled robot brakes or accelerates harder
 COMPARED = 0.5  # s over which two sensors' motions are compared
-LONGEST_GAP = 0.3  # s; over a longer one a sensor does not tell the motion
-EXPLAINED = 0.5  # a sensor is used where what it leaves of the motion is less than this share
-USUAL = 0.3  # s before and after, whose median rate is that of a path of which no sensor tells
+LONGEST_GAP = 0.3  # s; a sensor does not determine the motion over a longer gap
+EXPLAINED = 0.5  # a sensor is used if its residual is less than this share of the motion
+USUAL = 0.3  # s before and after, whose median rate predicts the path without a sensor
 USUAL_STEP = 0.02  # s at least over which a rate is taken: poses of 200 Hz rounded to 1 mm move by 0 or 0.2 m/s
-USUAL_DOUBT = 1.5  # of how much that rate changes between neighbours
-JITTER, JITTER_SHARE = 0.045, 0.75  # s and share of the time to the next by which a pose's time stamp may be wrong
-# Of the motion that a sensor tells, the share by which the true one may be less: wheels may spin, a gyro cannot.
+USUAL_DOUBT = 1.5  # of the change of that rate between neighbours
+JITTER, JITTER_SHARE = 0.045, 0.75  # s, and share of the time to the next pose, by which a pose's stamp may be wrong
+# Share by which the true motion may be less than a sensor's: wheels may spin, a gyro cannot.
 WHEEL_SLIP, GYRO_SLIP, USUAL_SLIP = 1.0, 0.1, 1.0
-# Of the time between a sensor's samples, by how much sooner or later than on average a change is reported. Commands may
-# have been given at any time since the one before was recorded.
+# Delay of a reported change, in sample intervals of the sensor. Commands may have been given at any time since the
+# previous one was recorded.
 HALF_PERIOD, WHOLE_PERIOD = 0.5, 1.0
-LARGEST = 0.9  # quantile by which motions are compared: the rest may be outliers
-# Of the time over which neighbours are looked at, how far a change of slip leads off their line near the end of a run,
-# and off their median within it.
+LARGEST = 0.9  # quantile used to compare motions: the rest may be outliers
+# Deviation due to a change of slip, as a share of the time span of neighbours: from their line near the end of a run,
+# and from their median inside it.
 BENT, BENT_WITHIN = 0.5, 0.15
 
 Complexes = NDArray[np.complex128]
@@ -41,9 +41,9 @@ Numbers = TypeVar("Numbers", Floats, Complexes)  # of turns [rad], and of ways [
 
 @dataclass(frozen=True)
 class Sensor:
-    """What tells the motion: its travel, the `lag` [s] by which poses are stamped later than it.
+    """A motion sensor: its travel, and the `lag` [s] of poses behind it.
 
-    Of the motion it tells, `slip` is the share by which the true one may be less; it may follow within `response` [s].
+    `slip` is the share by which the true motion may be less; it may lag by up to `response` [s].
     """
 
     travel: Travel
@@ -56,9 +56,9 @@ class Sensor:
 class Motion(Generic[Numbers]):
     """The motion from each pose to the next, shape (n - 1,).
 
-    `steps` [m, complex, or rad], `doubt` how far wrong the place of a pose may be for its time stamp, `slip` how far
-    slip may go, `bend` how far a change of it may lead off the line near the end of a
-    run, `unseen` how far the pose at its outer end may be wrong as no neighbour tells what happened there.
+    `steps` [m, complex, or rad], `doubt` the position error of a pose due to its time stamp, `slip` the largest slip,
+    `bend` the deviation from the line near the end of a run due to a change of slip, `unseen` the error of the pose at
+    its outer end, which has no neighbour.
     """
 
     steps: Numbers
@@ -69,9 +69,9 @@ class Motion(Generic[Numbers]):
 
 
 class Steps:
-    """The steps from each pose to the next, shape (n - 1,): `dt` [s], the `run` each is of, and if it is `within` it.
+    """The steps from each pose to the next, shape (n - 1,): `dt` [s], their `run`, and whether they are `within` it.
 
-    A step from one run to the next counts to the first one, but tells nothing.
+    A step between runs counts to the first one, but is not used.
     """
 
     def __init__(self, dt: Floats, run: NDArray[np.int64]) -> None:
@@ -88,20 +88,22 @@ class Steps:
 
     @property
     def from_end(self) -> NDArray[np.int64]:
-        """How many steps lie between each and the nearer end of its run."""
+        """The number of steps between each one and the nearer end of its run."""
         first, last = run_ends(self.run)
         place = np.arange(len(first))
         return np.asarray(np.minimum(place - first, np.maximum(last - ~self.within[last] - place, 0)), np.int64)
 
     @cached_property
     def groups(self) -> NDArray[np.int64]:
-        """Where each group of neighbouring steps begins that last USUAL_STEP together, shape (g,); runs share none."""
+        """The starts of groups of neighbouring steps that last USUAL_STEP together, shape (g,); groups do not span
+        runs.
+        """
         first, _ = run_ends(self.run)
         samples = max(int(np.ceil(USUAL_STEP / self.usual * (1.0 - SAME_RATE))), 1)
         return np.flatnonzero((np.arange(len(first)) - first) % samples == 0)
 
     def rates(self, steps: Floats) -> Floats:
-        """Return the rate of each group, shape (g,); one that only leads from run to run is given that before it."""
+        """Return the rate of each group, shape (g,); a group between runs gets the previous rate."""
         motion_seen, time = (np.add.reduceat(np.where(self.within, of, 0.0), self.groups) for of in (steps, self.dt))
         rates = motion_seen / np.maximum(time, SHORTEST_STEP)
         empty = np.flatnonzero(time == 0.0)
@@ -109,7 +111,7 @@ class Steps:
         return rates
 
     def each(self, of_groups: Floats) -> Floats:
-        """Return what is true of groups for each step of them."""
+        """Expand values of groups to each of their steps."""
         return np.repeat(of_groups, np.diff(np.append(self.groups, len(self.dt))))
 
     def over(self, steps: Numbers) -> Numbers:
@@ -123,7 +125,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Path:
-    """A measured path freed of the motion that sensors tell, shape (n,).
+    """A measured path minus the motion from sensors, shape (n,).
 
     `run` numbers the pieces of the recording: each is a path of its own. `place` [m, complex: x + iy] and `heading`
     [rad] are what is left, `off` and `off_heading` by how much each stands off the median of its neighbours, or off
@@ -145,7 +147,7 @@ class Path:
 
     @classmethod
     def of(cls, recording: Recording, poses: Signal, pose_lag: float = 0.0, gyro_lag: float = 0.0) -> "Path":
-        """Free the path of `poses` of the motion that the recording's wheels, else commands, and gyro tell."""
+        """Subtract the motion from the recording's wheels, or else commands, and gyro from the path of `poses`."""
         time, theta, measured = poses.seconds, poses["theta"], poses["x"] + 1j * poses["y"]
         run = recording.pieces.number(poses.utime)
         steps = Steps(np.diff(time), run)
@@ -163,14 +165,14 @@ class Path:
         return cls(time, run, place, heading, x[0] + 1j * y[0], off_heading, x[1], doubt_heading, *slips)
 
     def at(self, index: NDArray[np.int64]) -> "Path":
-        """Return the path of these poses alone."""
+        """Return the path of these poses only."""
         return Path(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 def _sensors(
     recording: Recording, origin: int, pose_lag: float, gyro_lag: float
 ) -> tuple[Sensor | None, Sensor | None]:
-    """Return what tells the motion of the wheels, if need be the commands, and the gyro."""
+    """Return the motion sensors: the wheels, or else the commands, and the gyro."""
     wheels = gyro = None
     if len(recording.wheels) > 1:
         wheels = _sensor(recording, "wheels", origin, pose_lag, WHEEL_SLIP)
@@ -189,7 +191,7 @@ def _sensor(recording: Recording, name: str, origin: int, lag: float, slip: floa
 
 
 def _off(time: Floats, values: Floats, run: NDArray[np.int64], motion: Motion[Numbers]) -> tuple[Floats, Floats]:
-    """Return how far values stand off their neighbours, and how much of that the motion may be to blame for."""
+    """Return the deviations of values from their neighbours, and how much of that may be due to the motion."""
     off, near, untold = off_the_ends(time, values, HALF, run)
     off = np.where(near, off, values - running_median(values, HALF, run))
     doubt, bend = (np.maximum(np.append(0.0, of), np.append(of, 0.0)) for of in (motion.doubt, motion.bend))
@@ -236,7 +238,7 @@ def _moved(time: Floats, measured: Complexes, facing: Floats, steps: Steps, sens
 
 
 def _usual(measured: Numbers, steps: Steps, hardest: float) -> Motion[Numbers]:
-    """Return the motion at the median rate of the steps around; it errs where the rate changes.
+    """Return the motion at the median rate of the surrounding steps; it is wrong where the rate changes.
 
     The rate changes by no more than `hardest` [m/s^2 or rad/s^2].
     """
@@ -245,14 +247,14 @@ def _usual(measured: Numbers, steps: Steps, hardest: float) -> Motion[Numbers]:
     half = int(np.clip(round(USUAL / together), 2, max(np.ceil(HALF / samples.max()), 3)))
     parts: list[Floats] = [np.real(measured), *([np.imag(measured)] if np.iscomplexobj(measured) else [])]
     of_groups = [running_median(steps.rates(part), half, run) for part in parts]
-    # Within a group, and to the middle of its neighbours, a rate that changes leads astray.
+    # Within a group, and up to the middle of its neighbours, a changing rate causes errors.
     ranges = steps.each(np.sum([running_range(rate, 1, run) for rate in of_groups], axis=0) * 0.5 * (samples + 1.0))
     rates = [steps.each(rate) for rate in of_groups]
     rate = rates[0] if len(rates) == 1 else rates[0] + 1j * rates[1]
     usual = np.asarray(np.where(steps.within, rate, 0.0) * steps.dt, dtype=measured.dtype)
     bend = np.sum([running_range(rate, HALF, steps.run) for rate in rates], axis=0) * steps.reach
-    bend = np.maximum(bend - np.median(bend), 0.0)  # what it is throughout is noise
-    # What the robot did in the very first steps, or the last, no median tells: it may have gone as fast as ever.
+    bend = np.maximum(bend - np.median(bend), 0.0)  # its usual size is noise
+    # The median does not cover the very first and last steps: the robot may have been as fast as ever.
     time = np.maximum(((half + 1) // 2 + 1) * samples.max() - steps.from_end, 0) * steps.dt
     unseen = np.minimum(np.max(np.abs(usual) / steps.dt, initial=0.0) * time, 0.5 * hardest * time**2)
     return Motion(usual, USUAL_DOUBT * ranges * steps.dt, USUAL_SLIP * np.abs(usual), USUAL_SLIP * bend, unseen)
@@ -261,9 +263,9 @@ def _usual(measured: Numbers, steps: Steps, hardest: float) -> Motion[Numbers]:
 def _preferred(
     usual: Motion[Numbers], motion_seen: Numbers, sides: list[Floats], covered: Mask, steps: Steps, sensor: Sensor
 ) -> Motion[Numbers]:
-    """Return the motion that a sensor reported, where it did; it errs where the pose's time stamp does.
+    """Return the motion from a sensor, where available; its errors come from the pose's time stamp.
 
-    `sides` are the steps of each side of the robot: where one changes its speed, the slip may change.
+    `sides` are the steps of each side of the robot: when one changes its speed, slip may change.
     """
     covered = covered & steps.within
     speeds = [np.where(covered, side / steps.dt, 0.0) for side in sides]
@@ -271,7 +273,7 @@ def _preferred(
     change, change_late = (
         np.max([running_range(speed, half, steps.run) for speed in speeds], axis=0) for half in (HALF, late)
     )
-    # What changed before a run begins may come late, and what comes after its end may have come early.
+    # Changes before a run begins may be reported late, and those after its end early.
     fastest = np.max([np.max(np.abs(speed), initial=0.0) for speed in speeds])
     change_late = np.where(
         steps.from_end * steps.usual < sensor.response, np.maximum(change_late, fastest), change_late
@@ -290,7 +292,7 @@ def _preferred(
 
 
 def _motion_seen(time: Floats, travel: Travel, travelled: Floats) -> tuple[Floats, Mask]:
-    """Return what a sensor tells of the travel between each time and the next, and where it does, shape (n - 1,)."""
+    """Return a sensor's travel between each time and the next, and where it is known, shape (n - 1,)."""
     after = np.clip(np.searchsorted(travel.time, time), 1, len(travel.time) - 1)
     known = (travel.time[after] - travel.time[after - 1] <= LONGEST_GAP) & (time >= travel.time[0])
     known &= time <= travel.time[-1]
@@ -298,7 +300,7 @@ def _motion_seen(time: Floats, travel: Travel, travelled: Floats) -> tuple[Float
 
 
 def _share(left: Numbers, whole: Numbers) -> float:
-    """Return the size of what is left as a share of the whole; infinite where there is no motion."""
+    """Return the size of what is left as a share of the whole; infinite without motion."""
     size = quantile(np.abs(whole), LARGEST)
     return quantile(np.abs(left), LARGEST) / size if size > 0.0 else np.inf
 

@@ -1,9 +1,8 @@
-"""Find poses that cannot be true: outliers, jumps of the tracker, poses held while the robot moved.
+"""Find impossible poses: outliers, jumps of the tracker, poses held while the robot moved.
 
-What wheels or gyro say about the motion is taken off the path first. What is left of a true path is slow: slip,
-drift, wrong wheel sizes. Outliers stand out of it, jumps are steps in it. How far a turn of the wheels carries the
-robot is estimated from the same data, so that no parameter need be known. Where no sensor tells the motion, the
-path's own median rates do.
+The motion from wheels or gyro is first subtracted from the path. The residual of a valid path is slow: slip, drift,
+wrong wheel sizes. Outliers stand out of it, jumps are steps in it. The scale of the wheels' motion is estimated from
+the same data, so no parameters are needed. Without a motion sensor, the path's own median rates are used.
 """
 
 from dataclasses import dataclass
@@ -18,24 +17,24 @@ from cmr.recordings.robust import local_noise, running_median, spread, wrapped
 from cmr.recordings.signal import Floats, Mask
 
 OUTLYING = 5.0  # standard deviations at least by which an outlier stands off
-BY_CHANCE = 1e-4  # of recordings in which a pose of normal noise stands off by so much that it is called an outlier
-JUMPING = 7.0  # standard deviations; a jump splits a path, so it must be sure
+BY_CHANCE = 1e-4  # share of recordings in which a normal pose is called an outlier
+JUMPING = 7.0  # standard deviations; a jump splits a path, so it must be significant
 STEP_HALVES = (1, 4)  # values before and after a step are medians of twice this and one
 LEAST_POSITION, LEAST_HEADING = 0.001, 0.002  # m, rad; noise below this is taken to be this
-LONGEST_GAP = 1.0  # s; across a longer gap in the poses no jump is looked for
-LONGEST_BURST = 3.0  # s; a path that jumps and jumps again within this was wrong in between
-COMES_BACK = 0.3  # of the jump there; so far off it may come back
-PASSES = 3  # what is wrong hides some of its neighbours; without it they are looked at again
-FEWEST = 11  # poses; fewer have no neighbours to be compared with
+LONGEST_GAP = 1.0  # s; jumps are not searched across a longer gap in the poses
+LONGEST_BURST = 3.0  # s; a path with two jumps within this time was wrong in between
+COMES_BACK = 0.3  # of the first jump; tolerance for a return
+PASSES = 3  # faults hide some of their neighbours, which are checked again without them
+FEWEST = 11  # poses; fewer have too few neighbours
 
 
 @dataclass(frozen=True)
 class PathFaults:
     """What is wrong with poses; masks of shape (n,).
 
-    `held` repeats the pose before it though the robot moved, `outliers` stand off their neighbours, `jumps` are the
-    first poses after the tracker jumped. `position_noise` [m] and `heading_noise` [rad] are the standard deviations
-    of what is left.
+    `held` repeat the previous pose although the robot moved, `outliers` deviate from their neighbours, `jumps` are the
+    first poses after the tracker jumped. `position_noise` [m] and `heading_noise` [rad] are the standard deviations of
+    what is left.
     """
 
     held: Mask
@@ -48,7 +47,7 @@ class PathFaults:
 def path_faults(recording: Recording, pose_lag: float = 0.0, gyro_lag: float = 0.0) -> PathFaults:
     """Find what is wrong with the poses.
 
-    `pose_lag`, `gyro_lag` [s] are by how much they are stamped later than the wheels.
+    `pose_lag`, `gyro_lag` [s] are how much later they are stamped than the wheels.
     """
     poses = recording.poses
     held = held_poses(recording, pose_lag)
@@ -81,11 +80,11 @@ def _faults(path: Path) -> tuple[Mask, NDArray[np.int64]]:
 
 
 def outlying(path: Path) -> Mask:
-    """Tell which poses stand off their neighbours by more than noise, shape (n,)."""
+    """Return which poses deviate from their neighbours by more than noise, shape (n,)."""
     size, size_heading = np.abs(path.off), np.abs(wrapped(path.off_heading))
     noise = np.maximum(local_noise(size, 2), LEAST_POSITION)
     noise_heading = np.maximum(local_noise(size_heading, 1), LEAST_HEADING)
-    # Of normal noise in the plane the share exp(-z^2 / 2) is further off than z standard deviations.
+    # For normal noise in the plane, the share exp(-z^2 / 2) exceeds z standard deviations.
     outlying = max(OUTLYING, float(np.sqrt(2.0 * np.log(len(size) / BY_CHANCE))))
     allowed = np.hypot(outlying * noise, path.doubt)
     allowed_heading = np.hypot(outlying * noise_heading, path.doubt_heading)
@@ -107,7 +106,7 @@ def jumps_of(path: Path) -> NDArray[np.int64]:
 
 
 def _excess(path: Path, half: int) -> Floats:
-    """Return how far the path steps between neighbours as a share of what may be, shape (n - 1 - 2 half,)."""
+    """Return the steps of the path between neighbours relative to their limits, shape (n - 1 - 2 half,)."""
     first, last = slice(0, len(path.time) - 1 - 2 * half), slice(1 + 2 * half, None)
 
     def across(values: NDArray[np.float64]) -> Floats:
@@ -118,23 +117,23 @@ def _excess(path: Path, half: int) -> Floats:
     size_heading = np.abs(wrapped(across(path.heading)))
     noise = np.maximum(local_noise(size, 2), LEAST_POSITION)
     noise_heading = np.maximum(local_noise(size_heading, 1), LEAST_HEADING)
-    # Wheels that slip carry the robot less far than they turn: what they tell may be wrong by all of it, not by more.
+    # Slipping wheels turn further than the robot moves: the motion from them may be wrong by all of it, not more.
     slip, slip_heading = path.slip[last] - path.slip[first], path.slip_heading[last] - path.slip_heading[first]
     doubt, doubt_heading = (values[last] + values[first] for values in (path.doubt, path.doubt_heading))
     share = size / (np.hypot(JUMPING * noise, doubt) + slip)
     share = np.maximum(share, size_heading / (np.hypot(JUMPING * noise_heading, doubt_heading) + slip_heading))
     time = path.time[last] - path.time[first]
     usual = (2 * half + 1) * float(np.median(np.diff(path.time)))
-    # All that either median is of lies in one run; beyond its ends they would be of its mirror image.
+    # All values of both medians are in one run; beyond its ends they would be mirrored.
     first_run, last_run = (np.roll(path.run, by)[part] for by, part in ((half, first), (-half, last)))
     together = (first_run == last_run) & (np.arange(len(time)) >= half) & (np.arange(len(time)) < len(time) - half)
     return np.where((time < usual + LONGEST_GAP) & together, share, 0.0)
 
 
 def bursts_of(path: Path, before: NDArray[np.int64]) -> tuple[Mask, NDArray[np.int64]]:
-    """Return the poses between jumps in quick succession, shape (n,), and the jumps that stay.
+    """Return poses between jumps in quick succession, shape (n,), and the remaining jumps.
 
-    A jump that is undone was none. Of several, the tracker was lost from the first to the last.
+    A jump that is undone is not a jump. With several, the tracker was lost from the first to the last.
     """
     burst = np.zeros(len(path.time), np.bool_)
     staying: list[int] = []
@@ -158,7 +157,7 @@ def bursts_of(path: Path, before: NDArray[np.int64]) -> tuple[Mask, NDArray[np.i
 
 
 def _comes_back(path: Path, there: int, back: int) -> bool:
-    """Tell whether the jump after pose `back` undoes the one after pose `there`."""
+    """Return whether the jump after pose `back` undoes the one after pose `there`."""
     half = max(STEP_HALVES)
 
     def middle(values: Floats, around: slice) -> float:
@@ -174,7 +173,7 @@ def _comes_back(path: Path, there: int, back: int) -> bool:
     turn, turn_rest = (
         abs(float(wrapped(np.array(middle(heading, part) - middle(heading, before))))) for part in (away, after)
     )
-    # A path that was turned in between leads elsewhere.
+    # A path that was rotated in between continues elsewhere.
     led = float(path.slip[back] - path.slip[there]) * min(turn, 1.0)
     return bool(
         rest <= COMES_BACK * jump + led + JUMPING * LEAST_POSITION

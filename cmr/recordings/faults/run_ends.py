@@ -1,9 +1,9 @@
-"""How far the values at the ends of runs stand off the line through those beside them.
+"""Deviations of values near the ends of runs from a line through their neighbours.
 
-In the middle of a run the median of a value's neighbours goes with a steady drift. At an end it has neighbours on one
-side only and would lag behind the drift: what a robot that slips is off by at the beginning of a piece, or at its end,
-would look like an outlier. A straight line through the last few values, by the median of all their slopes
-(Theil-Sen), goes with it, and a few wrong values do not move it.
+Inside a run the median of a value's neighbours follows a steady drift. At an end a value has neighbours on one side
+only, so the median lags behind the drift: the offset of a slipping robot at the beginning or end of a piece would look
+like an outlier. A straight line through the last few values, with the median of all slopes (Theil-Sen), follows the
+drift, and is robust to a few wrong values.
 """
 
 import numpy as np
@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from cmr.recordings.robust import run_ends
 from cmr.recordings.signal import Floats, Mask
 
-FEWEST = 6  # values from which a line tells which of them stands off it
+FEWEST = 6  # values required to identify outliers from a line
 
 
 def off_the_ends(time: Floats, values: Floats, half: int, run: NDArray[np.int64]) -> tuple[Floats, Mask, Mask]:
-    """Return how far each value stands off the line of its end, which are near an end, and which nothing tells of.
+    """Return the deviation of each value from the line at its end, which values are near an end, and which are
+    undetermined.
 
     All are of shape (n,), as `time` [s], `values`, and the number of the `run` that each is of. Near are the first and
-    the last `half` of each run. Of runs of fewer than `FEWEST` values nothing is reported.
+    the last `half` of each run. Runs of fewer than `FEWEST` values are undetermined.
     """
     first, last = run_ends(run)
     place = np.arange(len(run))

@@ -1,8 +1,8 @@
-"""Find first poses of pieces that are older than their piece.
+"""Find first poses of pieces that were measured before the piece began.
 
-Where a table of rows is cut into pieces, the first row of each has the pose that was held there, measured before the
-piece began. From that pose to the second the robot has gone further than it can have in the time between. This shows
-in pieces that begin at a steady speed, however late the localisation is, and also where it is set to zero there.
+If a table of rows is cut into pieces, the first row of each has the pose that was held there, measured before the piece
+began. From that pose to the second the robot appears to move further than possible in the time between. This is visible
+in pieces that begin at a steady speed, whatever the latency of the localisation, and also if it is reset to zero there.
 """
 
 from collections.abc import Iterator
@@ -14,19 +14,19 @@ from cmr.recordings.faults.findings import Finding, counted
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Signal
 
-LEVER = 0.3  # m at which turning counts as driving
-LATER = 0.6  # s after the second pose over which the robot's speed is measured
-FEWEST_POSES = 4  # of a piece, from which a speed follows after the second
-STEADY = 0.15  # of the faster wheel's speed, by which either may change over that time
-FEWEST_PIECES = 8  # that begin at a steady speed; fewer tell nothing
+LEVER = 0.3  # m of lever arm that converts rotation to distance
+LATER = 0.6  # s after the second pose used to measure the robot's speed
+FEWEST_POSES = 4  # poses of a piece needed to determine the speed after the second
+STEADY = 0.15  # of the faster wheel's speed; largest change over that time
+FEWEST_PIECES = 8  # pieces that begin at a steady speed; fewer are not sufficient
 SURE = 4.0  # standard deviations by which first poses must be older than second ones
-LEAST_AGE = 0.01  # s; what is younger does no harm
-CUT = 0.1  # of the ages at either end, which are left out of their mean
-CUT_STD = 1.5  # standard deviation of normal noise for each that is left of it
+LEAST_AGE = 0.01  # s; a smaller age does no harm
+CUT = 0.1  # share trimmed at either end of the ages before averaging
+CUT_STD = 1.5  # standard deviation of the trimmed values of normal noise is multiplied by this
 
 
 def stale_poses(recording: Recording) -> Finding:
-    """Find first poses of pieces that were measured before the piece began, which are set aside in all of them."""
+    """Find stale first poses of pieces, and exclude them in all pieces."""
     poses = recording.poses
     first = recording.pieces.borders(poses.utime)
     first[:1] = True
@@ -43,7 +43,7 @@ def stale_poses(recording: Recording) -> Finding:
 
 
 def _steady_beginnings(recording: Recording, starts: np.typing.NDArray[np.int64]) -> Iterator[Signal]:
-    """Yield the poses at the beginning of each piece in which the wheels turn, and hardly change their speed.
+    """Yield the poses at the beginning of each piece in which the wheels turn at nearly constant speed.
 
     `starts` are the indices of their first poses.
     """
@@ -69,10 +69,10 @@ def _ages(path: Signal) -> tuple[float, float]:
 
 
 def _age(time: Floats, place: np.typing.NDArray[np.complex128], theta: Floats) -> float:
-    """Return by how much [s] the first pose is older: on the circle that the others tell, at their speed."""
+    """Return the age [s] of the first pose: on the circle given by the others, at their speed."""
     seconds = float(time[-1] - time[1])
     omega = float(theta[-1] - theta[1]) / seconds
-    arc = 1.0 / np.sinc(0.5 * omega * seconds / np.pi)  # for each chord
+    arc = 1.0 / np.sinc(0.5 * omega * seconds / np.pi)  # per chord
     back = 0.5 * omega * float(time[-1] - time[0])  # from the middle of the others to that of the first interval
     velocity = (place[-1] - place[1]) / seconds * arc * np.exp(-1j * back)
     step, turn = place[1] - place[0], float(theta[1] - theta[0])
@@ -82,9 +82,9 @@ def _age(time: Floats, place: np.typing.NDArray[np.complex128], theta: Floats) -
 
 
 def _common_age(ages: Floats) -> float:
-    """Return by how much [s] first poses are too old on average, of ages (k, 2); 0 where that is not sure.
+    """Return the mean excess age [s] of first poses, from ages (k, 2); 0 if not significant.
 
-    Second poses are not stale. If they look so as well, the speed changed before the pieces began, and poses are late.
+    Second poses are not stale. If they seem to be, the speed changed before the pieces began, and poses are late.
     """
     if len(ages) < FEWEST_PIECES:
         return 0.0

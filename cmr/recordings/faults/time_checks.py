@@ -1,4 +1,4 @@
-"""What the time stamps and the log itself tell: gaps, rates, messages that came late, twice or not at all."""
+"""Checks of time stamps and the log itself: gaps, rates, and messages that were late, repeated or lost."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from cmr.recordings.log_clock import LATEST_UTIME
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal
 
-LARGEST_VALUE = 1e9  # of any quantity: a larger one is a damaged one
-GAP_PERIODS, SHORTEST_GAP = 5.0, 0.1  # a gap is longer than so many periods and than so many seconds
+LARGEST_VALUE = 1e9  # of any quantity: a larger value is damaged
+GAP_PERIODS, SHORTEST_GAP = 5.0, 0.1  # a gap is longer than this many periods and this many seconds
 UNEVEN = 0.5  # an interval that differs by more than this share from the usual one
 UNEVEN_SHARE = 0.1  # of the intervals; where more are uneven, the rate is
-LONGEST_DOUBT = 0.003  # s; a reading whose moment is known less well tells nothing of a motion
+LONGEST_DOUBT = 0.003  # s; a reading with a less certain time is not used for motion
 REPEATED = "of a time that was there before"
 
 
@@ -24,7 +24,7 @@ def damaged_samples(recording: Recording) -> Finding:
 
 
 def log_findings(recording: Recording) -> list[Finding]:
-    """Tell what of the log could not be read and which messages are no samples."""
+    """Report unreadable parts of the log, and messages that are not samples."""
     rejected = sum(recording.rejected.values())
     reasons = ", ".join(f"{count} x {channel} {reason}" for (channel, reason), count in recording.rejected.items())
     signals = recording.signals
@@ -64,10 +64,11 @@ def log_findings(recording: Recording) -> list[Finding]:
 
 
 def held_up(wheels: Signal) -> Mask:
-    """Tell of which readings nobody knows the moment: those that came long after they are said to have been taken.
+    """Return which readings have an unknown time, because they arrived long after their stamps.
 
     The driver stamps a reading midway between question and answer; it may have been taken at any time between them.
-    Others, who do not tell when they sent the duties, may stamp otherwise: a board its own samples, for instance.
+    Other software, which does not report when duties were sent, may stamp differently: a board its own samples, for
+    instance.
     """
     if not np.any(wheels.fields.get("applied_utime", np.zeros(1)) > 0):
         return np.zeros(len(wheels), np.bool_)
@@ -77,7 +78,7 @@ def held_up(wheels: Signal) -> Mask:
 
 
 def held_up_finding(recording: Recording) -> Finding:
-    """Count the readings of the wheels whose moment nobody knows; the duties that they tell are used."""
+    """Count the wheel readings with unknown times; their duties are still used."""
     found = int(np.count_nonzero(held_up(recording.wheels)))
     return Finding(
         "held_up_readings",
@@ -88,7 +89,7 @@ def held_up_finding(recording: Recording) -> Finding:
 
 
 def rates_of(recording: Recording) -> dict[str, float]:
-    """Return how often each recorded signal came [Hz]: by the median interval."""
+    """Return the rate of each recorded signal [Hz], from the median interval."""
     return {
         name: float(1.0 / np.median(_intervals(signal)))
         for name, signal in recording.signals.items()
@@ -99,7 +100,7 @@ def rates_of(recording: Recording) -> dict[str, float]:
 def gap_findings(recording: Recording) -> list[Finding]:
     """Find gaps in the signals, and rates that are uneven.
 
-    A pause in which nothing at all was recorded is none: a signal has a gap where others went on.
+    A pause of all signals is not a gap: a signal has a gap if others continued.
     """
     gaps: dict[str, int] = {}
     uneven: dict[str, int] = {}
@@ -134,7 +135,7 @@ def _damaged(signal: Signal) -> Mask:
 
 
 def _lateness(signal: Signal) -> Floats:
-    """Return by how much each sample, in the order of arrival, is older than the newest before it [s]."""
+    """Return how much older each sample, in the order of arrival, is than the newest before it [s]."""
     utime = signal.utime[np.argsort(signal.number)] if len(signal.number) else signal.utime
     return np.asarray((np.maximum.accumulate(utime) - utime) * SECONDS, np.float64)
 

@@ -1,10 +1,10 @@
-"""Find wheels and poses that were taken at even intervals but stamped unevenly, and even their stamps out.
+"""Find wheels and poses that were sampled evenly but stamped unevenly, and smooth their stamps.
 
-Many bases count their encoders by a timer, and cameras take pictures by one, while a busy computer stamps what arrives
-a few milliseconds late, now more, now less. Speeds from such stamps are noisy, and what is noisy seems to change less
-than it does (regression dilution; W. A. Fuller, Measurement Error Models, 1987, section 1.1): a gyro seems to read too
-little in turns, wheels seem to be too small. The motion shows which stamps are true: a wheel that was read later has
-turned further. Where it has not, the reading is as old as its neighbours say.
+Many bases sample encoders by a timer, and cameras take pictures by one, while a busy computer stamps arrivals with a
+variable delay of a few milliseconds. Speeds from such stamps are noisy, and noise in a regressor reduces its slope
+(regression dilution; W. A. Fuller, Measurement Error Models, 1987, section 1.1): a gyro seems to read too little in
+turns, wheels seem to be too small. The motion shows which stamps are true: a wheel that was read later has turned
+further. If it has not, the reading's time is interpolated from its neighbours.
 """
 
 from collections.abc import Sequence
@@ -19,25 +19,27 @@ from cmr.recordings.signal import SECONDS, Floats, Signal, Times
 from cmr.recordings.wheel_angles import speeds_are_averages, wheel_angles
 
 WHEELS, POSES = "wheels", "poses"
-LEAST = 0.05  # of the interval: a smaller standard deviation of the stamps does no harm
+LEAST = 0.05  # of the interval: a smaller standard deviation of stamps does no harm
 FEWEST = 50  # readings in a stretch without a pause
-NEIGHBOURS = 25  # readings before, and as many after; their median stamp shows when the one between was taken
+NEIGHBOURS = 25  # readings before and after; their median stamp gives the time of the one between
 AROUND = 9  # intervals over which the speed of a wheel is averaged
-HALF, SURELY = 0.5, 3.0  # share of the unevenness that is in the motion, and standard deviations of it
-FARTHEST = 6.0  # standard deviations of what a robot came further than usual; more is a jump of the tracker
+HALF, SURELY = 0.5, 3.0  # share of the unevenness found in the motion, and standard deviations of it
+FARTHEST = 6.0  # standard deviations of excess motion; more is a jump of the tracker
 LONGEST = 1.5  # times the usual interval; in a longer one, readings are missing
 
 
 @dataclass(frozen=True)
 class EvenStamps:
-    """When readings of a `signal` were taken, `utime` (n,) [us], and the deviation of their stamps, `jitter` [s]."""
+    """The corrected times `utime` (n,) [us] of readings of a `signal`, and the standard deviation of their stamps,
+    `jitter` [s].
+    """
 
     signal: str
     utime: Times
     jitter: float
 
     def of(self, recording: Recording) -> Recording:
-        """Return the recording with these stamps. Speeds that are averages since the reading before go with them."""
+        """Return the recording with these stamps. Speeds averaged since the previous reading are adjusted."""
         signal = recording.signals[self.signal]
         fields = dict(signal.fields)
         if self.signal == WHEELS and speeds_are_averages(signal):
@@ -49,9 +51,9 @@ class EvenStamps:
 
 
 def even_stamps(recording: Recording) -> list[EvenStamps]:
-    """Return when wheels and poses were taken, of those whose stamps are more uneven than that.
+    """Return corrected times of wheels and poses whose stamps are uneven although their sampling is not.
 
-    The driver of CMR stamps its readings when they are taken: they may be uneven, and are true.
+    CMR's driver stamps its readings when they are taken: those may be uneven, and are true.
     """
     wheels, poses = recording.wheels, recording.poses
     found = []
@@ -62,7 +64,7 @@ def even_stamps(recording: Recording) -> list[EvenStamps]:
 
 
 def _even(recording: Recording, name: str, ways: Sequence[Floats]) -> EvenStamps | None:
-    """Return when a signal was taken; `ways` (n,) each are how far something had come at each reading, in one unit."""
+    """Return the corrected times of a signal; `ways` (n,) each are travelled distances at each reading, in one unit."""
     signal = recording.signals[name]
     if len(signal) < FEWEST:
         return None
@@ -81,10 +83,10 @@ def _even(recording: Recording, name: str, ways: Sequence[Floats]) -> EvenStamps
 
 
 def _unevenness(signal: Signal, piece: Numbers, interval: float) -> Floats:
-    """Return how much later [s] each reading is stamped than its neighbours say, shape (n,); 0 in short pieces.
+    """Return how much later [s] each reading is stamped than its neighbours imply, shape (n,); 0 in short pieces.
 
-    Beside readings at even intervals, stamps wander by the jitter, drift with the clock and step where readings are
-    missing. A running median follows the drift and the steps, and passes over the jitter.
+    Compared with evenly spaced times, stamps have jitter, drift with the clock, and step where readings are missing. A
+    running median follows drift and steps, and ignores jitter.
     """
     begins, counts = np.unique(piece, return_index=True, return_counts=True)[1:]
     number = np.arange(len(signal)) - np.repeat(begins, counts)
@@ -94,10 +96,10 @@ def _unevenness(signal: Signal, piece: Numbers, interval: float) -> Floats:
 
 
 def _share_in_motion(signal: Signal, uneven: Floats, ways: Sequence[Floats]) -> tuple[float, float]:
-    """Return which share of the stamps' unevenness [s] is in the motion, and its standard deviation.
+    """Return the share of the stamps' unevenness [s] that is found in the motion, and its standard deviation.
 
-    It is the slope of how much further than usual a robot came between two readings, against how much further it should
-    have come at its speed, had they been taken when they were stamped: 1 for true stamps, 0 for even readings.
+    It is the slope of the excess motion between two readings against the motion expected at the robot's speed if the
+    stamps were true: 1 for true stamps, 0 for even sampling.
     """
     intervals, longer = np.diff(signal.utime) * SECONDS, np.diff(uneven)
     whole = (intervals <= LONGEST * np.median(intervals)) & (uneven[1:] != 0.0) & (uneven[:-1] != 0.0)

@@ -1,4 +1,4 @@
-"""What the wheels tell of themselves: absurd readings, counters that start again, encoders that stand still."""
+"""Checks of the wheels: absurd readings, counter restarts, encoders that are stuck."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,18 +9,18 @@ from cmr.recordings.robust import quantile, ratio, running_median
 from cmr.recordings.signal import SECONDS, Floats, Mask, Signal, Times
 
 SIDES = ("left", "right")
-FAST = 0.9  # quantile of the moving speeds that counts as fast driving
-ABSURD = 3.0  # times fast driving; a single reading off by more is absurd
-FEWEST = 20  # moving samples; fewer do not tell what is fast
-AROUND = 2  # readings on either side; as many absurd ones in a row are seen
-LONGEST_SPIKE, MOST_STEPS = 5, 8  # readings, and steps of the counter in them, within which it comes back
-BACK = 0.5  # of the step away; a counter that is nearer is back
-STUCK = 1.0  # s for which an encoder must stand still though its motor is driven
-DRIVEN = 0.8  # of the duty at which a wheel usually turns; with more it should
-MOVING = 0.05  # of fast driving; with less a wheel rests
-AT_REST = 0.5  # of the readings of a wheel that rests may differ from 0 at most
-MOVED, TURNED = 0.1, 0.5  # m, rad; a path that extends less far may be noise
-PATH_HALF = 5  # neighbours on either side, of which the median is taken for that
+FAST = 0.9  # quantile of moving speeds that counts as fast driving
+ABSURD = 3.0  # times fast driving; a single reading beyond is absurd
+FEWEST = 20  # moving samples needed to define fast driving
+AROUND = 2  # readings on either side; up to this many absurd ones in a row are detected
+LONGEST_SPIKE, MOST_STEPS = 5, 8  # readings, and counter steps in them, within which a spike returns
+BACK = 0.5  # of the step away; a closer counter has returned
+STUCK = 1.0  # s for which an encoder must stand still although its motor is driven
+DRIVEN = 0.8  # of the duty at which a wheel usually turns; with more it should turn
+MOVING = 0.05  # of fast driving; below it a wheel rests
+AT_REST = 0.5  # largest share of readings of a resting wheel that differ from 0
+MOVED, TURNED = 0.1, 0.5  # m, rad; a smaller extent of a path may be noise
+PATH_HALF = 5  # neighbours on either side for the median
 LATE_START = 5.0  # s of rest at the beginning
 RESTS = "The robot rests for the first {rest:.1f} s."
 ENDING = 0.3  # s at the beginning and the end over which speed is averaged
@@ -28,7 +28,7 @@ STILL_DRIVING = 0.2  # of fast driving; a recording that ends faster was cut off
 
 
 def wheel_findings(recording: Recording) -> list[Finding]:
-    """Find what is wrong with the encoders."""
+    """Check the encoders."""
     wheels = recording.wheels
     restarts, (absurd, stuck, dead) = 0, np.zeros((3, len(wheels)), np.bool_)
     dt = np.diff(wheels.utime, prepend=wheels.utime[:1]) * SECONDS
@@ -69,7 +69,7 @@ def wheel_findings(recording: Recording) -> list[Finding]:
 
 
 def dead_sensors(recording: Recording) -> Finding:
-    """Find wheels and gyro that always say the same though the robot moves: by the others, or by its path."""
+    """Find wheels and a gyro with constant readings although the robot moves, by the others or by its path."""
     wheels, gyro = recording.wheels, recording.gyro
     turning = np.count_nonzero(wheels["psi_left"] != wheels["psi_right"]) >= FEWEST
     far, round_about = _path_extent(recording)
@@ -91,9 +91,9 @@ def dead_sensors(recording: Recording) -> Finding:
 
 
 def motion_findings(recording: Recording) -> list[Finding]:
-    """Tell whether and when the robot moves.
+    """Report whether and when the robot moves.
 
-    A recording in pieces, or one that begins in motion, was cut out of a drive: that it ends in motion says nothing.
+    A recording in pieces, or one that begins in motion, was cut out of a drive, so an end in motion is no finding.
     """
     utime, speed = _speed(recording)
     seconds, fast = recording.pieces.seconds(utime), _fast(speed)
@@ -112,9 +112,9 @@ def motion_findings(recording: Recording) -> list[Finding]:
 
 
 def _seen_at_rest(recording: Recording, speed: Floats) -> bool:
-    """Tell whether wheels, or else commands, and the path show a robot that rests.
+    """Return whether wheels, or else commands, and the path show a robot at rest.
 
-    Readings too few to tell what is fast may all be of a moving robot.
+    Too few readings to define fast driving may all be of a moving robot.
     """
     shown = len(speed) > 0 or len(recording.poses) >= FEWEST
     few = len(speed) > 0 and float(np.mean(speed != 0.0)) > AT_REST
@@ -122,20 +122,20 @@ def _seen_at_rest(recording: Recording, speed: Floats) -> bool:
 
 
 def _told_to_stop(duty: Signal) -> bool:
-    """Tell whether the last commands ask for rest."""
+    """Return whether the last commands are to rest."""
     last = duty.seconds > duty.seconds[-1:] - ENDING
     return bool(len(duty)) and not any(np.any(duty[side][last]) for side in SIDES)
 
 
 def motion_of(recording: Recording) -> tuple[int, int] | None:
-    """Return when the robot first moves and when it last does [us]; None if it never does."""
+    """Return when the robot first and last moves [us]; None if it never does."""
     utime, speed = _speed(recording)
     moving = utime[speed > MOVING * _fast(speed)]
     return (int(moving[0]), int(moving[-1])) if len(moving) else None
 
 
 def _path_extent(recording: Recording) -> tuple[float, float]:
-    """Return how far apart [m] and how differently turned [rad] two poses of the path are; outliers do not count."""
+    """Return the largest distance [m] and difference of heading [rad] between poses of the path; robust to outliers."""
     poses = recording.poses
     if len(poses) < FEWEST:
         return 0.0, 0.0
@@ -144,7 +144,7 @@ def _path_extent(recording: Recording) -> tuple[float, float]:
 
 
 def _speed(recording: Recording) -> tuple[Times, Floats]:
-    """Return times [us] and how fast both wheels turn together, or are commanded to."""
+    """Return times [us] and the speed of both wheels together, or the commanded one."""
     if len(recording.wheels):
         signal, names = recording.wheels, ("psi_left", "psi_right")
     else:
@@ -153,23 +153,23 @@ def _speed(recording: Recording) -> tuple[Times, Floats]:
 
 
 def _fast(values: Floats) -> float:
-    """Return the size of fast driving; infinite where too little moves to tell."""
+    """Return the size of fast driving; infinite with too little motion."""
     sizes = np.abs(values[values != 0.0])
     return quantile(sizes, FAST) if len(sizes) >= FEWEST else np.inf
 
 
 def _stands_out(speed: Floats, run: NDArray[np.int64]) -> Mask:
-    """Tell which readings are absurd beside their neighbours of the same `run`."""
+    """Return which readings are absurd compared with their neighbours of the same `run`."""
     if len(speed) <= 2 * AROUND:
         return np.zeros(len(speed), np.bool_)
     return np.asarray(np.abs(speed - running_median(speed, AROUND, run)) > ABSURD * _fast(speed))
 
 
 def _wild(ticks: Floats, turned: Floats, dt: Floats, begins: Mask) -> Floats:
-    """Return by how much counters go on differently from the wheels `turned`; 0 where it is no more than they may.
+    """Return the difference between the counters and the wheels' rotation `turned`; 0 within tolerance.
 
-    All are of shape (n,), and hold for the time since the reading before; the first reading of a piece (`begins`)
-    has none. During a gap the counters have gone on, at speeds that were not recorded.
+    All have shape (n,), and refer to the time since the previous reading; the first reading of a piece (`begins`) has
+    none. During a gap the counters continued, at unrecorded speeds.
     """
     longer = np.maximum(1.0, dt / max(quantile(dt[~begins], 0.5), SECONDS))
     off = np.where(begins, 0.0, ticks - ratio(ticks, np.where(begins, 0.0, turned)) * turned)
@@ -177,10 +177,10 @@ def _wild(ticks: Floats, turned: Floats, dt: Floats, begins: Mask) -> Floats:
 
 
 def _spikes_and_resets(wild: Floats, begins: Mask) -> tuple[Mask, Mask]:
-    """Tell which readings of a counter are absurd, and at which it starts again, each of shape (n,).
+    """Return which readings of a counter are absurd, and at which it restarts, each of shape (n,).
 
-    A counter that comes back within a few readings has not started again: what it said meanwhile was absurd, as is the
-    last reading of a piece, of which nobody knows whether it would have come back.
+    A counter that returns within a few readings has not restarted: the readings in between were absurd, as is the last
+    reading of a piece, since it is unknown whether it would have returned.
     """
     spikes, resets = np.zeros((2, len(wild)), np.bool_)
     piece = np.cumsum(begins)
@@ -207,9 +207,9 @@ def _spikes_and_resets(wild: Floats, begins: Mask) -> tuple[Mask, Mask]:
 
 
 def _stuck(recording: Recording, side: str, ticks: Floats, begins: Mask) -> Mask:
-    """Tell when the encoder of one side stands still though its motor is driven and the other side turns.
+    """Return when one side's encoder stands still although its motor is driven and the other side turns.
 
-    `ticks`, shape (n,), are those since the reading before; the first of a piece (`begins`) is as the one after it.
+    `ticks`, shape (n,), are differences from the previous reading; the first of a piece (`begins`) equals the next.
     """
     wheels, duty = recording.wheels, recording.duty
     none = np.zeros(len(wheels), np.bool_)
@@ -228,14 +228,14 @@ def _stuck(recording: Recording, side: str, ticks: Floats, begins: Mask) -> Mask
 
 
 def _stretches(marks: Mask, begins: Mask) -> NDArray[np.int64]:
-    """Return first place and end of each stretch of marks within a piece, shape (k, 2)."""
+    """Return the first index and end of each stretch of marks within a piece, shape (k, 2)."""
     ahead = np.append(False, marks[:-1]) & ~begins
     behind = np.append(marks[1:] & ~begins[1:], False)
     return np.stack([np.flatnonzero(marks & ~ahead), np.flatnonzero(marks & ~behind) + 1], axis=1)
 
 
 def _dead(stuck: Mask, ticks: Floats) -> Mask:
-    """Tell which readings belong to an encoder that was stuck and never spoke again, or had not spoken before."""
+    """Return which readings belong to an encoder that was stuck and never worked again, or had not worked before."""
     spoke = np.flatnonzero(ticks)
     dead = np.zeros(len(stuck), np.bool_)
     if not stuck.any():

@@ -1,1 +1,1 @@
-"""Pages beside viser's: each visitor of one has a process of their own, which alone decides what becomes of it."""
+"""Additional pages besides viser's: each visitor gets a process, which alone handles the page's messages."""

@@ -1,6 +1,6 @@
-"""Visitors of a page beside viser's: each has a process, which alone decides what becomes of what the page says.
+"""Sessions of additional pages: each visitor gets a process, which alone handles the page's messages.
 
-This only passes it on, as lines of JSON. Once a page is closed its process hears nothing more, and ends.
+This module only forwards them as lines of JSON. When a page closes, its process gets no more input, and ends.
 """
 
 import asyncio
@@ -26,13 +26,13 @@ MOST_BYTES = 600  # of a message
 LAST_WORDS = 1000  # bytes of what a process wrote to stderr
 PATIENCE = 3.0  # s for a process to end
 MOST_READ = 65_536  # bytes at once
-MOST_WAITING = 1_000_000  # bytes of what a process said that a page has not taken
+MOST_WAITING = 1_000_000  # bytes of a process's output that a page has not received
 WRONG = "This is not the token in the terminal running cmr-view."
 WAIT = "Too many wrong tokens came from your address. Wait a minute."
 
 
 class Entering(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
-    """What every page says first: the token."""
+    """The first message of every page: the token."""
 
     token: Annotated[str, Meta(max_length=256)] | UnsetType = UNSET
 
@@ -41,7 +41,7 @@ Said = TypeVar("Said", bound=Entering)
 
 
 def decoded(decoder: "msgspec.json.Decoder[Said]", data: Data) -> Said | None:
-    """Return what a message says; None if no page says that."""
+    """Decode a message; None if it is not one that a page sends."""
     if not isinstance(data, str) or len(data) > MOST_BYTES:
         return None
     try:
@@ -51,16 +51,16 @@ def decoded(decoder: "msgspec.json.Decoder[Said]", data: Data) -> Said | None:
 
 
 class Sessions(ABC, Generic[Said]):
-    """Serves a page of `most` visitors at once; `token` is that of the page.
+    """Serves a page for up to `most` visitors at once; `token` is the page's token.
 
-    With `newest_only` a page gets the newest line of its process, and those before are dropped.
+    With `newest_only` a page gets the newest line of its process, and earlier ones are dropped.
     """
 
     page: str
     title: str
     connects_to: str
     most: int
-    full: str  # what is said to those who are too many
+    full: str  # message when there are too many visitors
     newest_only = False
 
     def __init__(self, html: Path, token: str, guesses: Guesses) -> None:
@@ -70,22 +70,22 @@ class Sessions(ABC, Generic[Said]):
 
     @abstractmethod
     def said(self, data: Data) -> Said | None:
-        """Return what a message says; None if the page does not say that."""
+        """Decode a message; None if the page does not send such messages."""
 
     @abstractmethod
     def command(self, message: Said) -> list[str] | None:
-        """Return how the process is started that a message asks for; None where it asks for none."""
+        """Return the command of the process that a message requests; None if it requests none."""
 
     @abstractmethod
     def line(self, message: Said) -> bytes:
-        """Return a message as a line for the process; nothing where it is not for the process."""
+        """Convert a message to a line for the process; empty if it is not for the process."""
 
     def takes(self, data: Data) -> bool:
-        """Return whether this is a message that the page sends."""
+        """Return whether this is a valid message of the page."""
         return self.said(data) is not None
 
     async def serve(self, connection: ServerConnection) -> None:
-        """Let a visitor have a process, who knows the token, until the page or the process ends."""
+        """Serve a visitor who knows the token with a process, until either ends."""
         with suppress(ConnectionClosed):
             command = await self._wanted(connection)
             if self._visitors >= self.most:
@@ -98,14 +98,14 @@ class Sessions(ABC, Generic[Said]):
                 self._visitors -= 1
 
     async def heard(self, connection: ServerConnection) -> Said:
-        """Return the next message of a page; others do not get through."""
+        """Return the next valid message of a page."""
         while True:
             message = self.said(await connection.recv())
             if message is not None:
                 return message
 
     async def _wanted(self, connection: ServerConnection) -> list[str]:
-        """Wait for the token, and for what is to be done."""
+        """Wait for the token, and for the request."""
         permission = Permission(self._token, False, self._guesses, address_of(connection))
         while True:
             message = await self.heard(connection)
@@ -129,7 +129,7 @@ class _Relay(Generic[Said]):
         self._over = False
 
     async def run(self) -> None:
-        """Pass on what both say, until one of them ends."""
+        """Forward messages in both directions until one side ends."""
         loop = asyncio.get_running_loop()
         streams = self._process.stdin, self._process.stdout, self._process.stderr
         hands, lines, words = (stream.fileno() for stream in streams if stream is not None)
@@ -152,7 +152,7 @@ class _Relay(Generic[Said]):
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _pass_on(self, hands: int) -> None:
-        """Pass on what the page says; a process that takes nothing gets nothing."""
+        """Forward the page's messages; if the process does not read, they are dropped."""
         while True:
             line = self._sessions.line(await self._sessions.heard(self._connection))
             if line:
@@ -160,7 +160,7 @@ class _Relay(Generic[Said]):
                     os.write(hands, line)
 
     async def _pass_back(self) -> None:
-        """Pass on what the process says, and what it said last when it ended."""
+        """Forward the process's output, and its last words."""
         while self._lines or not self._over:
             await self._news.wait()
             self._news.clear()
@@ -194,7 +194,7 @@ class _Relay(Generic[Said]):
 
 
 def _read(file: int) -> bytes:
-    """Return what has come; nothing where nobody will say anything any more."""
+    """Return available output; empty at the end."""
     try:
         return os.read(file, MOST_READ)
     except OSError:

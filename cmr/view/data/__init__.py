@@ -1,4 +1,4 @@
-"""What the page shows, from the bus or from a log, in plain classes that know neither.
+"""The data shown by the page, from bus or log, in plain classes independent of both.
 
-`intake` takes the messages, of `live` or of `playback`; `state` keeps what they say of the robots and of the bus.
+`intake` receives the messages of `live` or `playback`; `state` keeps their contents on robots and bus.
 """

@@ -1,6 +1,6 @@
-"""What a robot and its twin drove: the drive on which the robot was calibrated, and the first one after it.
+"""Drives of a robot and its twin: the one on which the robot was calibrated, and the first one after it.
 
-A twin starts each drive where its robot is and is commanded as it is, so their paths say how good its parameters are.
+A twin starts each drive at its robot's pose with the same commands, so their paths show the quality of its parameters.
 """
 
 from bisect import bisect_right
@@ -20,7 +20,7 @@ Point: TypeAlias = tuple[float, ...]
 
 
 class Paths(NamedTuple):
-    """Where a robot and its twin were [m], each of shape (n, 2), at times [s] of shape (n,)."""
+    """Positions of a robot and its twin [m], each of shape (n, 2), at times [s] of shape (n,)."""
 
     seconds: Floats
     real: Floats
@@ -28,7 +28,7 @@ class Paths(NamedTuple):
 
     @property
     def rmse(self) -> float:
-        """Root mean square distance between the two over time [m], however unevenly that was looked at."""
+        """Root mean square distance between the two over time [m], independent of sampling."""
         squares = np.sum((self.real - self.twin) ** 2, axis=1)
         steps = np.diff(self.seconds)
         return float(np.sqrt(np.sum(steps * (squares[1:] + squares[:-1]) / 2) / steps.sum()))
@@ -48,7 +48,7 @@ class Course:
         self._calibrated_on_until = self._driven_on_until = moved  # without a rest; and since the calibration
 
     def take(self, now: int, point: tuple[float, ...], is_moving: bool) -> None:
-        """Note where robot and twin are, `now` [us]."""
+        """Add the positions of robot and twin at `now` [us]."""
         if not is_moving:
             return
         if now - self._moved > REST:
@@ -62,12 +62,12 @@ class Course:
             self.current.append((now, *point))
 
     def calibrated(self) -> "Course":
-        """Return what begins with a calibration that is done now."""
-        # What is driven on, without a rest, is of neither drive.
+        """Return the course that begins with a calibration at this moment."""
+        # Motion that continues without a rest belongs to neither drive.
         return Course(self.current, self._moved)
 
     def until(self, utime: int) -> "Course":
-        """Return it as it was at a moment since its calibration."""
+        """Return it as of a time since its calibration."""
         result = Course(self.before, min(utime, self._driven_on_until))
         after = _until(self.after or (), utime)
         if after:
@@ -76,18 +76,18 @@ class Course:
         return result
 
     def drive_until(self, utime: int) -> tuple[list[Point], int]:
-        """Return the calibration's drive as far as it was at an earlier moment, and when the robot last moved [us]."""
+        """Return the calibration's drive as of an earlier time, and when the robot last moved [us]."""
         return _until(self.before, utime), min(utime, self._calibrated_on_until)
 
     def go_on(self, drive: list[Point], moved: int) -> None:
-        """Take a drive for the one that lasts; the robot last moved at `moved` [us]."""
+        """Continue a drive; the robot last moved at `moved` [us]."""
         if self.after and self.after[0] == drive[0]:
             drive = self.after
         self.current, self._began, self._moved = drive, int(drive[0][0]), moved
 
 
 class Drives:
-    """Follows the drives of all robots with twins."""
+    """Tracks the drives of all robots with twins."""
 
     def __init__(self, courses: dict[int, Course] | None = None) -> None:
         self._courses = courses or {}
@@ -98,7 +98,7 @@ class Drives:
         return not 0 <= now - self._sampled < PERIOD
 
     def sample(self, now: int, real: Robots, twins: Robots) -> None:
-        """Note where robots and, in the same order, their twins are, `now` [us]."""
+        """Add the positions of robots and, in the same order, their twins, at `now` [us]."""
         self._sampled = now
         points = np.concatenate([real.pose[:2], twins.pose[:2]]).T.tolist()
         moving = np.abs(real.wheels).sum(axis=0) > MOVING
@@ -106,12 +106,12 @@ class Drives:
             self._courses.setdefault(robot_id, Course()).take(now, tuple(point), is_moving)
 
     def calibrated(self, robot_id: int) -> Course:
-        """Note that a robot has just been calibrated on its last drive; return what begins with it."""
+        """Record that a robot has just been calibrated on its last drive; return its new course."""
         course = self._courses[robot_id] = self._courses.get(robot_id, Course()).calibrated()
         return course
 
     def of(self, robot_id: int) -> tuple[Paths | None, Paths | None]:
-        """Return the paths before and after the robot's last calibration; before the first one, those of now."""
+        """Return the paths before and after the robot's last calibration; before the first one, the current ones."""
         course = self._courses.get(robot_id)
         if course is None:
             return None, None
@@ -119,17 +119,17 @@ class Drives:
 
 
 class Calibrations:
-    """What robots drove around their calibrations, in the order in which these were done."""
+    """Courses of robots around their calibrations, in order."""
 
     def __init__(self) -> None:
-        self._done: list[tuple[int, int, Course]] = []  # when [us], of which robot, what began with it
+        self._done: list[tuple[int, int, Course]] = []  # when [us], which robot, and its course
 
     def add(self, utime: int, robot_id: int, course: Course) -> None:
-        """Note a calibration that was done, `utime` [us]; its course goes on."""
+        """Add a calibration at `utime` [us]; its course continues."""
         self._done.append((utime, robot_id, course))
 
     def drives(self, utime: int) -> Drives:
-        """Return the drives of all robots as if they had been followed until a moment [us]."""
+        """Return the drives of all robots as of a time [us]."""
         courses: dict[int, Course] = {}
         to_come: set[int] = set()
         for done, robot_id, course in self._done:

@@ -1,4 +1,4 @@
-"""From bytes to what is shown: counts everything, decodes only what will be seen."""
+"""Convert messages to state: count everything, decode only what will be shown."""
 
 from collections.abc import Callable
 
@@ -7,14 +7,14 @@ from cmr.bus.possible import screened
 from cmr.bus.streams import CAMERA_IMAGE, PROCESS_STATUS, SELF_TESTS, WORLD_STATE
 from cmr.view.data.state import ViewState
 
-MOST_KEPT = 100  # messages between two pictures of a channel of which every one counts
+MOST_KEPT = 100  # messages kept per channel between two pictures, for channels on which every one counts
 
 
 class Intake:
-    """Takes encoded messages, and hands those that count to a state when `flush` is called.
+    """Collects encoded messages, and passes the relevant ones to a state on `flush`.
 
-    Of a channel of one robot the last message counts; of those on which several processes speak, or which come in
-    parts, the last hundred. Every message is handed to `record` besides, undecoded.
+    For channels of one robot the last message counts; for those with several senders or parts, the last hundred. Every
+    message is also passed to `record`, undecoded.
     """
 
     def __init__(self, state: ViewState, record: Callable[[int, str, bytes], None] = lambda *_message: None) -> None:
@@ -25,7 +25,7 @@ class Intake:
         self._every: dict[str, list[tuple[int, bytes]]] = {stream.name: [] for stream in shared}
 
     def take(self, utime: int, channel: str, data: bytes) -> None:
-        """Take a message that came at `utime` [us]."""
+        """Add a message that arrived at `utime` [us]."""
         if channel in SELF_TESTS:
             return
         self.state.traffic.take(utime, channel, data)
@@ -36,7 +36,7 @@ class Intake:
             self._last[channel] = utime, data
 
     def flush(self) -> None:
-        """Decode what came since the last time and counts."""
+        """Decode the relevant messages since the last call."""
         for channel, (utime, data) in self._last.items():
             self._decode(utime, channel, data)
         for channel, messages in self._every.items():

@@ -1,4 +1,4 @@
-"""What is said on the bus, as it arrives, undecoded."""
+"""Messages on the bus as they arrive, undecoded."""
 
 import time
 from contextlib import suppress
@@ -8,11 +8,11 @@ from cmr.bus.preflight import handled, open_lcm, resolve_url, self_test, verifie
 from cmr.bus.signing import RefusedSignature
 from cmr.view.data.intake import Intake
 
-LONGEST = 0.2  # s in one go; a flood must not keep the page from being drawn
+LONGEST = 0.2  # s spent at once; a flood of messages must not block drawing
 
 
 class Ear:
-    """Hears everything on the bus at `url` and says nothing. Raises BusError when the bus cannot be used."""
+    """Receives everything on the bus at `url` and sends nothing. Raises BusError when the bus cannot be used."""
 
     def __init__(self, url: str | None, intake: Intake) -> None:
         resolved = resolve_url(url)
@@ -23,11 +23,11 @@ class Ear:
         self._lcm.subscribe(".*", self._take).set_queue_capacity(0)  # unlimited
 
     def listen(self) -> None:
-        """Hand on what has arrived."""
+        """Forward what has arrived."""
         enough = time.monotonic() + LONGEST
         while handled(self._lcm) and time.monotonic() < enough:
             pass
 
     def _take(self, channel: str, data: bytes) -> None:
-        with suppress(RefusedSignature):  # the page shows what processes act on; they count what they refuse
+        with suppress(RefusedSignature):  # the page shows what processes act on; they count refusals
             self._intake.take(now_utime(), channel, self._verifier.verify(channel, data).data)

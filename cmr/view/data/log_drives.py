@@ -1,4 +1,4 @@
-"""The drives around the calibrations of a log, found while it is read, so that no jump has to read them again."""
+"""Drives around calibrations in a log, collected while reading, so that seeking need not read them again."""
 
 from cmr.bus.messages import RejectedMessage, decode
 from cmr.bus.streams import CALIBRATION_STATUS, WORLD_STATE
@@ -11,7 +11,7 @@ PARTS_WITHIN = 10_000  # us in which the parts of one WORLD_STATE are logged
 
 
 class DriveWatch:
-    """Follows robots and twins through a log; `calibrations` are those that were done until now."""
+    """Tracks robots and twins through a log; `calibrations` are those so far."""
 
     def __init__(self) -> None:
         self.calibrations = Calibrations()
@@ -21,7 +21,7 @@ class DriveWatch:
         self._states: dict[int, int] = {}
 
     def take(self, utime: int, event: Event) -> None:
-        """Look at one event, `utime` [us of the log's own time]."""
+        """Process one event, `utime` [us of the log's own time]."""
         if event.channel != WORLD_STATE.name and not event.channel.startswith(CALIBRATION_STATUS.name):
             return
         try:
@@ -35,7 +35,7 @@ class DriveWatch:
             self._take_calibration(utime, message.robot_id, message.state)
 
     def _take_world(self, utime: int, message: world_state_t) -> None:
-        if utime - self._begun > PARTS_WITHIN:  # all parts of the one before are there
+        if utime - self._begun > PARTS_WITHIN:  # all parts of the previous one have arrived
             if self._drives.due(self._begun):
                 self._drives.sample(self._begun, *self._table.present(self._begun).fresh().with_twins())
             self._begun = utime

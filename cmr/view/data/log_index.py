@@ -1,4 +1,4 @@
-"""Where in a log is what: read once, so that any moment of it can be shown without reading what came before."""
+"""Index of a log, built once, to show any time without reading everything before."""
 
 import os
 import time
@@ -28,7 +28,7 @@ from cmr.view.data.drives import Calibrations
 from cmr.view.data.log_drives import PARTS_WITHIN, DriveWatch
 from cmr.view.data.state import DIAGNOSIS
 
-PLACES_APART = 250_000  # us between the messages of a channel that are remembered
+PLACES_APART = 250_000  # us between the indexed messages of a channel
 ALL_REMEMBERED = {
     stream.name for stream in (PROCESS_STATUS, ESTOP, CALIBRATION_STATUS, INVESTIGATION_STATUS, PARAMETERS, WAYPOINTS)
 }
@@ -37,7 +37,7 @@ UTIME_BYTES = slice(8, 16)  # of a message, after the fingerprint
 
 
 class Mark(NamedTuple):
-    """Something that happened: when [us of the log's own time], in a word, and in a sentence."""
+    """An event: its time [us of the log's own time], kind, and sentence."""
 
     utime: int
     word: str
@@ -45,17 +45,17 @@ class Mark(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A message of a log: when it was logged [us of the log's own time], and where in the file it begins."""
+    """A message in a log: its time [us of the log's own time], and its offset in the file."""
 
     utime: int
     offset: int
 
 
 class LogIndex:
-    """What is where in the log of `reader`; `build` reads on.
+    """The index of the log of `reader`; `build` continues reading.
 
-    `begin` and `end` [us of the log's own time] are known at once, from the first and last messages; `end` is
-    corrected while the log is read. `marks` are the events found until now. Raises OSError.
+    `begin` and `end` [us of the log's own time] are available at once, from the first and last messages; `end` is
+    corrected while reading. `marks` are the events so far. Raises OSError.
     """
 
     def __init__(self, reader: EventReader) -> None:
@@ -67,15 +67,15 @@ class LogIndex:
         self.marks: list[Mark] = []
         self.places: dict[str, tuple[array[int], array[int]]] = {}
         self._checkpoints = Checkpoints()
-        self._due: dict[str, int] = {}  # when a channel's next message is to be remembered
-        self._parts_until: dict[str, int] = {}  # until when it may be a part of the last one remembered
+        self._due: dict[str, int] = {}  # when a channel's next message is to be indexed
+        self._parts_until: dict[str, int] = {}  # until when it may be part of the last one indexed
         self._watch = _Watch(self.marks)
         self._drive_watch = DriveWatch()
         self._reading = self._read()
 
     @property
     def calibrations(self) -> Calibrations:
-        """What robots drove around the calibrations found until now."""
+        """Courses of robots around the calibrations so far."""
         return self._drive_watch.calibrations
 
     @property
@@ -84,29 +84,29 @@ class LogIndex:
         return 1.0 if self.complete or not self.reader.size else self.reader.position / self.reader.size
 
     def seconds(self, utime: int) -> float:
-        """Return how long after the log's beginning a moment of its own time is [s]."""
+        """Return a time in seconds since the log's beginning."""
         return seconds_since(self.begin, utime)
 
     def moment(self, seconds: float) -> int:
-        """Return the moment of the log's own time [us] so long after its beginning."""
+        """Return the log's own time [us] at these seconds since its beginning."""
         return utime_after(self.begin, seconds)
 
     def build(self, seconds: float) -> bool:
-        """Read on for some time; return whether all has been read."""
+        """Continue reading for some time; return whether all has been read."""
         enough = time.monotonic() + seconds
         while not self.complete and time.monotonic() < enough:
             self.complete = next(self._reading, None) is None
         return self.complete
 
     def last_before(self, channel: str, utime: int, seconds: float = 0.0) -> list[Place]:
-        """Return the last remembered message of a channel at or before a moment, and those up to `seconds` before."""
+        """Return the last indexed message of a channel at or before a time, and those up to `seconds` before."""
         times, offsets = self.places[channel]
         last = bisect_right(times, utime)
         first = min(bisect_right(times, utime - int(seconds * MICROSECONDS)), max(last - 1, 0))
         return [Place(times[k], offsets[k]) for k in range(first, last)]
 
     def between(self, channel: str, begin: int, end: int, apart: int) -> Iterator[Place]:
-        """Yield remembered messages of a channel in a span of time, `apart` [us] from each other, with all parts."""
+        """Yield indexed messages of a channel in a time span, at least `apart` [us] apart, with all parts."""
         times, offsets = self.places[channel]
         latest = begin - apart
         for k in range(bisect_left(times, begin), bisect_right(times, end)):
@@ -115,9 +115,9 @@ class LogIndex:
                 yield Place(times[k], offsets[k])
 
     def read(self, utime: int) -> Iterator[tuple[int, Event]]:
-        """Yield the events from this moment on with their moments in the log's own time [us].
+        """Yield the events from this time on with their times in the log's own time [us].
 
-        Where the log has not been read yet, its time stamps are taken for its own time.
+        Where the log has not been read yet, its time stamps are used.
         """
         if utime > self.indexed_until and not self.complete:
             start = Checkpoint(self._seek(utime))
@@ -128,7 +128,7 @@ class LogIndex:
                 yield moment, event
 
     def _seek(self, utime: int) -> int:
-        """Return a place in the file, not far before this moment, by halving what has not been read yet."""
+        """Return a file position shortly before this time, by bisection of the unread part."""
         reader = EventReader(self.reader.path)
         low, high = self._checkpoints.last_offset, self.reader.size
         while high - low > CHUNK:
@@ -138,7 +138,7 @@ class LogIndex:
         return low
 
     def events_at(self, places: Iterable[Place]) -> Iterator[tuple[int, Event]]:
-        """Yield the events at places that the index remembers, with their moments."""
+        """Yield the events at indexed places, with their times."""
         with self.reader.path.open("rb", buffering=0) as stream:
             for place in places:
                 head = os.pread(stream.fileno(), HEADER.size, place.offset)
@@ -176,11 +176,11 @@ class LogIndex:
         self._drive_watch.take(utime, event)
 
 
-MARKED = (ESTOP, PARAMETERS, CALIBRATION_STATUS, PROCESS_STATUS)  # streams on which there is what is worth a mark
+MARKED = (ESTOP, PARAMETERS, CALIBRATION_STATUS, PROCESS_STATUS)  # streams with events to mark
 
 
 class _Watch:
-    """Finds what is worth a mark."""
+    """Finds events to mark."""
 
     def __init__(self, marks: list[Mark]) -> None:
         self._marks = marks
@@ -216,7 +216,7 @@ class _Watch:
 
 
 def _mark_of(message: Message) -> tuple[str, str] | None:
-    """Return the kind and the sentence of what a message tells; None where it tells nothing of this."""
+    """Return kind and sentence of the event in a message; None without one."""
     if isinstance(message, estop_t):
         return _estop(message)
     if isinstance(message, parameters_t):

@@ -1,4 +1,4 @@
-"""Plays a log: the state at any moment of it, forward at any speed, and jumps."""
+"""Play a log: the state at any time, at any speed, with seeking."""
 
 import time
 from bisect import bisect_left
@@ -21,13 +21,13 @@ from cmr.view.data.log_drives import PARTS_WITHIN
 from cmr.view.data.log_index import LogIndex, Place
 from cmr.view.data.state import RATE_WINDOW, ViewState
 
-LONGEST_WORK = 0.04  # s of reading in one go
-BETWEEN_FLUSHES = 250_000  # us of the log, so that trails have all their points at high speed
-RUN_UP = RATE_WINDOW  # us before the moment jumped to that are read whole, for rates
+LONGEST_WORK = 0.04  # s of reading at once
+BETWEEN_FLUSHES = 250_000  # us of the log, so that trails are complete at high speed
+RUN_UP = RATE_WINDOW  # us before a seek target that are read completely, for rates
 WORLDS_KEPT = 60_000_000  # us before that, of which trails, paths and distances are drawn ...
 WORLDS_APART = 400_000  # ... from WORLD_STATEs that are so far apart [us], at least ...
 RECENT = 12_000_000  # us; ... and from all that are remembered of this time, so that trails are smooth
-# s of what was said before that a moment is shown with
+# s before a time for which messages of each stream are shown
 HISTORY = {
     PROCESS_STATUS.name: 3.0,
     CAMERA_IMAGE.name: 2.0,
@@ -41,9 +41,9 @@ EVENTS_BETWEEN_LOOKS = 200  # at the clock
 
 
 class Playback:
-    """The log of an index as `state`, at `position` [us of the log's own time], `speed` times as fast as it was.
+    """The log of an index as `state`, at `position` [us of the log's own time], played at `speed` times real time.
 
-    `is_guess` says that the log has not been read that far yet, so that what happened long before is not shown.
+    `is_guess` says that the log has not been read that far yet, so earlier information may be missing.
     """
 
     def __init__(self, index: LogIndex) -> None:
@@ -60,18 +60,18 @@ class Playback:
 
     @property
     def at_end(self) -> bool:
-        """Whether all has been played."""
+        """Whether everything has been played."""
         return self._look() is None
 
     def play(self, seconds: float) -> None:
-        """Let that much time pass; more than can be read at once is left for later."""
+        """Advance by this time; what cannot be read at once is left for later."""
         if self.is_guess and (self.index.complete or self.index.indexed_until >= self.position):
-            self.jump(self.position)  # now with all that happened before
+            self.jump(self.position)  # again, now with the full history
         if not self.paused:
             self._read_until(self.position + int(seconds * self.speed * 1e6), time.monotonic() + LONGEST_WORK)
 
     def jump(self, utime: int) -> None:
-        """Show this moment; where the log has not been read yet, without what happened long before it."""
+        """Show this time; in unread parts of the log, without older history."""
         utime = max(min(utime, max(self.index.end, self.index.indexed_until)), self.index.begin)
         self.is_guess = utime > self.index.indexed_until
         run_up = max(utime - RUN_UP, self.index.begin)
@@ -86,7 +86,7 @@ class Playback:
         self._read_until(utime, None)
 
     def _read_until(self, utime: int, enough: float | None) -> None:
-        """Take what was logged until this moment, at most until `enough` of the monotonic clock [s]."""
+        """Process the log until this time, but not beyond `enough` of the monotonic clock [s]."""
         flushed = self.position
         count = 0
         while (found := self._look()) is not None and found[0] <= utime:
@@ -112,7 +112,7 @@ class Playback:
         return self._next
 
     def _remember(self, utime: int) -> None:
-        """Bring the state to what it was at a moment, from what is remembered of the time before."""
+        """Restore the state at a time, from the index."""
         since = utime - WORLDS_KEPT
         places = self._history(since, utime)
         first = bisect_left(places, since, key=lambda place: place.utime)
@@ -124,7 +124,7 @@ class Playback:
         self._end_world()
 
     def _history(self, since: int, utime: int) -> list[Place]:
-        """Return what of the past is still to be seen at a moment, oldest first."""
+        """Return the past messages still visible at a time, oldest first."""
         places: list[Place] = []
         streams = {channel: (identify(channel) or (None,))[0] for channel in self.index.places}
         channels_of = Counter(streams.values())
@@ -150,6 +150,6 @@ class Playback:
         self.state.handle(moment, event.channel, received.message)
 
     def _end_world(self) -> None:
-        """Let time pass until the last WORLD_STATE, all parts of which are there."""
+        """Advance time to the last WORLD_STATE whose parts are complete."""
         if self._world_begun:
             self.state.advance(self._world_begun)

@@ -1,4 +1,4 @@
-"""Where all robots are, as arrays: from WORLD_STATE, and for those whom no simulator knows from other channels."""
+"""Poses of all robots as arrays: from WORLD_STATE, or other channels for robots without a simulator."""
 
 from typing import NamedTuple
 
@@ -12,19 +12,19 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 REAL, VIRTUAL, TWIN = robot_state_t.REAL, robot_state_t.VIRTUAL, robot_state_t.TWIN
 SILENT_AFTER = 1_000_000  # us without a message about a robot; five periods of POSE, the slowest source, are that long
-# us after its last message for which a robot is shown, and its signals are offered: radio that changes its station and
-# a process that is started again are quiet for some seconds; what is older is no place to expect a robot at.
+# us after its last message for which a robot is shown, and its signals are offered: a radio that roams and a restarted
+# process are silent for some seconds; older positions are useless.
 GONE_AFTER = 5_000_000
-PREFERENCE = 500_000  # us for which a better source of a robot's pose keeps the others away
-WORLD, ESTIMATE, MEASURED = 0, 1, 2  # sources: WORLD_STATE, ROBOT_STATE_N, POSE_N; the lesser is the better
-SOURCE = 5  # where the source stands in the table, after x, y, theta, psi_left and psi_right
+PREFERENCE = 500_000  # us for which a better source of a robot's pose suppresses others
+WORLD, ESTIMATE, MEASURED = 0, 1, 2  # sources: WORLD_STATE, ROBOT_STATE_N, POSE_N; lower is better
+SOURCE = 5  # row of the source in the table, after x, y, theta, psi_left and psi_right
 
 
 class Robots(NamedTuple):
     """Robots at one moment; entry i of every array belongs to the same robot.
 
     `pose` (3, n): x, y [m], theta [rad; world frame]. `wheels` (2, n): psi of left and right [rad/s]. `silent` (n):
-    whether nothing has been heard about it for SILENT_AFTER.
+    whether it has had no message for SILENT_AFTER.
     """
 
     robot_id: Integers
@@ -34,7 +34,7 @@ class Robots(NamedTuple):
     silent: NDArray[np.bool_]
 
     def fresh(self) -> "Robots":
-        """Return only those about which something was heard lately."""
+        """Return only those with recent messages."""
         return self._chosen(~self.silent)
 
     def of(self, origin: int) -> "Robots":
@@ -42,7 +42,7 @@ class Robots(NamedTuple):
         return self._chosen(self.origin == origin)
 
     def with_twins(self) -> tuple["Robots", "Robots"]:
-        """Return the real robots that have twins, and their twins, both in the order of their ids."""
+        """Return the real robots that have twins, and their twins, both ordered by id."""
         real, twins = np.flatnonzero(self.origin == REAL), np.flatnonzero(self.origin == TWIN)
         ids = self.robot_id[real], self.robot_id[twins]
         _, first, second = np.intersect1d(*ids, assume_unique=True, return_indices=True)
@@ -64,13 +64,13 @@ class Robots(NamedTuple):
 
 
 class RobotTable:
-    """The last known state of every robot, and which source says so."""
+    """The last known state of every robot, and its source."""
 
     def __init__(self) -> None:
         self._table = StateTable(SOURCE + 1)
 
     def take_world(self, utime: int, message: world_state_t) -> None:
-        """Take a WORLD_STATE, or a part of one, that came at `utime` [us]."""
+        """Handle a WORLD_STATE, or a part of one, received at `utime` [us]."""
         table = self._table
         rows = table.rows(np.asarray(message.robot_id, np.int64), np.asarray(message.origin, np.int64))
         columns = (message.x, message.y, message.theta, message.psi_left, message.psi_right)
@@ -79,17 +79,17 @@ class RobotTable:
         table.utime[rows] = utime
 
     def take_state(self, utime: int, message: robot_state_t) -> None:
-        """Take a ROBOT_STATE_N; it counts where no WORLD_STATE has the robot."""
+        """Take a ROBOT_STATE_N; used if no WORLD_STATE has the robot."""
         state = (message.x, message.y, message.theta, message.psi_left, message.psi_right)
         self._take_one(utime, message.robot_id, message.origin, state, ESTIMATE)
 
     def take_pose(self, utime: int, message: pose_xyt_t) -> None:
-        """Take a POSE_N of a real robot; it counts where nobody estimates its state."""
+        """Take a POSE_N of a real robot; used if nobody estimates its state."""
         state = (message.x, message.y, message.theta, np.nan, np.nan)
         self._take_one(utime, message.robot_id, REAL, state, MEASURED)
 
     def present(self, now: int) -> Robots:
-        """Return those who have not left, in the order in which they came to be known."""
+        """Return the robots that are still present, in order of first appearance."""
         table = self._table
         age = np.abs(now - table.utime)
         rows = np.flatnonzero((age <= GONE_AFTER) & np.isfinite(table.state[:3]).all(axis=0))

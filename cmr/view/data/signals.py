@@ -1,4 +1,4 @@
-"""Which signals a visitor can plot: every number in every message that is about, named as in `cmr-plot`."""
+"""Signals that a visitor can plot: every number in every received message, named as in `cmr-plot`."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -7,15 +7,15 @@ from cmr.bus.fields import BYTES, ROBOTS, FieldName, fields_on
 from cmr.bus.streams import WORLD_STATE, identify
 from cmr.view.data.robots import TWIN, Robots
 
-MOST_ROBOTS = 500  # of WORLD_STATE that are offered; more cannot be chosen from
+MOST_ROBOTS = 500  # of WORLD_STATE that are offered; a longer list is unusable
 MOST_ELEMENTS = 400  # of an array that are offered
-NOT_PLOTTED = ("utime", "robot_id", "n")  # the horizontal axis itself, and what never changes
+NOT_PLOTTED = ("utime", "robot_id", "n")  # the horizontal axis itself, and constants
 
 
 class Source(NamedTuple):
-    """What has signals: a channel, or one robot or twin (`whose`) of a channel that is about many.
+    """A source of signals: a channel, or one robot or twin (`whose`) of a channel about many.
 
-    Where its messages hold arrays, `elements` of each can be chosen.
+    For arrays, `elements` of each can be chosen.
     """
 
     channel: str
@@ -46,9 +46,9 @@ class Source(NamedTuple):
 
 
 def sources(channels: Iterable[str], robots: Robots, elements: dict[str, int]) -> list[Source]:
-    """Return what has signals on these channels and among these robots, in the order of names and robot ids.
+    """Return the sources on these channels and among these robots, ordered by name and robot id.
 
-    `elements` is the length of the arrays on some of the channels.
+    `elements` is the length of arrays, by channel.
     """
     found = [Source(channel, elements=elements.get(channel, 1)) for channel in sorted(channels, key=_by_robot)]
     found = [source for source in found if source.channel != WORLD_STATE.name and source.signals()]

@@ -1,4 +1,4 @@
-"""What is shown, as it is at one moment: from messages, whether they come from the bus or from a log."""
+"""The state shown at one moment, from messages of the bus or a log."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -28,35 +28,34 @@ from cmr.view.data.drives import Drives
 from cmr.view.data.robots import GONE_AFTER, Robots, RobotTable
 from cmr.view.data.trails import Trails
 
-COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind of them
+COMMANDS = ("MOTOR_COMMAND", "WHEEL_SPEED_COMMAND", "VELOCITY_COMMAND")  # a robot takes one kind
 LATEST_OF = (*COMMANDS, "MOTOR_FEEDBACK", "GYRO", "POSE", "RANGE_SCAN", "WAYPOINTS", "PARAMETERS")
 WITH_ARRAYS = ("RANGE_SCAN", "WAYPOINTS")
-MOST_ROBOTS = 2_000  # that are shown; strangers may send as any number of them
-MOST_ESTIMATES = 600  # kept of a calibration
-MOST_DECISIONS = 300  # reports kept of an investigation
-REPEATED = 3.5  # s by which the time driven may fall where a movement is broken off
-MOST_DISTANCES = 480  # kept of a robot and its twin: two minutes
+MOST_ROBOTS = 2_000  # robots shown; senders may use any number of ids
+MOST_ESTIMATES = 600  # kept per calibration
+MOST_DECISIONS = 300  # reports kept per investigation
+REPEATED = 3.5  # s by which the driven time may decrease when a movement is aborted
+MOST_DISTANCES = 480  # kept per robot and twin: two minutes
 RATE_WINDOW = 3_000_000  # us over which rates of channels are taken
-STOPPED_FOR = 10_000_000  # us for which a process that has ended is shown
-SILENT_FOR = 60_000_000  # us after which a process or camera that says nothing is forgotten
+STOPPED_FOR = 10_000_000  # us for which an ended process is shown
+SILENT_FOR = 60_000_000  # us after which a silent process or camera is dropped
 DIAGNOSIS = "cmr-diagnose"
 
 
 @dataclass(frozen=True)
 class Heard(Generic[M_co]):
-    """A message and when it came [us]."""
+    """A message and its time of arrival [us]."""
 
     utime: int
     message: M_co
 
 
 class ViewState:
-    """The world, the processes and the bus as they are `now` [us].
+    """The world, the processes and the bus at `now` [us].
 
     `latest` holds the last message of each robot by the stream's name; `calibrations`, `investigations` and
-    `divergence` hold over time, by robot, what was reported and measured: CALIBRATION_STATUS_N,
-    INVESTIGATION_STATUS_N, and (moment, distance of robot and twin [m]). `drives` are of robots and twins. `cameras`
-    holds the last picture of each by its name.
+    `divergence` are histories by robot: CALIBRATION_STATUS_N, INVESTIGATION_STATUS_N, and (moment, distance of robot
+    and twin [m]). `drives` are of robots and twins. `cameras` holds the last picture of each by its name.
     """
 
     def __init__(self) -> None:
@@ -76,7 +75,7 @@ class ViewState:
         self._known: set[int] = set()
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take a message that came at `utime` [us]."""
+        """Handle a message received at `utime` [us]."""
         stream, robot_id = identify(channel) or (None, None)
         if stream is None or (robot_id is not None and self._is_one_too_many(robot_id)):
             return
@@ -100,7 +99,7 @@ class ViewState:
             self._take_investigation(message.robot_id, Heard(utime, message))
 
     def advance(self, now: int) -> None:
-        """Let time pass until `now` [us]."""
+        """Advance time to `now` [us]."""
         self.now = now
         drives_are_due, trails_are_due = self.drives.due(now), self.trails.due(now)
         if not (drives_are_due or trails_are_due):
@@ -120,7 +119,7 @@ class ViewState:
             }
 
     def present(self) -> Robots:
-        """Return the robots that are there now."""
+        """Return the robots present now."""
         return self.robots.present(self.now)
 
     def has_left(self, robot_id: int) -> bool:
@@ -129,13 +128,13 @@ class ViewState:
         return robot_id not in self.present().robot_id and self.now - max(heard_last, default=0) > SILENT_FOR
 
     def heard_channels(self) -> list[str]:
-        """Return the channels that are heard; of robots that have left, none."""
+        """Return the active channels, without those of robots that have left."""
         there = {None, *self.present().robot_id.tolist()}
         known = [(channel, age, identify(channel)) for channel, age in self.traffic.ages(self.now)]
         return [name for name, age, identity in known if identity and (identity[1] in there or age <= GONE_AFTER)]
 
     def array_lengths(self) -> dict[str, int]:
-        """Return how many elements the arrays of the last message have, by channel; of channels with arrays."""
+        """Return the array lengths in the last message, by channel, for channels with arrays."""
         return {
             f"{name}_{robot_id}": heard.message.n
             for name in WITH_ARRAYS
@@ -144,7 +143,7 @@ class ViewState:
         }
 
     def diagnosis(self) -> str:
-        """Return what the live diagnosis says; empty where none runs."""
+        """Return the message of the live diagnosis; empty if none runs."""
         return " ".join(
             heard_last.message.message for (name, _, _), heard_last in self.processes.items() if name == DIAGNOSIS
         )
@@ -155,14 +154,14 @@ class ViewState:
         return heard.message if heard is not None and isinstance(heard.message, stream.message_type) else None
 
     def _is_one_too_many(self, robot_id: int) -> bool:
-        """Return whether a robot is left out because there are too many."""
+        """Return whether a robot is omitted because there are too many."""
         if robot_id in self._known or len(self._known) < MOST_ROBOTS:
             self._known.add(robot_id)
             return False
         return True
 
     def _is_outdated(self, utime: int, robot_id: int, message: Message) -> bool:
-        """Return whether these are parameters of which a newer version is known."""
+        """Return whether these are parameters with an older version than a known one."""
         if not isinstance(message, parameters_t):
             return False
         return self._versions.setdefault(robot_id, Versions()).is_outdated(message, utime)

@@ -1,4 +1,4 @@
-"""Where robots have been: pieces of path that are shown for some time."""
+"""Trails of robots: recent path segments."""
 
 from collections import deque
 from typing import NamedTuple
@@ -9,9 +9,9 @@ from cmr.view.data.robots import Floats, Integers, Robots
 
 PERIOD = 250_000  # us between the points of a trail
 LONGEST = 60_000_000  # us that are kept
-LEAST_STEP = 0.002  # m; a robot that stands still draws nothing
-LARGEST_STEP = 1.0  # m in a period; a robot that goes further was put somewhere else
-MOST_PIECES = 4000  # shown; with more the oldest go first, as browsers draw thick lines slowly
+LEAST_STEP = 0.002  # m; a robot at rest adds no segments
+LARGEST_STEP = 1.0  # m per period; a larger step means that the robot was moved by hand
+MOST_PIECES = 4000  # segments shown; beyond, the oldest are dropped, as browsers draw thick lines slowly
 
 
 class Trail(NamedTuple):
@@ -33,7 +33,7 @@ class Trails:
         return self._last is None or now - self._last[0] >= PERIOD
 
     def sample(self, now: int, robots: Robots) -> None:
-        """Note where robots are."""
+        """Add the robots' positions."""
         keys = robots.robot_id * 4 + robots.origin
         places = robots.pose[:2].T
         if self._last is not None:
@@ -44,7 +44,7 @@ class Trails:
             self._pieces.popleft()
 
     def shown(self, now: int, seconds: float) -> Trail:
-        """Return the pieces of the last `seconds`, oldest first."""
+        """Return the segments of the last `seconds`, oldest first."""
         chosen: list[Trail] = []
         count = 0
         for utime, trail in reversed(self._pieces):
@@ -58,7 +58,7 @@ class Trails:
 
 
 def _pieces(keys: Integers, places: Floats, new_keys: Integers, new_places: Floats, largest: float) -> Trail:
-    """Return the pieces of path from one moment to the next, of those who were there at both and moved."""
+    """Return the segments between two moments, for robots present at both that moved."""
     if not np.array_equal(keys, new_keys):
         keys, first, second = np.intersect1d(keys, new_keys, return_indices=True)
         places, new_places = places[first], new_places[second]

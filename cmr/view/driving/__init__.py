@@ -1,4 +1,4 @@
-"""The joystick: a page of its own beside viser's, made for phones, with which robots are driven by hand."""
+"""The joystick: an additional page for phones, to drive robots by hand."""
 
 from cmr.view.driving.sessions import DriveSessions
 

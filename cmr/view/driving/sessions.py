@@ -1,7 +1,6 @@
-"""The page with the joystick: what it says goes to a process of cmr-teleop.
+"""Sessions of the joystick page: its messages go to a process of cmr-teleop.
 
-Messages that are held up on the way, here or in the network, are old by the beats that they repeat, and move nothing
-(`cmr.teleop.remote`).
+Delayed messages are recognised by the old beats that they repeat, and move nothing (`cmr.teleop.remote`).
 """
 
 from collections.abc import Callable
@@ -23,7 +22,7 @@ Command = Callable[[int, bool], list[str]]  # of cmr-teleop, for a robot, which 
 
 
 class DriveSaid(Entering, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
-    """One message. First come tokens, then which robot is to be driven, then where the joystick is at each beat."""
+    """One message: first tokens, then the robot to drive, then the joystick's position with each beat."""
 
     robot: Annotated[int, Meta(ge=0, le=2**31 - 1)] | UnsetType = UNSET
     take_over: bool = False
@@ -37,7 +36,7 @@ _DECODER = msgspec.json.Decoder(DriveSaid)
 
 
 class DriveSessions(Sessions[DriveSaid]):
-    """Serves the page with the joystick; `start` returns how cmr-teleop is started."""
+    """Serves the joystick page; `start` returns the command of cmr-teleop."""
 
     page, title, connects_to = "/drive", "drive by hand: joystick", "/drive/hands"
     most, full = MOST_DRIVERS, f"{MOST_DRIVERS} pages drive already."
@@ -52,7 +51,7 @@ class DriveSessions(Sessions[DriveSaid]):
         return decoded(_DECODER, data)
 
     def command(self, message: DriveSaid) -> list[str] | None:
-        """Return how cmr-teleop is started for the robot that is to be driven."""
+        """Return the command of cmr-teleop for the requested robot."""
         return self._start(message.robot, message.take_over) if isinstance(message.robot, int) else None
 
     def line(self, message: DriveSaid) -> bytes:

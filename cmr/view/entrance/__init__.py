@@ -1,1 +1,1 @@
-"""Who comes in to the page, what they may send, and how fast they may guess; it knows neither robots nor pages."""
+"""Access control of the page: who connects, what is sent, and how fast tokens are guessed."""

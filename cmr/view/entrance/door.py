@@ -1,9 +1,9 @@
-"""Who is let in to the page: what a browser says of where it comes from, and what it sends, is checked before viser.
+"""Check connections to the page, by origin and content, before viser handles them.
 
-Any web page that is open in the operator's browser can reach a server on this computer, under the server's own address
-or, with a name that its owner lets point here (DNS rebinding), under a foreign one. So the name by which a browser
-calls the server (Host) must be one that is ours, and a connection must come from our own page (Origin). Viser has no
-setting for either: the server of websockets that it starts is given both here.
+Any web page open in the operator's browser can reach a server on this computer, under the server's own address or, with
+a name resolved to this host (DNS rebinding), under a foreign one. So the name by which a browser calls the server
+(Host) must be one of ours, and a connection must come from our own page (Origin). Viser has no setting for either, so
+the websocket server that it starts is wrapped here.
 """
 
 import asyncio
@@ -28,11 +28,11 @@ from cmr.view.entrance.refusals import Refusals
 from cmr.view.entrance.sent import MOST_BYTES, is_from_a_page
 
 THIS_COMPUTER = ("127.0.0.1", "localhost")
-MOST_VISITORS = 40  # each costs a core some percent
-MOST_A_SECOND = 200.0  # messages of one visitor: a page sends some 60 while it is dragged
-AT_ONCE = 400.0  # messages beyond that, as of somebody who was not heard for two seconds
+MOST_VISITORS = 40  # each costs some percent of a core
+MOST_A_SECOND = 200.0  # messages per visitor: a page sends about 60 while it is dragged
+AT_ONCE = 400.0  # additional messages in a burst, as after two seconds of silence
 HEADERS = {
-    "X-Frame-Options": "DENY",  # a foreign page that shows ours could have the operator click on its buttons
+    "X-Frame-Options": "DENY",  # another page that embeds ours could make the operator click its buttons
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -46,7 +46,7 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class Address(NamedTuple):
-    """Where a page is served: `names` are its host's besides its addresses; `tls` encrypts, where it is given."""
+    """The address of a page: `names` are its host's besides its addresses; `tls` encrypts, if given."""
 
     host: str
     port: int
@@ -55,11 +55,11 @@ class Address(NamedTuple):
 
     @property
     def is_for_this_computer(self) -> bool:
-        """Whether nobody comes from elsewhere: also not by way of another server, which would need a name of ours."""
+        """Whether only this computer can connect: not even through a proxy, which would need a name of ours."""
         return self.host in THIS_COMPUTER and not self.names
 
     def check(self) -> None:
-        """Raise OSError where this is no address of this computer: viser would wait for ever."""
+        """Raise OSError if this is not an address of this computer: viser would wait for ever."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         with socket.socket(family, socket.SOCK_STREAM) as probe:
             probe.bind((self.host, 0))
@@ -71,7 +71,7 @@ class Address(NamedTuple):
 
 
 class Beside(Protocol):
-    """A page beside viser's, at `page`, which connects to `connects_to`; a link to it says its `title`."""
+    """An additional page at `page`, which connects to `connects_to`; `title` is the text of a link to it."""
 
     page: str
     title: str
@@ -79,14 +79,14 @@ class Beside(Protocol):
     html: bytes
 
     def takes(self, data: Data) -> bool:
-        """Return whether this is a message that the page sends."""
+        """Return whether this is a valid message of the page."""
 
     async def serve(self, connection: ServerConnection) -> None:
         """Serve one visitor to the end."""
 
 
 class Door(NamedTuple):
-    """Looks at visitors of an address, and counts those that are sent away."""
+    """Checks visitors of an address, and counts refusals."""
 
     address: Address
     refusals: Refusals
@@ -96,7 +96,7 @@ class Door(NamedTuple):
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_ours(hosts[0], own_address):
             return FOREIGN_NAME
-        # Programs send no origin; every browser does, and no page can keep it from that.
+        # Programs send no origin; every browser does, and a page cannot prevent it.
         if origins and (len(origins) > 1 or _place_of(origins[0]) != hosts[0].lower()):
             return FOREIGN_PAGE
         # With ?websocket=... viser's page would connect to a foreign server, and obey it in our name.
@@ -113,9 +113,9 @@ class Door(NamedTuple):
 
 @contextmanager
 def guarding(door: Door, beside: Sequence[Beside] = ()) -> Iterator[None]:
-    """Put a door before the server that viser starts meanwhile, and have it serve other pages, too.
+    """Guard the server that viser starts within the context, and let it serve additional pages.
 
-    Raises RuntimeError where viser has not started one in the way that is known: it would let in everybody.
+    Raises RuntimeError if viser does not start its server in the known way, which would leave it unguarded.
     """
     serve, guarded = websockets.asyncio.server.serve, list[int]()
 
@@ -152,13 +152,13 @@ def _checking(door: Door, answer: Process, beside: Sequence[Beside]) -> Process:
 
 
 def _page(html: bytes) -> Response:
-    """Return the answer that is a page."""
+    """Return a page as response."""
     headers = Headers({"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(html))})
     return Response(HTTPStatus.OK, "OK", headers, html)
 
 
 def _parted(handler: Handler, beside: Sequence[Beside]) -> Handler:
-    """Return what hands the visitors of each page beside to it."""
+    """Return a handler that passes visitors of additional pages to them."""
 
     async def handle(connection: ServerConnection) -> None:
         one = _of(connection, beside)
@@ -168,13 +168,13 @@ def _parted(handler: Handler, beside: Sequence[Beside]) -> Handler:
 
 
 def _of(connection: ServerConnection, beside: Sequence[Beside]) -> Beside | None:
-    """Return the page beside that a visitor is of; None for viser's."""
+    """Return the additional page of a visitor; None for viser's."""
     path = connection.request.path if connection.request is not None else ""
     return next((one for one in beside if path == one.connects_to), None)
 
 
 def _limited(handler: Handler) -> Handler:
-    """Serve so many visitors at once; whoever comes then is sent away, and viser's page tries again by itself."""
+    """Limit the number of visitors; further ones are refused, and viser's page retries by itself."""
     inside = set[ServerConnection]()
 
     async def handle(connection: ServerConnection) -> None:
@@ -191,7 +191,7 @@ def _limited(handler: Handler) -> Handler:
 
 
 def _connections(refusals: Refusals, beside: Sequence[Beside]) -> type[ServerConnection]:
-    """Return connections that pass on only what a page sends, and that no faster than a page does."""
+    """Return connections that accept only messages of a page, at a page's rate."""
 
     class Screened(ServerConnection):
         _allowance, _since = AT_ONCE, 0.0
@@ -210,14 +210,14 @@ def _connections(refusals: Refusals, beside: Sequence[Beside]) -> type[ServerCon
             now = time.monotonic()
             self._allowance = min(AT_ONCE, self._allowance + MOST_A_SECOND * (now - self._since)) - 1.0
             self._since = now
-            if self._allowance < 0.0:  # the sender then waits, too, as nothing is taken from the line
+            if self._allowance < 0.0:  # this also slows the sender, since nothing is read
                 await asyncio.sleep(-self._allowance / MOST_A_SECOND)
 
     return Screened
 
 
 def address_of(connection: ServerConnection | None) -> str:
-    """Return the address at the other end; empty where nobody is there any more."""
+    """Return the remote address; empty if it is gone."""
     try:
         return str(connection.remote_address[0]) if connection is not None else ""
     except (ConnectionClosed, TypeError, IndexError):
@@ -225,7 +225,7 @@ def address_of(connection: ServerConnection | None) -> str:
 
 
 def _place_of(origin: str) -> str:
-    """Return host and port of an origin, as a browser writes them into Host; empty where it has none."""
+    """Return host and port of an origin, as browsers write them in Host; empty if it has none."""
     try:
         parts = urlsplit(origin)
     except ValueError:

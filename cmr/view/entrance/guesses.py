@@ -1,4 +1,4 @@
-"""How fast the token may be guessed."""
+"""Rate limit on guesses of the token."""
 
 import ipaddress
 import threading
@@ -7,32 +7,32 @@ from collections import OrderedDict
 
 from cmr.view.entrance.refusals import Refusals
 
-FREE = 5  # wrong tokens of an address before it has to wait
+FREE = 5  # wrong tokens from an address before it has to wait
 LONGEST_WAIT = 60.0  # s; it doubles from 1 s
-FORGOTTEN = 3600.0  # s after which wrong tokens of an address are
+FORGOTTEN = 3600.0  # s after which wrong tokens of an address are forgotten
 MOST_ADDRESSES = 1000  # that are remembered
 
 
 class Guesses:
-    """Counts wrong tokens by address, so that more connections of somebody who guesses are no more guesses.
+    """Counts wrong tokens by address, so that additional connections do not allow more guesses.
 
-    An IPv6 address counts as its network of 64 bits, which is what one customer has.
+    An IPv6 address counts as its /64 network, which belongs to one customer.
     """
 
     def __init__(self, refusals: Refusals | None = None) -> None:
         self._refusals = refusals or Refusals()
         self._lock = threading.Lock()
-        self._wrong = OrderedDict[str, tuple[int, float]]()  # how many, and when the last [s]
+        self._wrong = OrderedDict[str, tuple[int, float]]()  # number, and time of the last [s]
 
     def wait(self, address: str) -> float:
-        """Return how long nothing more is compared from this address [s]."""
+        """Return the waiting time of this address [s]."""
         with self._lock:
             count, last = self._wrong.get(_network(address), (0, 0.0))
         pause = min(2.0 ** min(count - FREE, 30), LONGEST_WAIT) if count >= FREE else 0.0
         return max(last + pause - time.monotonic(), 0.0)
 
     def count(self, address: str, right: bool) -> None:
-        """Count what was compared."""
+        """Count a comparison."""
         network, now = _network(address), time.monotonic()
         with self._lock:
             count, last = self._wrong.pop(network, (0, now))

@@ -1,15 +1,15 @@
-"""What strangers wanted of the page and did not get: counted, and said now and then."""
+"""Count refused requests, and report them occasionally."""
 
 import threading
 import time
 from collections import Counter
 
-EVERY = 10.0  # s between two sentences
+EVERY = 10.0  # s between reports
 MOST_ADDRESSES = 5  # that a sentence names
 
 
 class Refusals:
-    """Counts by kind and address; the threads of the server count, the process says what was counted."""
+    """Counts by kind and address; the server's threads count, the process reports."""
 
     def __init__(self) -> None:
         self.total = 0
@@ -20,7 +20,7 @@ class Refusals:
         self._due = 0.0
 
     def count(self, kind: str, address: str) -> None:
-        """Count something that was refused."""
+        """Count a refusal."""
         with self._lock:
             self.total += 1
             self._new[kind] += 1
@@ -28,7 +28,7 @@ class Refusals:
                 self._addresses[address] += 1
 
     def news(self) -> str:
-        """Return a sentence about what was refused since the last one, empty if nothing was or it is not due."""
+        """Return a sentence about refusals since the last one; empty if none, or not yet due."""
         now = time.monotonic()
         with self._lock:
             if not self._new or now < self._due:

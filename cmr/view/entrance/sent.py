@@ -1,7 +1,6 @@
-"""What the page of a visitor sends, in viser's protocol: everything else is refused before viser reads it.
+"""Valid messages of viser's protocol from a visitor's page: others are refused before viser reads them.
 
-Viser believes what it is sent: of a camera of no height, a place that is no number, or an input that has another type,
-it makes exceptions where it is read.
+Viser trusts its input: a camera with zero height, NaN positions, or inputs of wrong types raise exceptions deep inside.
 """
 
 import math
@@ -12,20 +11,20 @@ from msgspec import Meta
 from websockets.typing import Data
 
 MOST_BYTES = 1_000_000  # of a message; viser's page sends files in parts of 512 KB
-FARTHEST = 1e6  # m from the origin where a camera may be, and pixels
+FARTHEST = 1e6  # m from the origin, for cameras and pixels
 
 Coordinate = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
 Angle = Annotated[float, Meta(ge=0.01, le=3.1)]
 Pixels = Annotated[int, Meta(ge=1, le=100_000)]
-Count = Annotated[int, Meta(ge=0, le=1 << 53)]  # as large as numbers of a browser are exact
+Count = Annotated[int, Meta(ge=0, le=1 << 53)]  # largest exact integer of a browser
 Short = Annotated[str, Meta(max_length=256)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class _Sent(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, frozen=True):
     def is_sound(self) -> bool:
-        """Return whether the fields fit together."""
+        """Return whether the fields are consistent."""
         return True
 
 
@@ -41,7 +40,7 @@ class _Camera(_Sent, tag="ViewerCameraMessage", frozen=True):
     up_direction: Vector
 
     def is_sound(self) -> bool:
-        """Return whether it looks somewhere, and has an upper side."""
+        """Return whether position, direction and up vector are valid."""
         looks = math.dist(self.look_at, self.position) > 1e-6
         return looks and math.hypot(*self.up_direction) > 1e-6 and math.hypot(*self.wxyz) > 1e-6
 
@@ -61,7 +60,7 @@ class _Update(_Sent, tag="GuiUpdateMessage", frozen=True):
     updates: Annotated[dict[Short, Any], Meta(min_length=1, max_length=1)]
 
     def is_sound(self) -> bool:
-        """Return whether it is the value of an input: whether the input takes it is to be seen from the input."""
+        """Return whether it can be an input's value; whether the input accepts it is checked there."""
         value = self.updates.get("value", [])
         return isinstance(value, str | bool | int | float) and (not isinstance(value, float) or math.isfinite(value))
 
@@ -90,7 +89,7 @@ _DECODER = msgspec.msgpack.Decoder(_Camera | _Click | _Update | _Command | _Uplo
 
 
 def is_from_a_page(data: Data) -> bool:
-    """Return whether this is a message that the page of a visitor sends."""
+    """Return whether this is a valid message of a visitor's page."""
     if not isinstance(data, bytes):
         return False
     try:

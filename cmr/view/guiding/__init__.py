@@ -1,4 +1,4 @@
-"""The page that guides through bring-up: announcements, questions, and a button that ends a motion."""
+"""The bring-up page: announcements, questions, and a button that stops a motion."""
 
 from cmr.view.guiding.sessions import GuideSessions
 

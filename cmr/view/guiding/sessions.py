@@ -1,6 +1,6 @@
-"""The page that guides through bring-up: what it answers goes to a process of cmr bringup, and its steps come back.
+"""Sessions of the bring-up page: its answers go to a process of cmr bringup, whose steps come back.
 
-The process ends a motion by itself where the page does not answer (`robot_driver.guided.remote`).
+The process itself stops a motion if the page does not answer (`robot_driver.guided.remote`).
 """
 
 from collections.abc import Callable, Sequence
@@ -17,11 +17,11 @@ from cmr.view.entrance.guesses import Guesses
 HTML = Path(__file__).with_name("bringup.html")
 
 Word = Annotated[str, Meta(pattern="^[a-z]{1,20}$")]
-Command = Callable[[int, Sequence[str]], list[str]]  # of cmr bringup, for a robot, and which steps
+Command = Callable[[int, Sequence[str]], list[str]]  # of cmr bringup, for a robot and steps
 
 
 class GuideSaid(Entering, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
-    """One message. First come tokens, then the robot and its steps, then beats and answers, each to the step shown."""
+    """One message: first tokens, then robot and steps, then beats and answers to the step shown."""
 
     robot: Annotated[int, Meta(ge=0, le=2**31 - 1)] | UnsetType = UNSET
     steps: Annotated[tuple[Word, ...], Meta(max_length=20)] = ()
@@ -34,7 +34,7 @@ _DECODER = msgspec.json.Decoder(GuideSaid)
 
 
 class GuideSessions(Sessions[GuideSaid]):
-    """Serves the page; `start` returns how cmr bringup is started. One robot is brought up at a time."""
+    """Serves the page; `start` returns the command of cmr bringup. Only one robot at a time."""
 
     page, title, connects_to = "/bringup", "bring up a new robot", "/bringup/steps"
     most, full = 1, "A robot is being brought up on another page already."
@@ -48,7 +48,7 @@ class GuideSessions(Sessions[GuideSaid]):
         return decoded(_DECODER, data)
 
     def command(self, message: GuideSaid) -> list[str] | None:
-        """Return how cmr bringup is started for a robot."""
+        """Return the command of cmr bringup for a robot."""
         return self._start(message.robot, message.steps) if isinstance(message.robot, int) else None
 
     def line(self, message: GuideSaid) -> bytes:

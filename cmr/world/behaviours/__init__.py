@@ -1,4 +1,6 @@
-"""What robots decide to do. The same behaviour drives virtual robots in cmr-sim and a real one through cmr-pilot."""
+"""Behaviours: what robots decide to do. The same behaviour drives virtual robots in cmr-sim and a real one through
+cmr-pilot.
+"""
 
 from cmr.world.behaviours.behaviour import Behaviour, BehaviourError
 from cmr.world.behaviours.following import Follow

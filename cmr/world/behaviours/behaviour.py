@@ -17,10 +17,9 @@ class BehaviourError(Exception):
 class Behaviour(ABC):
     """Decides what one robot does, from what it knows of the world.
 
-    Derive from it, give the constructor keyword arguments with defaults, and name the class as
-    `your.module:YourClass` where cmr-sim or cmr-pilot asks for a behaviour, or register it in the entry-point group
-    `cmr.behaviours`. One that comes to an end sets `finished`,
-    and cmr-pilot ends with it; `problem` is then a sentence that says why it ended before its time, and what to do.
+    Derive from it, give the constructor keyword arguments with defaults, and give its name as `your.module:YourClass`
+    to cmr-sim or cmr-pilot, or register it in the entry-point group `cmr.behaviours`. A behaviour that ends sets
+    `finished`, and cmr-pilot then exits. If it ended early, `problem` is a sentence that says why and what to do.
     """
 
     finished = False
@@ -33,24 +32,26 @@ class Behaviour(ABC):
         `parameters` are those of the robot's model. Called some 20 to 100 times a second.
         """
 
-    def hear(self, utime: int, channel: str, message: Message) -> None:  # noqa: B027 - few look at sensors themselves
-        """Take what the robot's driver and sensors say: MOTOR_FEEDBACK_N, GYRO_N, POSE_N. Ignored unless overridden."""
+    def hear(self, utime: int, channel: str, message: Message) -> None:  # noqa: B027 - few read sensors directly
+        """Handle MOTOR_FEEDBACK_N, GYRO_N and POSE_N of the robot. Ignored unless overridden."""
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to load
-        """Load what deciding takes, if that takes long: called before the first turn, where nobody waits."""
+        """Load or compile what `command` needs, if that takes long. Called before the first turn, when nothing waits
+        for it.
+        """
 
-    def tell(self, utime: int) -> Iterable[tuple[Stream[Message], Message]]:  # noqa: ARG002 - most have nothing to say
-        """Return what is to be published at `utime` [us] besides commands, of streams on which each robot has one.
+    def tell(self, utime: int) -> Iterable[tuple[Stream[Message], Message]]:  # noqa: ARG002 - most publish nothing
+        """Return messages to publish at `utime` [us] besides commands, on streams with a channel per robot.
 
-        Called after each command. Nothing unless overridden.
+        Called after each command. Returns nothing unless overridden.
         """
         return ()
 
     def take_waypoints(self, x: list[float], y: list[float]) -> None:  # noqa: B027 - not every robot has waypoints
-        """Take a path to drive, as points [m; world frame]; an empty one means stop. Ignored unless overridden."""
+        """Accept a path to drive, as points [m; world frame]; an empty one means stop. Ignored unless overridden."""
 
-    def take_command(self, utime: int, left: float, right: float) -> None:  # noqa: B027 - few robots are steered so
-        """Take a motor command from the bus. Ignored unless overridden."""
+    def take_command(self, utime: int, left: float, right: float) -> None:  # noqa: B027 - few behaviours use it
+        """Accept a motor command from the bus. Ignored unless overridden."""
 
 
 class Commanded(Behaviour):

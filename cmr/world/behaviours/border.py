@@ -1,4 +1,4 @@
-"""The border of a geofence: whatever else robots want, they do not drive over it."""
+"""The border of a geofence, which robots do not cross whatever else they want."""
 
 import math
 
@@ -24,7 +24,7 @@ def way_to_side(x: float, y: float, corners: Floats, side: int) -> tuple[float, 
 
 @compiled("b1(f8, f8, f8[:, ::1])")
 def is_inside(x: float, y: float, corners: Floats) -> bool:
-    """Return whether (x, y) lies inside of a polygon (2, n)."""
+    """Return whether (x, y) lies inside a polygon (2, n)."""
     inside = False
     for i in range(corners.shape[1]):
         ax, ay, bx, by = corners[0, i - 1], corners[1, i - 1], corners[0, i], corners[1, i]
@@ -48,10 +48,10 @@ def nearest_side(x: float, y: float, corners: Floats) -> int:
 def turned_back(  # type: ignore[no-untyped-def]
     x, y, wanted_x, wanted_y, corners: Floats, border, cruise
 ):
-    """Return a wanted velocity [m/s] with so much taken from it that it does not lead over the border.
+    """Return a desired velocity [m/s] reduced so that it does not cross the border.
 
-    At `border` [m] from a side it may go towards it with `cruise` [m/s]; half as far away no more than along it; at
-    the side, and outside, it goes back with `cruise`.
+    At a distance of `border` [m] from a side, the velocity towards it is at most `cruise` [m/s]; at half that distance,
+    0; on the side and outside it is -`cruise`.
     """
     if not is_inside(x, y, corners):
         way_x, way_y, _ = way_to_side(x, y, corners, nearest_side(x, y, corners))
@@ -70,9 +70,9 @@ def turned_back(  # type: ignore[no-untyped-def]
 def stop_before(
     x: Floats, y: Floats, theta: Floats, corners: Floats, clearance: float, reaction: float, forward: Floats
 ) -> None:
-    """Lower how fast n robots may go along their headings [m/s], so that they stop `clearance` [m] before the border.
+    """Limit the speeds of n robots along their headings [m/s] so that they stop `clearance` [m] before the border.
 
-    `corners` (2, m) may be none. Robots do nothing for `reaction` [s] and then brake with BRAKING. Robots outside may
+    `corners` (2, m) may be empty. Robots continue for `reaction` [s] and then brake with BRAKING. Robots outside may
     only go towards the border.
     """
     if not corners.shape[1]:

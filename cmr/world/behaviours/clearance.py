@@ -1,7 +1,7 @@
-"""Keep clear of what is in the way: the speed at which a robot can still stop, and the way round on the right.
+"""Avoid collisions: limit the speed so that a robot can still stop, and pass obstacles on the right.
 
-A robot may go as fast as lets it brake before it comes too near to what is ahead, if that brakes, too: the rule of
-Shalev-Shwartz, Shammah and Shashua, On a formal model of safe and scalable self-driving cars, 2017.
+The speed limit is the highest from which a robot can brake in time, assuming that a robot ahead also brakes: the rule
+of Shalev-Shwartz, Shammah and Shashua, On a formal model of safe and scalable self-driving cars, 2017.
 """
 
 import math
@@ -12,27 +12,28 @@ from cmr.model.compiled import compiled, inlined
 from cmr.model.elementary import sincos
 from cmr.world.behaviours.team import Floats, Indices
 
-BRAKING = 0.5  # m/s^2, which wheels on a smooth floor hold
+BRAKING = 0.5  # m/s^2, that wheels can brake with on a smooth floor
 VIEW_STEP = 0.25  # m
-WIDE = 1.05  # of the distance to be kept, at which others are passed
+WIDE = 1.05  # times the required distance, at which others are passed
 REACTION = 0.15  # s until a robot follows its command: the time constant of its motors
 
 
 def view_needed(apart: float, speed: float, reaction: float) -> float:
-    """Return how far [m] a robot that drives at `speed` [m/s] has to look so that centres stay `apart` [m].
+    """Return how far [m] a robot that drives at `speed` [m/s] must look ahead to keep centres `apart` [m].
 
-    It is rounded up, so that those who need about the same can share a search.
+    It is rounded up so that robots with similar needs can share a neighbour search.
     """
-    needed = apart + speed * reaction + speed * speed / BRAKING  # each of two that meet brakes
+    needed = apart + speed * reaction + speed * speed / BRAKING  # both of two approaching robots brake
     return math.ceil(float(needed) / VIEW_STEP) * VIEW_STEP
 
 
 @compiled("f8(f8, f8, f8, f8, f8, f8, f8, f8, f8)")
 def speed_before(dx, dy, along_x, along_y, speed_x, speed_y, clearance, reaction, fastest):  # type: ignore[no-untyped-def]
-    """Return the speed [m/s], at most `fastest`, that keeps `clearance` [m] from what is at (dx, dy) [m] from here.
+    """Return the speed [m/s], at most `fastest`, that keeps `clearance` [m] from an object at (dx, dy) [m], relative to
+    the robot.
 
-    (along_x, along_y) is the direction in which the robot goes, of length 1; (speed_x, speed_y) [m/s] is how the other
-    moves. The robot does nothing for `reaction` [s] and then brakes with BRAKING.
+    (along_x, along_y) is the robot's direction of motion, a unit vector; (speed_x, speed_y) [m/s] is the object's
+    velocity. The robot continues for `reaction` [s] and then brakes with BRAKING.
     """
     ahead = dx * along_x + dy * along_y
     aside = dx * along_y - dy * along_x
@@ -40,7 +41,7 @@ def speed_before(dx, dy, along_x, along_y, speed_x, speed_y, clearance, reaction
         return fastest
     free = ahead - math.sqrt(clearance * clearance - aside * aside)
     flees = speed_x * along_x + speed_y * along_y
-    free += flees * abs(flees) / (2.0 * BRAKING)  # what the other needs to stop, towards us or away
+    free += flees * abs(flees) / (2.0 * BRAKING)  # stopping distance of the object, moving towards us or away
     if free <= 0.0:
         return 0.0
     late = BRAKING * reaction
@@ -49,9 +50,10 @@ def speed_before(dx, dy, along_x, along_y, speed_x, speed_y, clearance, reaction
 
 @compiled("UniTuple(f8, 2)(f8, f8, f8, b1)")
 def tangent(dx: float, dy: float, apart: float, left: bool) -> tuple[float, float]:
-    """Return the direction in which what is at (dx, dy) [m] is passed at a distance of `apart` [m], on our left or not.
+    """Return the direction that passes an object at (dx, dy) [m] at a distance of `apart` [m], keeping it on the left
+    or right.
 
-    A robot that is nearer than that already goes a little away from it.
+    A robot that is already nearer moves slightly away from it.
     """
     away = max(math.sqrt(dx * dx + dy * dy), 1e-9)
     if away >= apart:
@@ -85,9 +87,10 @@ def _see_discs(things, first, discs, x, y, radius, clearance):  # type: ignore[n
 
 @inlined
 def _first_in_way(things, count, along_x, along_y, reaction, fastest):  # type: ignore[no-untyped-def]
-    """Return how fast [m/s] a robot may go along a direction of length 1, and which of so many things allows least.
+    """Return the speed limit [m/s] along a unit direction, and the index of the object that sets it.
 
-    That is -1 if none does. For each, `things` has the way there [m], its velocity [m/s], and how far to stay away [m].
+    The index is -1 if no object limits the speed. Each row of `things` has the vector to the object [m], its velocity
+    [m/s], and the distance to keep [m].
     """
     slowest, blocking = fastest, -1
     for n in range(count):
@@ -100,10 +103,10 @@ def _first_in_way(things, count, along_x, along_y, reaction, fastest):  # type: 
 
 @inlined
 def _on_the_right(things, blocking, robots, sine, cosine):  # type: ignore[no-untyped-def]
-    """Return the direction in which a robot that is turned to (cosine, sine) goes round what blocks it.
+    """Return the direction in which a robot heading along (cosine, sine) goes round the blocking object.
 
-    The first `robots` of the things are robots: each is passed with it on the left. A disc is passed on that side to
-    which the robot is turned already.
+    The first `robots` of the things are robots: each is passed with it on the left. A disc is passed on the side that
+    the robot already faces.
     """
     dx, dy, apart = things[blocking, 0], things[blocking, 1], things[blocking, 4]
     left = blocking < robots or dx * sine - dy * cosine <= 0.0
@@ -119,14 +122,14 @@ def keep_clear(  # type: ignore[no-untyped-def]
     discs: Floats, round_it, radius: Floats, clearance: float, reaction: float,
     target_x: Floats, target_y: Floats, speed: Floats, forward: Floats,
 ):  # fmt: skip
-    """Lower the speeds [m/s] of n robots that head for targets [m] to where each can stop before what is in its way.
+    """Limit the speeds [m/s] of n robots heading for targets [m] so that each can stop before any object in its way.
 
-    `me` (n,) are their places in `x`, `y`, `speed_x`, `speed_y`, which hold everybody, `theta` [rad] their headings;
+    `me` (n,) are their indices in `x`, `y`, `speed_x`, `speed_y`, which hold all robots, `theta` [rad] their headings;
     the neighbours of robot i are near[start[i]:start[i + 1]], as of `pairs_within`. Bodies keep `clearance` [m] from
-    one another and from the discs (x, y, radius); others are taken to be as large as oneself, `radius` [m] (n,). Who
-    may go round (`round_it` (n,)) and is held up gets a target on the right of what is in its way, or on that side of a
-    disc to which it is turned already, and so never changes its mind. Writes `speed` and the targets, and how fast they
-    may go along their headings while they turn to the targets: `forward`, all (n,).
+    one another and from the discs (x, y, radius); other robots are assumed to have the same size, `radius` [m] (n,). A
+    blocked robot that may go round (`round_it` (n,)) gets a target to the right of the obstacle, or on the side of a
+    disc that it already faces, so its choice is stable. Writes `speed`, the targets, and `forward`, the speed limit
+    along the heading while turning to the target, all (n,).
     """
     things = np.empty((len(x) + discs.shape[1], 5))
     for k in range(len(me)):

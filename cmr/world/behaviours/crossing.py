@@ -1,9 +1,9 @@
-"""Whose turn it is at a crossing, seen from where everybody is and where they head.
+"""Decide whose turn it is at a crossing, from the positions and headings of all robots.
 
-Around the middle is a core, where paths meet, and a ring about it. One robot at a time is let over the line into the
+Around the middle is a core, where paths cross, surrounded by a ring. One robot at a time may cross the line into the
 ring. Should two enter it at once, because they see the world at different times (a pilot's is some hundredths of a
-second old), the lower id goes on into the core and the other waits for it to have left: ids are the same for all who
-look, so nobody runs into anybody, and somebody can always go.
+second old), the one with the lower id continues into the core and the other waits until it has left. All robots agree
+on ids, so there are no collisions and no deadlocks.
 """
 
 import math
@@ -17,36 +17,36 @@ from cmr.world.lazy_module import LazyModule
 from cmr.world.surroundings import Surroundings
 
 crossing_loops = LazyModule("cmr.world.behaviours.crossing_loops")
-RING = 0.3  # m; a robot is in it for so long that all have seen it before it gets into the core
+RING = 0.3  # m; wide enough that everybody has seen a robot in it before it reaches the core
 SMALLEST_ZONE = 0.5  # m
 BAND = 0.25  # m before the line: there is room for one robot of each direction, and it is the next to go
-STOP_SHORT = 0.06  # m before a line; motors take their time
+STOP_SHORT = 0.06  # m before a line; motors react with a delay
 REACTION = 0.2  # s until a robot follows its command
-TOWARDS = 0.5  # cosine: a robot that we do not drive heads for the middle if it is turned to it by less than 60 degrees
-RIGHT = 0.5  # cosine of the angle about the right-hand side from which one has to be yielded to
-TURN = 5_000_000  # us; a robot that does not use its turn for so long comes last
-PATIENCE = 15_000_000  # us; a robot that waits for longer goes before those on its right
+TOWARDS = 0.5  # cosine: a robot driven by others counts as heading for the middle if it faces it within 60 degrees
+RIGHT = 0.5  # cosine of the half-angle around the right-hand side from which robots have priority
+TURN = 5_000_000  # us; a robot that does not use its turn for this long goes to the end of the queue
+PATIENCE = 15_000_000  # us; a robot that has waited longer goes before those on its right
 NOBODY = -1
 
-Waiting: TypeAlias = tuple[int, float, float]  # id of a robot that waits, and where it is from the middle [m]
+Waiting: TypeAlias = tuple[int, float, float]  # id of a waiting robot, and its position relative to the middle [m]
 
 
 class Crossing:
-    """A crossing about (at_x, at_y) [m] with its line `zone` [m] from there; it remembers when each robot came."""
+    """A crossing about (at_x, at_y) [m] with its line `zone` [m] from there; it remembers when each robot arrived."""
 
     def __init__(self, at_x: float, at_y: float, zone: float, *, by_right: bool) -> None:
         self.at_x, self.at_y, self.zone, self.core = at_x, at_y, zone, zone - RING
         self._by_right = by_right
-        self._came: dict[int, int] = {}  # robots that wait: since when [us]
+        self._came: dict[int, int] = {}  # waiting robots: since when [us]
         self._turn = (NOBODY, 0)  # whose turn it is, and since when [us]
         self._index: Indices | None = None
         self._number: Indices = np.zeros(0, np.int64)
 
     def free_for(self, utime: int, around: Surroundings, index: Indices, inward: NDArray[np.bool_]) -> tuple[int, int]:
-        """Return the ids of the robots that may go over the line, and on into the core; NOBODY where none may.
+        """Return the ids of the robots that may cross the line and that may enter the core; NOBODY if none may.
 
-        `index` are our robots among everybody, `inward` is which of them head for the middle; of others it is
-        guessed from their headings.
+        `index` are the indices of our robots among all, `inward` says which of them head for the middle; for other
+        robots this is inferred from their headings.
         """
         near = crossing_loops.near_to(self.at_x, self.at_y, self.zone + BAND, around.x, around.y)
         number = self._numbers(index, len(around.x))
@@ -67,7 +67,9 @@ class Crossing:
         return NOBODY if core or ring else next_in, into_core
 
     def _numbers(self, index: Indices, everybody: int) -> Indices:
-        """Return for everybody which of our robots it is, -1 if none; the answer is kept while `index` is the same."""
+        """Return for each robot its number among ours, -1 if it is not ours; the result is cached while `index` is the
+        same object.
+        """
         if index is not self._index:
             self._index, self._number = index, np.full(everybody, -1)
             ours = np.flatnonzero(index >= 0)
@@ -84,12 +86,12 @@ class Crossing:
         braking: float,
         speed: Floats,
     ) -> None:
-        """Lower the speeds [m/s] of robots at (x, y) [m] so that they can stop before what they may not enter."""
+        """Lower the speeds [m/s] of robots at (x, y) [m] so that they can stop before a zone closed to them."""
         here = (self.at_x, self.at_y, self.zone, self.core)
         crossing_loops.wait_before(*here, *free, STOP_SHORT, REACTION, braking, robot_id, x, y, inward, speed)
 
     def _next(self, utime: int, waiting: list[Waiting], *, taken: bool) -> int:
-        """Return whose turn it is of those who wait; while the crossing is taken, no turn ends."""
+        """Return the waiting robot whose turn it is; while the crossing is occupied, no turn ends."""
         self._came = {robot_id: min(self._came.get(robot_id, utime), utime) for robot_id, _, _ in waiting}
         if not waiting:
             return NOBODY
@@ -105,12 +107,12 @@ class Crossing:
         return chosen
 
     def _in_order(self, utime: int, waiting: list[Waiting]) -> int:
-        """Return who goes first by the rule."""
+        """Return the robot that goes first by the rule."""
         robot_ids = [robot_id for robot_id, _, _ in waiting]
         first = min(robot_ids, key=lambda robot_id: (self._came[robot_id], robot_id))
         if not self._by_right or utime - self._came[first] > PATIENCE:
             return first
-        # The right of a robot that comes from (x, y) is (-y, x): turned by a quarter, as the heading is (-x, -y).
+        # The right of a robot that comes from (x, y) is (-y, x): a quarter turn, since the heading is (-x, -y).
         _, x, y = np.array(waiting).T
         away = np.hypot(x, y)
         from_right = np.greater(np.outer(-y, x) + np.outer(x, y), RIGHT * np.outer(away, away))

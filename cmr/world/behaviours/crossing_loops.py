@@ -1,4 +1,4 @@
-"""What a crossing asks of many robots at once."""
+"""Compiled loops over many robots for a crossing."""
 
 import math
 
@@ -22,7 +22,7 @@ def near_to(at_x: float, at_y: float, radius: float, x: Floats, y: Floats) -> In
 
 @compiled("void(f8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1])")
 def head_in(at_x, at_y, x: Floats, y: Floats, goal_x: Floats, goal_y: Floats, speed: Floats, inward) -> None:  # type: ignore[no-untyped-def]
-    """Write who of n robots at (x, y) [m] heads for (at_x, at_y) [m]; those who rest do not."""
+    """Write which of n robots at (x, y) [m] head for (at_x, at_y) [m]; robots at rest do not."""
     for k in range(len(x)):
         dx, dy, goal_dx, goal_dy = x[k] - at_x, y[k] - at_y, goal_x[k] - at_x, goal_y[k] - at_y
         inward[k] = goal_dx * goal_dx + goal_dy * goal_dy < dx * dx + dy * dy and speed[k] > 0.0
@@ -45,7 +45,7 @@ def wait_before(  # type: ignore[no-untyped-def]
     inward,
     speed: Floats,
 ) -> None:
-    """Lower the speeds [m/s] of n robots at (x, y) [m] to where each can stop before what it may not enter.
+    """Lower the speeds [m/s] of n robots at (x, y) [m] so that each can stop before a zone that it may not enter.
 
     Over the line `zone` [m] from (at_x, at_y) only `next_in` may go, from there into the `core` [m] only `into_core`.
     """

@@ -7,14 +7,14 @@ from cmr.model.elementary import sincos
 from cmr.world.behaviours.border import turned_back
 from cmr.world.behaviours.team import Floats, Indices
 
-AHEAD = 0.3  # m to the point that is headed for
+AHEAD = 0.3  # m to the target point
 
 
 @inlined
 def _neighbours_of(i, near, start, end, x, y, speed_x, speed_y, distance):  # type: ignore[no-untyped-def]
-    """Return what a robot's neighbours, near[start:end], ask of it: cohesion, alignment and separation.
+    """Return the sums for cohesion, alignment and separation over a robot's neighbours, near[start:end].
 
-    Each has two components: the sum of the ways to them [m], the sum of their velocities [m/s], and the sum of the
+    Each has two components: the sum of the vectors to them [m], the sum of their velocities [m/s], and the sum of the
     pushes [m] away from those nearer than `distance` [m].
     """
     mean_x, mean_y, flow_x, flow_y, apart_x, apart_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

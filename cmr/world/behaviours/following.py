@@ -21,8 +21,8 @@ class Follow(Seeker):
     """Follow the robot `leader` on its trail, `gap` [m] behind it along the trail, at most at `speed` [m/s].
 
     The robot drives the leader's path, not the shortest way to the leader, so that a leader can make it drive a
-    figure-eight. It rests while the leader is not in the world, and before robots and discs in its way (`clearance`).
-    A leader may follow another: so they drive in line.
+    figure-eight. It stops while the leader is not in the world, and before robots and discs in its way (`clearance`).
+    Leaders may follow other leaders, forming a line.
     """
 
     per_robot: ClassVar[frozenset[str]] = frozenset({"leader", "gap"})
@@ -35,7 +35,7 @@ class Follow(Seeker):
         self._leaders = Leaders(self.memory)
 
     def adopt(self, robot_id: int, settings: dict[str, object]) -> None:
-        """Let one robot have a leader, or a gap, of its own."""
+        """Set one robot's own leader or gap."""
         self._leaders.adopt(robot_id, settings)
 
     def goals(self, _utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
@@ -48,7 +48,9 @@ class Follow(Seeker):
         return Goals(target_x, target_y, speed, np.zeros(len(speed), bool))
 
     def _pursue(self, team: Team, me: Robots, world: WorldView) -> tuple[Floats, Floats, Floats, Floats]:
-        """Let trails and progress grow; return the lengths of the trails, targets and what remains of the paths."""
+        """Extend the trails and update progress; return the lengths of the trails, targets and what remains of the
+        paths.
+        """
         around, memory, trails = world.surroundings(), self.memory, self._trails
         leader = self._leaders.places(team.row, me.robot_id, around.members)
         trails.make_room(len(memory), 0)

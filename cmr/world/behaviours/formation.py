@@ -16,12 +16,13 @@ SHAPES = ("line", "column", "wedge", "circle")
 
 
 class Formation(Seeker):
-    """Keep a place in a formation with the robot `leader`, or, with leader=-1, about the middle of the team.
+    """Keep a place in a formation with the robot `leader`, or, with leader=-1, around the centre of the team.
 
     `shape` is line (abreast), column (behind one another), wedge or circle; neighbours are `spacing` [m] apart. It
-    turns with the leader; without one it faces `heading` [rad]. Places go by `members`, robot ids as in
-    `members=0:11:12`, or by the ids of those that share this description; one that leaves keeps its place. In cmr-pilot
-    name the members, so that the real robot and cmr-sim agree. Robots stand while the leader is not in the world.
+    turns with the leader; without one it faces `heading` [rad]. Places are assigned in the order of `members`, robot
+    ids as in `members=0:11:12`, or else by the ids of the robots with this description; a robot that leaves keeps its
+    place. In cmr-pilot name the members, so that the real robot and cmr-sim agree. Robots stand while the leader is not
+    in the world.
     """
 
     def __init__(
@@ -49,11 +50,11 @@ class Formation(Seeker):
         self._own_places: Floats = np.zeros((2, 0))
 
     def goals(self, _utime: int, team: Team, _me: Robots, world: WorldView) -> Goals:
-        """Return where robots head for to get to their places and move on with them."""
+        """Return targets that bring robots to their places and keep them there as the places move."""
         around = world.surroundings()
         if len(self.memory) != self._known:
             self._known, self._places, self._row = len(self.memory), self._places_by_row(), None
-        if team.row is not self._row:  # the same array comes again as long as the same robots are there
+        if team.row is not self._row:  # the array is the same object as long as the same robots are there
             self._row, self._own_places = team.row, np.ascontiguousarray(self._places[:, team.row])
         ahead, left = self._own_places
         target_x, target_y, speed, distance = np.empty((4, len(team.row)))
@@ -73,7 +74,7 @@ class Formation(Seeker):
         return np.array([places[rank[i]] if i in rank else nowhere for i in self.memory.robot_ids]).reshape(-1, 2).T
 
     def _anchor(self, around: Surroundings, team: Team) -> Floats:
-        """Return pose [m, m, rad], speed [m/s] and yaw rate [rad/s] of what the formation keeps to; NaN if missing."""
+        """Return pose [m, m, rad], speed [m/s] and yaw rate [rad/s] of the formation's reference; NaN if missing."""
         if self.leader == NO_LEADER:
             index = around.members.index_of(np.array(self._team(), np.int64))
             index = index[index != MISSING]

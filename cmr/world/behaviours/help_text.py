@@ -1,4 +1,4 @@
-"""What commands that take a behaviour say of the shipped ones."""
+"""Help text on the shipped behaviours, for commands that take a behaviour."""
 
 from cmr.geometry import manoeuvres
 
@@ -12,8 +12,8 @@ behaviours, each with its settings (and clearance, in m between bodies):
                                             minute at speed=0.2/0.5, half of it at
                                             each; the paper has one: speed=0.3
   waypoints (speed, points, laps)           drive waypoints, points=0:0/1.5:0 [m]
-  follow (leader, gap, speed)               drive where the leader drove
-  shadow (leader)                           do as the leader does, beside it: any
+  follow (leader, gap, speed)               drive along the leader's path
+  shadow (leader)                           copy the leader's motion beside it: any
                                             manoeuvre, spins on the spot too
   formation (leader, shape, spacing, speed, members, heading)
                                             keep a place: line, column, wedge,

@@ -1,4 +1,4 @@
-"""Who goes by whom: the leaders of robots that each may have one of their own."""
+"""The leaders of robots, where each robot may have its own."""
 
 import numpy as np
 
@@ -7,22 +7,22 @@ from cmr.world.surroundings import MISSING, Members
 
 
 class Leaders:
-    """The leaders of robots, as their ids are in `leader` of a behaviour's memory."""
+    """Looks up the leaders of robots; their ids are in `leader` of a behaviour's memory."""
 
     def __init__(self, memory: Memory) -> None:
         self._memory = memory
         self._known: tuple[Indices, Members, Indices] | None = None
 
     def adopt(self, robot_id: int, settings: dict[str, object]) -> None:
-        """Let one robot have a leader, or whatever else is remembered of each, of its own."""
+        """Set one robot's own leader, or another value of its memory."""
         row, self._known = self._memory.row(robot_id), None
         for name, value in settings.items():
             self._memory[name][row] = value
 
     def places(self, row: Indices, robot_ids: tuple[int, ...], members: Members) -> Indices:
-        """Return where the leaders of these robots, at `row` of the memory, are among everybody.
+        """Return the indices, among all robots, of the leaders of these robots at `row` of the memory.
 
-        The answer is kept as long as the same are asked for. Nobody is a leader of its own.
+        The result is cached while the arguments are the same. No robot is its own leader.
         """
         if self._known is None or self._known[0] is not row or self._known[1] is not members:
             leader = self._memory["leader"][row]

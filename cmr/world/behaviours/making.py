@@ -1,4 +1,4 @@
-"""How behaviours are made from their descriptions: a name and settings as texts."""
+"""Make behaviours from their descriptions: a name and settings as text."""
 
 import inspect
 import math
@@ -23,15 +23,15 @@ SHIPPED = {
     "manoeuvre": "cmr.world.behaviours.manoeuvring:DriveManoeuvre",
     "investigate": "cmr.investigation.behaviour:Investigate",
 }
-GROUP = "cmr.behaviours"  # of entry points, by which packages bring behaviours of their own
+GROUP = "cmr.behaviours"  # entry-point group for behaviours of other packages
 LARGEST_SETTING = 1e9  # metres, seconds, robots
 
 
 def make_behaviour(description: str, settings: Mapping[str, str]) -> AnyBehaviour:
-    """Return the behaviour that `description` names: a shipped one, one that a package brings, or `module:Class`.
+    """Return the behaviour that `description` names: a shipped one, one registered by a package, or `module:Class`.
 
-    Settings go to its constructor. Raises BehaviourError when there is no such behaviour or setting, or a value is not
-    what the setting takes.
+    Settings go to its constructor. Raises BehaviourError when there is no such behaviour or setting, or a value does
+    not fit the setting.
     """
     kind = _kind(description)
     return _made(kind, description, _values(kind, description, settings))
@@ -40,8 +40,8 @@ def make_behaviour(description: str, settings: Mapping[str, str]) -> AnyBehaviou
 def make_behaviours(descriptions: Mapping[int, tuple[str, Mapping[str, str]]]) -> dict[int, AnyBehaviour]:
     """Return the behaviours of many robots, by robot id; those that can share a TeamBehaviour do.
 
-    They can when they have the same name and settings, apart from settings that it takes for each robot.
-    Raises BehaviourError as make_behaviour does.
+    They can share one if name and settings are the same, except for settings in `per_robot`. Raises BehaviourError as
+    make_behaviour does.
     """
     shared: dict[object, TeamBehaviour] = {}
     made: dict[int, AnyBehaviour] = {}
@@ -53,7 +53,7 @@ def make_behaviours(descriptions: Mapping[int, tuple[str, Mapping[str, str]]]) -
         key = (kind, *sorted((name, value) for name, value in values.items() if name not in own))
         behaviour = shared.get(key)
         if behaviour is None or own:
-            alone = _made(kind, description, values)  # also where it is shared: it checks the values
+            alone = _made(kind, description, values)  # also for shared behaviours, to check the values
             if isinstance(alone, Behaviour):
                 made[robot_id] = alone
                 continue
@@ -84,7 +84,7 @@ def _kind(description: str) -> type[AnyBehaviour]:
 
 def _of_packages() -> dict[str, str]:
     """Return the behaviours that installed packages register; the names of shipped ones cannot be taken."""
-    from importlib.metadata import entry_points  # takes longer than most commands have to start
+    from importlib.metadata import entry_points  # this import is slow compared with a command's start
 
     return {entry.name: entry.value for entry in entry_points(group=GROUP)}
 
@@ -94,7 +94,7 @@ def _listed(names: Mapping[str, str]) -> str:
 
 
 def _values(kind: type[AnyBehaviour], description: str, settings: Mapping[str, str]) -> dict[str, float | str]:
-    """Return the settings as the constructor takes them."""
+    """Convert the settings to the constructor's arguments."""
     allowed = inspect.signature(kind).parameters
     unknown = set(settings) - set(allowed)
     if unknown:
@@ -113,22 +113,22 @@ def _made(kind: type[AnyBehaviour], description: str, values: Mapping[str, float
 def _with_defaults(
     kind: type[AnyBehaviour], per_robot: Iterable[str], own: Mapping[str, float | str]
 ) -> dict[str, object]:
-    """Return the values of all settings that robots may have of their own."""
+    """Return the values of all per-robot settings, defaults included."""
     parameters = inspect.signature(kind).parameters
     return {name: own.get(name, parameters[name].default) for name in per_robot}
 
 
 def _value(name: str, text: str, annotation: object) -> float | str:
-    """Return a setting's value: a text where the constructor asks for `str`, or takes it, otherwise a number."""
+    """Return a setting's value: text if the constructor's annotation or default is `str`, otherwise a number."""
     if annotation in (str, "str") or str in get_args(annotation):
         return text
     return number_of(name, text, int if annotation in (int, "int") else float)
 
 
 def number_of(name: str, text: str, kind: type[int] | type[float] = float) -> float:
-    """Return the number that a setting is given as.
+    """Parse the number of a setting.
 
-    Raises BehaviourError when it is none, of another kind, or larger than any laboratory.
+    Raises BehaviourError if it is not a number, of the wrong kind, or too large.
     """
     try:
         value = kind(text)

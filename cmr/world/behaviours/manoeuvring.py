@@ -1,4 +1,4 @@
-"""Drive a named manoeuvre: duties over time, open loop, so that what the motors make of them shows in the log."""
+"""Drive a named manoeuvre: duties over time, open loop, so that the log shows how the motors respond."""
 
 import math
 
@@ -9,17 +9,17 @@ from cmr.model.parameters import RobotParameters
 from cmr.world.behaviours.behaviour import Behaviour
 from cmr.world.view import Robot, WorldView
 
-LARGEST_SPEED = 1.1  # with the manoeuvres' 0.9 duty nearly full drive
+LARGEST_SPEED = 1.1  # times the manoeuvres' duty of 0.9 is nearly full drive
 MOST_REPEATS = 100
 
 
 class DriveManoeuvre(Behaviour):
     """Drive the manoeuvre `name` (or several in turn: steps+circles), `start` [s] after the beginning, then stop.
 
-    `speed` multiplies all duties, `repeats` is how often all is driven. Nobody steers meanwhile, so the robot stops
-    for good when its centre is further than `space` [m] from where it began, or when the drive was interrupted: it
-    must not go on by surprise. By default `space` is what the manoeuvre says that it needs on a robot of this speed
-    and width (`cmr.geometry.manoeuvres.table`).
+    `speed` multiplies all duties, `repeats` is the number of repetitions. The robot is not steered, so it stops for
+    good if its centre is further than `space` [m] from its start, or if the drive was interrupted: it must not resume
+    unexpectedly. By default `space` is what the manoeuvre needs for a robot of this speed and width
+    (`cmr.geometry.manoeuvres.table`).
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class DriveManoeuvre(Behaviour):
         self._began = self._last_utime = 0
 
     def command(self, utime: int, me: Robot, _world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
-        """Return the duties of this moment; zero before and after the manoeuvre, and once it had to stop."""
+        """Return the current duties; zero before and after the manoeuvre, and after it had to stop."""
         if self._duties is None:
             self._duties = self._begin(utime, me, parameters)
         time = (utime - self._began) * 1e-6 - self.start
@@ -59,7 +59,7 @@ class DriveManoeuvre(Behaviour):
         return self.manoeuvre.duties(parameters, self.speed)
 
     def _why_to_stop(self, utime: int, me: Robot) -> str:
-        """Return the sentence that says why the robot must not go on; empty while it may."""
+        """Return a sentence on why the robot must stop; empty while it may continue."""
         silence = utime - self._last_utime
         if abs(silence) > COMMAND_LIFETIME:
             return f"{self.name} was interrupted for {abs(silence) * 1e-6:.1f} s. Start it again."

@@ -1,7 +1,7 @@
-"""How far along its path each of many robots is, where it heads for, and trails that grow behind leaders.
+"""Path following of many robots: progress along paths, target points, and trails that grow behind leaders.
 
-What is nearest to a robot is looked for only a little ahead, so that a crossing is not mistaken for the piece of path
-that the robot is on.
+The nearest point is searched only a short way ahead, so that at a crossing the robot stays on its own branch of the
+path.
 """
 
 import math
@@ -11,9 +11,9 @@ from cmr.world.behaviours.paths import ALONE, ALONG, SHORTEST, TARGET, X, Y
 from cmr.world.behaviours.team import Floats, Indices
 
 ROUNDING = 1e-6  # m
-SEARCH_AHEAD = 0.5  # m of path looked at for the point nearest to the robot
-LONGEST_PIECE = 0.25  # m, to which pieces of a trail grow while the leader drives straight on
-ASIDE = 0.001  # m; a point of a trail so near to the line between its neighbours is left out
+SEARCH_AHEAD = 0.5  # m of path searched for the point nearest to the robot
+LONGEST_PIECE = 0.25  # m, longest segment of a trail while the leader drives straight
+ASIDE = 0.001  # m; a trail point this close to the line between its neighbours is dropped
 
 
 @compiled(
@@ -25,11 +25,11 @@ def pursue(
     x: Floats, y: Floats, look_ahead: float, progress: Floats, piece: Indices,
     target_x: Floats, target_y: Floats, remaining: Floats,
 ) -> None:  # fmt: skip
-    """Move the progress of n robots at (x, y) [m] on to the points of their paths nearest to them, never back.
+    """Advance the progress of n robots at (x, y) [m] to the nearest points of their paths, never backwards.
 
-    Robot k is on the path `row[k]` of Paths; there in `progress` and `piece` are its progress [m] and the piece of path
-    it is on. Writes the points `look_ahead` [m] further on to the targets, and what remains of the paths [m] to
-    `remaining`: -1 where there is no path.
+    Robot k is on the path `row[k]` of Paths; there, `progress` and `piece` hold its progress [m] and its current
+    segment. Writes the points `look_ahead` [m] further on to the targets, and the remaining lengths of the paths [m] to
+    `remaining`: -1 without a path.
     """
     for k in range(len(row)):
         r = row[k]
@@ -57,9 +57,9 @@ def pursue(
 
 @inlined
 def _nearest_of(points, r, i, x, y, progress):  # type: ignore[no-untyped-def]
-    """Return the length [m] up to the point of one piece, from the progress on, nearest to (x, y), and how far away.
+    """Return the path length [m] of a segment's point nearest to (x, y), not before the progress, and its distance.
 
-    That is the square of the distance [m^2].
+    The distance is squared [m^2].
     """
     begin = points[r, i, ALONG]
     dx, dy = points[r, i + 1, X] - points[r, i, X], points[r, i + 1, Y] - points[r, i, Y]
@@ -72,7 +72,9 @@ def _nearest_of(points, r, i, x, y, progress):  # type: ignore[no-untyped-def]
 
 @inlined
 def _piece_at(points, r, last, piece, along):  # type: ignore[no-untyped-def]
-    """Return the piece of path `r`, from `piece` on, on which it is `along` [m] long; `last` where it is shorter."""
+    """Return the segment of path `r`, from `piece` on, that contains the path length `along` [m]; `last` if the path is
+    shorter.
+    """
     i = piece
     while i < last and points[r, i + 1, ALONG] < along:
         i += 1
@@ -81,7 +83,7 @@ def _piece_at(points, r, last, piece, along):  # type: ignore[no-untyped-def]
 
 @inlined
 def _point_at(points, r, i, along):  # type: ignore[no-untyped-def]
-    """Return the point (x, y) [m] of piece `i` up to which the path is so long [m]."""
+    """Return the point (x, y) [m] of segment `i` at the path length `along` [m]."""
     begin = points[r, i, ALONG]
     share = (along - begin) / (points[r, i + 1, ALONG] - begin)
     x, y = points[r, i, X], points[r, i, Y]
@@ -90,7 +92,7 @@ def _point_at(points, r, i, along):  # type: ignore[no-untyped-def]
 
 @inlined
 def _nearest(points, r, last, x, y, progress, piece):  # type: ignore[no-untyped-def]
-    """Return the piece of path `r` nearest to (x, y) [m], from the progress on, and the length [m] up to there."""
+    """Return the segment of path `r` nearest to (x, y) [m], not before the progress, and the path length [m] there."""
     nearest, best, reached = math.inf, piece, progress
     i = piece
     while i < last and points[r, i, ALONG] <= progress + SEARCH_AHEAD:
@@ -99,7 +101,7 @@ def _nearest(points, r, last, x, y, progress, piece):  # type: ignore[no-untyped
             nearest, best, reached = away, i, there
         elif nearest < points[r, best, ALONE] ** 2:
             break
-        else:  # pieces that end before the path can have come as near again need no look
+        else:  # segments that end before the path can come as near again are skipped
             near_again = there + math.sqrt(away) - math.sqrt(nearest) - ROUNDING
             while i + 2 < last and points[r, i + 2, ALONG] < near_again:
                 i += 1
@@ -109,9 +111,9 @@ def _nearest(points, r, last, x, y, progress, piece):  # type: ignore[no-untyped
 
 @inlined
 def _remember(points, r, last, piece, ahead, around):  # type: ignore[no-untyped-def]
-    """Keep the points of a robot's own and next piece of path, and of the one it heads for, together.
+    """Copy the points of a robot's current and next segment, and of its target's segment, next to each other.
 
-    Most of the time it needs no others, and the paths of many robots are far apart in memory.
+    Usually these are all it needs, and the paths of many robots are far apart in memory.
     """
     if piece + 2 > last or ahead >= last:
         around[r, 0, ALONE] = 0.0
@@ -128,9 +130,9 @@ def _remember(points, r, last, piece, ahead, around):  # type: ignore[no-untyped
 
 @compiled("void(f8[:, :, ::1], i8, i8, i8)")
 def look_around(points: Floats, row: int, first: int, end: int) -> None:
-    """Note in ALONE how near new pieces of a path, from `first` on up to `end`, come to those before them.
+    """Write to ALONE how near new segments of a path, from `first` to `end`, come to earlier ones.
 
-    The next but one is the first that counts. Pieces are at least as far apart as their middles, less half of both
+    Adjacent segments do not count. The distance of two segments is at least that of their midpoints minus half of both
     lengths.
     """
     p = points[row]
@@ -152,8 +154,8 @@ def stop_at_end(  # type: ignore[no-untyped-def]
 ) -> None:
     """Write the speeds [m/s], at most `fastest`, at which n robots can stop at the ends of their paths.
 
-    And whether each is far enough from there to go round what is in its way, which keeps it `apart` [m]. A robot
-    that has `arrived` [m] stands, and its path is forgotten.
+    Also write whether each is far enough from its end to go round obstacles, which it passes at `apart` [m]. A robot
+    within `arrived` [m] of the end stops, and its path is deleted.
     """
     for k in range(len(row)):
         round_it[k] = remaining[k] > 2.0 * apart[k]
@@ -168,10 +170,10 @@ def stop_at_end(  # type: ignore[no-untyped-def]
 def keep_gaps(  # type: ignore[no-untyped-def]
     row: Indices, length: Floats, remaining: Floats, progress: Floats, gap: Floats, rate, dead_zone, fastest, speed
 ) -> None:
-    """Write the speeds [m/s], at most `fastest`, that take n robots to where they are `gap` [m] behind their leaders.
+    """Write the speeds [m/s], at most `fastest`, that bring n robots to `gap` [m] behind their leaders.
 
-    Those are `length` [m] along their trails, of which `remaining` [m] remain, -1 where there is none. Speeds are
-    `rate` [1/s] times the distances; robots nearer than `dead_zone` [m] stand.
+    Leaders are at `length` [m] along the trails, with `remaining` [m] left to them, -1 without a trail. Speeds are
+    `rate` [1/s] times the distances; robots nearer than `dead_zone` [m] stop.
     """
     for k in range(len(row)):
         behind = length[k] - progress[row[k]] - gap[row[k]]
@@ -181,9 +183,9 @@ def keep_gaps(  # type: ignore[no-untyped-def]
 
 @compiled("i8(f8[:, ::1], f8)")
 def thin(points: Floats, shortest: float) -> int:
-    """Move the points (2, n) [m] that are kept to the front; return how many there are.
+    """Move the points (2, n) [m] to keep to the front; return their number.
 
-    Left out are those nearer than `shortest` [m] to the one kept before; in the end, the last point takes its place.
+    Points nearer than `shortest` [m] to the one kept before are dropped; the last point is always kept.
     """
     kept, last = 0, points.shape[1] - 1
     for k in range(last + 1):
@@ -199,7 +201,7 @@ def thin(points: Floats, shortest: float) -> int:
 
 @inlined
 def _straight_on(points, r, last, x, y):  # type: ignore[no-untyped-def]
-    """Return whether the last piece of a path may end at (x, y) [m] instead, as what it leaves out is straight."""
+    """Return whether the last segment of a path may be extended to (x, y) [m], because the path is straight there."""
     before_x, before_y = points[r, last, X] - points[r, last - 1, X], points[r, last, Y] - points[r, last - 1, Y]
     dx, dy = x - points[r, last - 1, X], y - points[r, last - 1, Y]
     whole, aside = dx * dx + dy * dy, before_x * dy - before_y * dx
@@ -209,7 +211,7 @@ def _straight_on(points, r, last, x, y):  # type: ignore[no-untyped-def]
 
 @inlined
 def _end_at(points, r, last, x, y):  # type: ignore[no-untyped-def]
-    """Let the last piece of a path end at (x, y) [m] instead; return the length [m] up to there."""
+    """Move the end of a path's last segment to (x, y) [m]; return the path length [m] there."""
     dx, dy = x - points[r, last - 1, X], y - points[r, last - 1, Y]
     along = points[r, last - 1, ALONG] + math.sqrt(dx * dx + dy * dy)
     points[r, last, X], points[r, last, Y], points[r, last, ALONG] = x, y, along
@@ -226,7 +228,7 @@ def _begin_at(points, r, x, y, count, length, around, progress, piece):  # type:
 
 @inlined
 def _drop_behind(points, r, last, piece):  # type: ignore[no-untyped-def]
-    """Drop the points of a path before `piece`; return which one is the last now."""
+    """Drop the points of a path before `piece`; return the new index of the last one."""
     for i in range(piece, last + 1):
         for what in range(points.shape[2]):  # a slice would take seconds to compile
             points[r, i - piece, what] = points[r, i, what]
@@ -235,7 +237,7 @@ def _drop_behind(points, r, last, piece):  # type: ignore[no-untyped-def]
 
 @inlined
 def _go_on_to(points, r, new, x, y, along, piece, around):  # type: ignore[no-untyped-def]
-    """Add the point (x, y) [m], up to which a path is `along` [m] long, as its point `new`."""
+    """Add the point (x, y) [m] at the path length `along` [m] as point `new`."""
     points[r, new, X], points[r, new, Y], points[r, new, ALONG] = x, y, along
     look_around(points, r, new - 1, new)
     around[r, 0, ALONE] = min(around[r, 0, ALONE], points[r, piece, ALONE])
@@ -250,11 +252,11 @@ def trail(
     all_x: Floats, all_y: Floats, x: Floats, y: Floats, progress: Floats,
     piece: Indices, up_to_leader: Floats,
 ) -> int:  # fmt: skip
-    """Let the trails of n followers at (x, y) [m] grow to where their leaders are; return the most points of any.
+    """Extend the trails of n followers at (x, y) [m] to their leaders' positions; return the largest number of points.
 
-    Follower k keeps its trail in the path `row[k]`; `leader[k]` is its leader's place among everybody at (all_x,
-    all_y), or -1: then the trail is forgotten, and the next one begins where the follower is. Writes the lengths of the
-    trails [m] up to the leaders. What lies behind the follower is dropped when there is no more room.
+    Follower k keeps its trail in the path `row[k]`; `leader[k]` is its leader's index in (all_x, all_y), or -1: then
+    the trail is deleted, and the next one begins at the follower. Writes the lengths of the trails [m] up to the
+    leaders. Points behind the follower are dropped when there is no room left.
     """
     most, room = 0, points.shape[1]
     for k in range(len(row)):

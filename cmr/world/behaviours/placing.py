@@ -1,13 +1,13 @@
-"""Where robots head for to keep places in a formation that moves."""
+"""Targets and speeds that keep robots at their places in a moving formation."""
 
 import math
 
 from cmr.model.compiled import compiled
 from cmr.world.behaviours.team import Floats
 
-SPEED_PER_DISTANCE = 1.5  # 1/s: speed for each metre away from the place
-AT_REST = 0.05  # m and m/s: so near to a place that rests, or with a place so slow, a robot rests
-AHEAD = 0.4  # s of driving to the point that is headed for
+SPEED_PER_DISTANCE = 1.5  # 1/s: speed per metre of distance from the place
+AT_REST = 0.05  # m and m/s: a robot this near to a place that moves slower than this stops
+AHEAD = 0.4  # s of driving to the target point
 NEAREST = 0.15  # m to that point
 
 
@@ -26,8 +26,8 @@ def keep_places(
 ) -> None:
     """Write targets [m], speeds [m/s] and the distances [m] to their places of n robots at (x, y) [m].
 
-    `anchor` is pose, speed and yaw rate of what the places (ahead, left) [m] are fixed to. Where a number is missing
-    (NaN), robots stand. One that is ahead of a moving place waits for it.
+    `anchor` is the pose, speed and yaw rate of the frame of the places (ahead, left) [m]. If it contains NaN, robots
+    stop. A robot ahead of its moving place waits for it.
     """
     cos, sin = math.cos(anchor[2]), math.sin(anchor[2])
     for k in range(len(x)):

@@ -16,9 +16,9 @@ class RightOfWay(Waypoints):
     """Drive waypoints, as `waypoints` does, through a crossing about (`at_x`, `at_y`) [m] without a traffic light.
 
     Robots stop `zone` [m] before the middle of it until it is their turn: with rule=right nobody goes while another
-    waits on its right, with rule=first who came first goes first. Where each has somebody on its right, and of those
-    who come at once, the lowest id goes. Paths of opposite directions must leave room for two robots beside each other,
-    and end outside of the zone.
+    waits on its right, with rule=first who came first goes first. If each has another on its right, or several arrive
+    at once, the lowest id goes. Paths of opposite directions must leave room for two robots side by side, and end
+    outside the zone.
     """
 
     def __init__(
@@ -42,20 +42,20 @@ class RightOfWay(Waypoints):
         self._robot_id: Indices = np.zeros(0, np.int64)
 
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
-        """Return points on the paths; speeds of those who have to wait end at the lines where they wait."""
+        """Return target points on the paths, with speeds that stop waiting robots at their lines."""
         goals = super().goals(utime, team, me, world)
-        goals.round_it[:] = False  # robots in the way will go
+        goals.round_it[:] = False  # robots in the way will move on
         inward = self._heads_in(team, goals)
         around = world.surroundings()
         free = self._crossing.free_for(utime, around, team.place, inward)
         if team.place is not self._place:
             self._place = team.place
-            self._robot_id = np.append(around.members.robot_id, NOBODY)[team.place]  # a robot that is MISSING is nobody
+            self._robot_id = np.append(around.members.robot_id, NOBODY)[team.place]  # a MISSING robot counts as NOBODY
         self._crossing.wait(self._robot_id, team.x, team.y, inward, free, ACCELERATION, goals.speed)
         return goals
 
     def _heads_in(self, team: Team, goals: Goals) -> NDArray[np.bool_]:
-        """Return who heads for the middle; those who rest do not."""
+        """Return which robots head for the middle; robots at rest do not."""
         inward = np.empty(len(team.x), bool)
         at = self._crossing.at_x, self._crossing.at_y
         crossing_loops.head_in(*at, team.x, team.y, goals.x, goals.y, goals.speed, inward)

@@ -1,4 +1,4 @@
-"""What shipped behaviours share: each says where its robots head for and how fast, and here they get there safely."""
+"""Common base of the shipped behaviours: each gives targets and speeds; this module drives robots there safely."""
 
 from abc import abstractmethod
 from typing import NamedTuple
@@ -18,13 +18,13 @@ border = LazyModule("cmr.world.behaviours.border")
 clearance = LazyModule("cmr.world.behaviours.clearance")
 steering = LazyModule("cmr.world.behaviours.steering")
 ACCELERATION = 0.5  # m/s^2
-LONGEST_TURN = 0.1  # s; a robot that decided longer ago gathers no more speed than in this time
+LONGEST_TURN = 0.1  # s; after a longer pause, speed grows only by as much as in this time
 CLEARANCE = 0.05  # m between the bodies of robots
-LOOK_AHEAD = 0.15  # m along a path to the point that is headed for
+LOOK_AHEAD = 0.15  # m along a path to the target point
 
 
 class Team(NamedTuple):
-    """The n robots that decide now: their rows in the memory, their places among everybody, poses and parameters.
+    """The n robots that decide now: their rows in the memory, their indices among all robots, poses and parameters.
 
     `radius` [m] is that of each body, `apart` [m] the least distance between its centre and that of another robot.
     """
@@ -40,7 +40,7 @@ class Team(NamedTuple):
 
 
 class Goals(NamedTuple):
-    """Where n robots head for [m], how fast [m/s], and who may go round what is in its way."""
+    """Where n robots head for [m], how fast [m/s], and which may go round obstacles."""
 
     x: Floats
     y: Floats
@@ -49,10 +49,10 @@ class Goals(NamedTuple):
 
 
 class Seeker(TeamBehaviour):
-    """A behaviour whose robots head for points; derive from it and write `goals`.
+    """A behaviour whose robots drive to target points; derive from it and implement `goals`.
 
-    They gather speed with ACCELERATION, keep their bodies `clearance` [m] away from those of other robots and from
-    discs, and their centres as far inside of the world's geofence. They stand where there is no other way.
+    They accelerate with ACCELERATION, keep their bodies `clearance` [m] away from other robots and discs, and their
+    centres as far inside the world's geofence. If there is no way past, they stop.
     """
 
     def __init__(self, speed: float, clearance: float, **remembered: float) -> None:
@@ -62,20 +62,20 @@ class Seeker(TeamBehaviour):
         self.memory = Memory(speed=0.0, utime=0.0, **remembered)
         self._index: tuple[tuple[int, ...], Members, Indices] | None = None
         self._sizes: tuple[RobotParameters, Floats, Floats] | None = None
-        self._widest = 0.0  # of what others stay away [m]
+        self._widest = 0.0  # largest `apart` [m]
 
     @abstractmethod
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
-        """Return where these robots head for. One with speed 0 stands."""
+        """Return the targets and speeds of these robots; with speed 0 a robot stops."""
 
     def prepare(self) -> None:
-        """Load the compiled functions by a turn of nobody among two others."""
+        """Load the compiled functions by running them with no robot of ours among two others."""
         nobody, world = np.zeros(0), WorldView()
         world.take(0, Robots.of(Robot(0, robot_id, VIRTUAL, RobotState.at_rest()) for robot_id in range(2)))
         self.commands(0, Robots.of([]), world, RobotParameters(nobody, nobody, nobody, nobody))
 
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
-        """Return the duties that take robots where `goals` says."""
+        """Return the duties that drive robots to their `goals`."""
         around = world.surroundings()
         row = self.memory.rows(me.robot_id)
         x, y, theta = (np.ascontiguousarray(column, dtype=float) for column in me.state[:3])
@@ -91,9 +91,9 @@ class Seeker(TeamBehaviour):
         return duties.T
 
     def _keep_clear(self, team: Team, goals: Goals, highest: float, around: Surroundings, world: WorldView) -> Floats:
-        """Lower speeds, `highest` being the highest, and move targets, for what is in the way.
+        """Limit speeds, of which `highest` is the largest, and move targets, to avoid obstacles.
 
-        Returns how fast robots may go straight on [m/s].
+        Returns the speed limits along the headings [m/s].
         """
         forward = np.empty(len(team.row))
         near = around.neighbours(clearance.view_needed(self._widest, highest, clearance.REACTION))
@@ -109,7 +109,7 @@ class Seeker(TeamBehaviour):
         return forward
 
     def _sizes_of(self, parameters: RobotParameters) -> tuple[Floats, Floats]:
-        """Return the radius of each robot, and how far from it others stay [m]; for the same ones, the same arrays."""
+        """Return the radius of each robot and its distance to others [m]; cached for the same robots."""
         if self._sizes is None or self._sizes[0] is not parameters:
             radius = body_radius(parameters.base_width)
             self._sizes = (parameters, radius, 2.0 * radius + self.clearance)
@@ -117,17 +117,17 @@ class Seeker(TeamBehaviour):
         return self._sizes[1:]
 
     def _index_of(self, robot_ids: tuple[int, ...], members: Members) -> Indices:
-        """Return where these robots are among everybody; the answer is kept as long as the same are asked for."""
+        """Return the indices of these robots among all; cached while the arguments are the same."""
         if self._index is None or self._index[0] is not robot_ids or self._index[1] is not members:
             self._index = (robot_ids, members, members.index_of(np.array(robot_ids, np.int64)))
         return self._index[2]
 
 
 def corners_of(world: WorldView) -> Floats:
-    """Return the corners of the world's geofence (2, n) [m], none without one."""
+    """Return the corners of the world's geofence (2, n) [m], empty without one."""
     return world.geofence.outline if world.geofence else np.zeros((2, 0))
 
 
 def wheel_radius_of(team: Team) -> float:
-    """Return a wheel radius [m] by which to compute how fast others are: they are taken to be of one's own kind."""
+    """Return the wheel radius [m] for computing other robots' speeds, which are assumed to be of the same kind."""
     return float(team.parameters.wheel_radius[0]) if len(team.row) else 0.0

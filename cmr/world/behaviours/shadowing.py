@@ -1,4 +1,4 @@
-"""A shadow: does as its leader does, in a place of its own, turns on the spot included."""
+"""A shadow copies its leader's motion at a place of its own, including turns on the spot."""
 
 from typing import ClassVar
 
@@ -14,11 +14,11 @@ tracking = LazyModule("cmr.world.behaviours.tracking")
 
 
 class Shadow(TeamBehaviour):
-    """Do as the robot `leader` does from now on: the same way and the same turns, from one's own place and heading.
+    """Copy the motion of the robot `leader` from now on: the same path and turns, from the robot's own pose.
 
-    So a virtual leader makes a real robot drive any manoeuvre, spins on the spot included, which `follow` cannot. It
-    stands while the leader is not in the world, and begins again, from where it is, when it comes back, after a stop of
-    its own, or when it is half a metre from where it should be. It goes round nobody and needs as much room as its
+    A virtual leader can thus make a real robot drive any manoeuvre, including spins on the spot, which `follow` cannot.
+    The robot stops while the leader is not in the world. It starts again from its current pose when the leader returns,
+    after a stop of its own, or when it is half a metre off. It avoids no obstacles and needs as much room as its
     leader.
     """
 
@@ -29,16 +29,16 @@ class Shadow(TeamBehaviour):
         self._leaders = Leaders(self._memory)
 
     def adopt(self, robot_id: int, settings: dict[str, object]) -> None:
-        """Let one robot have a leader of its own."""
+        """Set one robot's own leader."""
         self._leaders.adopt(robot_id, settings)
 
     def prepare(self) -> None:
-        """Load the compiled function by a turn of nobody."""
+        """Load the compiled function by running it with no robots."""
         nobody = np.zeros(0)
         self.commands(0, Robots.of([]), WorldView(), RobotParameters(nobody, nobody, nobody, nobody))
 
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
-        """Return the duties that take robots to where their leaders' motion takes them."""
+        """Return the duties that make robots copy their leaders' motion."""
         around, memory = world.surroundings(), self._memory
         row = memory.rows(me.robot_id)
         pose = (np.ascontiguousarray(column, dtype=float) for column in me.state[:3])

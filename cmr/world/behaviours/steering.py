@@ -1,4 +1,4 @@
-"""From a point to head for to duties of the motors.
+"""Steer to a target point: motor duties by pure pursuit.
 
 Source of the steering law: Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU 1992.
 """
@@ -7,7 +7,7 @@ from cmr.model.compiled import compiled
 from cmr.model.elementary import sincos
 from cmr.world.behaviours.team import Floats, Indices
 
-LARGEST_DUTY = 0.9  # leaves the motors something to turn with
+LARGEST_DUTY = 0.9  # leaves the motors a reserve for turning
 REACHED = 1e-9  # m; a target nearer than that is reached
 
 
@@ -33,13 +33,13 @@ def steer(
 ) -> None:
     """Write the duties that take robots at poses [m, m, rad] to targets [m] at these speeds [m/s].
 
-    Each follows the arc through its target, and turns more sharply where it may go at most `fastest` [m/s] straight
-    on. Where the target lies behind, it turns on the spot. One without speed stands. The speeds are `remembered` at
-    `row` (n,).
+    Each follows the arc through its target, and turns more sharply if its forward speed is limited to `fastest` [m/s].
+    If the target is behind, it turns on the spot. With speed 0 it stops. The speeds are stored in `remembered` at `row`
+    (n,).
     """
     for i in range(len(x)):
         remembered[row[i]] = speed[i]
-    for i in range(len(x)):  # without branches, so that several robots are steered at once
+    for i in range(len(x)):  # without branches, so that the compiler vectorises the loop
         dx, dy = target_x[i] - x[i], target_y[i] - y[i]
         squared = dx * dx + dy * dy
         sin, cos = sincos(theta[i])
@@ -64,10 +64,10 @@ def gather_speed(
     remembered: Floats,
     speed: Floats,
 ) -> float:
-    """Lower the speeds [m/s] of n robots to what each can have gathered by now; return the highest, at least 0.
+    """Limit the speeds [m/s] of n robots by their acceleration; return the highest, at least 0.
 
-    When they decided last [us] and how fast they went then is in `decided` and `remembered` at `row` (n,); they decide
-    now. Nobody gathers more than in `longest` [s].
+    The time of their last decision [us] and their speed then are in `decided` and `remembered` at `row` (n,). The speed
+    grows by at most the gain of `longest` [s].
     """
     highest = 0.0
     for k in range(len(row)):

@@ -15,17 +15,16 @@ Floats: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 Duties: TypeAlias = NDArray[np.float64]  # (n, 2): left and right of each robot, -1 to 1
 
-ROOM = 16  # robots for which there is room at first; it doubles whenever it is used up
+ROOM = 16  # initial capacity in robots; doubled when full
 
 
 class TeamBehaviour(ABC):
-    """Decides what many robots do, all at once, from what they know of the world.
+    """Decides for many robots at once, from what they know of the world.
 
-    Derive from it, give the constructor keyword arguments with defaults, and name the class as
-    `your.module:YourClass`, or register it in the entry-point group `cmr.behaviours`. In cmr-sim all robots that are
-    described equally share one object; in cmr-pilot an object drives one real robot. Settings named in `per_robot` may
-    differ among robots that share an object: `adopt` takes them. `finished` and `problem` are those of a
-    Behaviour.
+    Derive from it, give the constructor keyword arguments with defaults, and name the class as `your.module:YourClass`,
+    or register it in the entry-point group `cmr.behaviours`. In cmr-sim all robots with the same description share one
+    object; in cmr-pilot an object drives one real robot. Settings named in `per_robot` may differ among robots that
+    share an object: `adopt` sets them. `finished` and `problem` are as in Behaviour.
     """
 
     per_robot: ClassVar[frozenset[str]] = frozenset()
@@ -36,22 +35,24 @@ class TeamBehaviour(ABC):
     def commands(self, utime: int, me: Robots, world: WorldView, parameters: RobotParameters) -> Duties:
         """Return the duties (left, right), -1 to 1, of the n robots `me` at `utime` [us], as an array (n, 2).
 
-        `me` are those that decide now: any of the robots that run this behaviour, in any order, also new ones. The
+        `me` are the robots that decide now: any of those that run this behaviour, in any order, including new ones. The
         fields of `me.state` and of `parameters`, those of each robot's model, are arrays of length n.
         """
 
     def take_waypoints(self, robot_id: int, x: list[float], y: list[float]) -> None:  # noqa: B027 - few have waypoints
-        """Take a path for one robot, as points [m; world frame]; an empty one means stop. Ignored unless overridden."""
+        """Accept a path for one robot, as points [m; world frame]; empty means stop. Ignored unless overridden."""
 
     def adopt(self, robot_id: int, settings: dict[str, object]) -> None:  # noqa: B027 - few settings differ
-        """Take one robot's values of the settings named in `per_robot`."""
+        """Set one robot's values of the settings named in `per_robot`."""
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to load
-        """Load what deciding takes, if that takes long: called before the first turn, where nobody waits."""
+        """Load or compile what `commands` needs, if that takes long. Called before the first turn, when nothing waits
+        for it.
+        """
 
 
 class Memory:
-    """What a behaviour remembers of each robot: arrays by name, with a row for every robot id seen so far."""
+    """A behaviour's memory of each robot: named arrays with a row for every robot id seen so far."""
 
     def __init__(self, **initial: float) -> None:
         self._initial = initial
@@ -61,7 +62,7 @@ class Memory:
         self._answer: Indices = np.zeros(0, np.int64)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the array of one name, of the number type of its initial value.
+        """Return the named array; its dtype is that of the initial value.
 
         It may be longer than there are rows, and is replaced when rows are added.
         """
@@ -76,8 +77,8 @@ class Memory:
         return list(self._row_of)
 
     def rows(self, robot_ids: tuple[int, ...]) -> Indices:
-        """Return the rows of these robots; those that are new begin with the initial values."""
-        if robot_ids is not self._asked:  # the same tuple comes again as long as the same robots are there
+        """Return the rows of these robots; new robots begin with the initial values."""
+        if robot_ids is not self._asked:  # the tuple is the same object as long as the same robots are there
             self._answer = np.array([self.row(robot_id) for robot_id in robot_ids], np.int64)
             self._asked = robot_ids
         return self._answer
@@ -96,7 +97,7 @@ class Memory:
 
 
 class Alone(Behaviour):
-    """One robot driven by a behaviour of many, as cmr-pilot does."""
+    """One robot driven by a team behaviour, as in cmr-pilot."""
 
     def __init__(self, team: TeamBehaviour, robot_id: int) -> None:
         self.team = team
@@ -109,19 +110,19 @@ class Alone(Behaviour):
         return left, right
 
     def prepare(self) -> None:
-        """Load what deciding takes."""
+        """Prepare the team behaviour."""
         bounded(np.zeros((1, 2)))
         self.team.prepare()
 
     def take_waypoints(self, x: list[float], y: list[float]) -> None:
-        """Hand the waypoints on."""
+        """Pass the waypoints on."""
         self.team.take_waypoints(self._robot_id, x, y)
 
 
 def stacked(parameters: list[RobotParameters]) -> RobotParameters:
-    """Return the parameters of many robots as arrays, their effects as far as they have some."""
+    """Return the parameters of many robots as arrays, with effects if any robot has some."""
     if any(each.effects for each in parameters):
-        from cmr.model.catalogue import together  # robots of the paper's model do without the catalogue
+        from cmr.model.catalogue import together  # robots of the paper's model do not need the catalogue
 
         return together(parameters)
     return RobotParameters(*np.array([[*each] for each in parameters], dtype=float).reshape(-1, 4).T.copy())
@@ -130,9 +131,9 @@ def stacked(parameters: list[RobotParameters]) -> RobotParameters:
 def duties_of(
     behaviour: TeamBehaviour, utime: int, me: Robots, world: WorldView, parameters: RobotParameters
 ) -> Duties:
-    """Return what a behaviour decides, clipped to [-1, 1]; a robot of which it knows no number stands.
+    """Return a behaviour's duties clipped to [-1, 1]; 0 for a robot with a NaN.
 
-    Raises ValueError when it gives anything but a pair for each robot.
+    Raises ValueError unless it returns a pair for each robot.
     """
     duties = np.asarray(behaviour.commands(utime, me, world, parameters), dtype=float)
     if duties.shape != (len(me.robot_id), 2):

@@ -1,7 +1,8 @@
-"""Keep to the pose that a leader gives: where one would be had one moved as it did.
+"""Track the pose that a robot would have if it had moved as its leader did.
 
 Source of the control law: Kanayama, Kimura, Miyazaki and Noguchi, A stable tracking control method for an autonomous
-mobile robot, ICRA 1990. The heading is corrected at a rate of its own here, so that turns on the spot are tracked, too.
+mobile robot, ICRA 1990. Here the heading is corrected with a gain of its own, so that turns on the spot are tracked,
+too.
 """
 
 from cmr.model.compiled import compiled, inlined
@@ -9,26 +10,26 @@ from cmr.model.elementary import sincos
 from cmr.world.behaviours.steering import LARGEST_DUTY
 from cmr.world.behaviours.team import Floats, Indices
 
-PER_DISTANCE = 2.0  # 1/s: speed for each metre that is missing ahead
-CATCHING_UP = 0.2  # m/s; the most that is driven faster or slower than the leader
-PER_ANGLE = 2.0  # 1/s: yaw rate for each radian that is missing
-PER_AREA = 6.0  # 1/m^2: yaw rate for each metre to the side, at a speed of 1 m/s
-FURTHEST = 0.5  # m from the wanted place; a robot further away begins again from where it is
-LONGEST_PAUSE = 200_000.0  # us; so does one that was not asked for so long: it does not make up what it missed
-NEAR, TURNED = 0.02, 0.03  # m, rad; a robot that is so near when its leader stands rests
-SLOW, TURNS_SLOWLY = 0.005, 0.02  # m/s, rad/s; slower than both is to stand
+PER_DISTANCE = 2.0  # 1/s: speed per metre of longitudinal error
+CATCHING_UP = 0.2  # m/s; largest difference in speed to the leader
+PER_ANGLE = 2.0  # 1/s: yaw rate per radian of heading error
+PER_AREA = 6.0  # 1/m^2: yaw rate per metre of lateral error, at a speed of 1 m/s
+FURTHEST = 0.5  # m from the desired position; a robot further away restarts from where it is
+LONGEST_PAUSE = 200_000.0  # us; after a longer pause in calls it also restarts, instead of catching up
+NEAR, TURNED = 0.02, 0.03  # m, rad; a robot this near stops when its leader stands
+SLOW, TURNS_SLOWLY = 0.005, 0.02  # m/s, rad/s; slower than both counts as standing
 
 
 @inlined
 def _wanted_from(x, y, leader_x, leader_y, turn, shift_x, shift_y):  # type: ignore[no-untyped-def]
-    """Return the way [m] from (x, y) to where the leader's place, turned and shifted, wants the robot."""
+    """Return the vector [m] from (x, y) to the desired position: the leader's, rotated and shifted."""
     sine, cosine = sincos(turn)
     return shift_x + cosine * leader_x - sine * leader_y - x, shift_y + sine * leader_x + cosine * leader_y - y
 
 
 @inlined
 def _begin_here(r, x, y, theta, leader_x, leader_y, leader_theta, turn, shift_x, shift_y):  # type: ignore[no-untyped-def]
-    """Let the leader's pose, turned and shifted, be the robot's own."""
+    """Set rotation and shift so that they map the leader's pose to the robot's own."""
     turn[r] = theta - leader_theta
     sine, cosine = sincos(turn[r])
     shift_x[r] = x - (cosine * leader_x - sine * leader_y)
@@ -51,11 +52,11 @@ def track(
     tracked: Floats, turn: Floats, shift_x: Floats, shift_y: Floats,
     duty_left: Floats, duty_right: Floats,
 ) -> None:  # fmt: skip
-    """Write the duties at `utime` [us] of n robots at poses [m, m, rad] that do as their leaders do.
+    """Write the duties at `utime` [us] of n robots at poses [m, m, rad] that copy their leaders' motion.
 
-    `leader[k]` is the place of robot k's leader in the arrays of everybody, poses and wheel speeds [rad/s]; -1 where
-    it is not there: then robot k stands, and begins again later. The leader's pose, turned by `turn` [rad] and shifted
-    [m], both kept at `row[k]`, is the wanted one; `tracked` is when that was so last [us], 0 where there is none yet.
+    `leader[k]` is the index of robot k's leader in the arrays of all robots, poses and wheel speeds [rad/s]; -1 if it
+    is missing: then robot k stops, and restarts later. The desired pose is the leader's, rotated by `turn` [rad] and
+    shifted [m], both stored at `row[k]`; `tracked` is when it was last tracked [us], 0 if never.
     """
     for k in range(len(row)):
         r, j = row[k], leader[k]
@@ -66,7 +67,7 @@ def track(
         dx, dy = _wanted_from(x[k], y[k], all_x[j], all_y[j], turn[r], shift_x[r], shift_y[r])
         goes_on = tracked[r] > 0.0 and abs(utime - tracked[r]) <= LONGEST_PAUSE
         tracked[r] = utime
-        if not (goes_on and dx * dx + dy * dy <= FURTHEST * FURTHEST):  # also where one of them is no number
+        if not (goes_on and dx * dx + dy * dy <= FURTHEST * FURTHEST):  # also false for NaN
             _begin_here(r, x[k], y[k], theta[k], all_x[j], all_y[j], all_theta[j], turn, shift_x, shift_y)
             dx = dy = 0.0
         sine, cosine = sincos(theta[k])

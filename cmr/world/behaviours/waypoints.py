@@ -1,4 +1,4 @@
-"""Drive paths of waypoints: from the bus, or the same for all as a setting."""
+"""Drive paths of waypoints, from the bus or from a setting."""
 
 import math
 
@@ -18,7 +18,7 @@ Path = tuple[list[float], list[float]]
 
 
 class Waypoints(Seeker):
-    """Drive the waypoints of WAYPOINTS_N at `speed` [m/s] and stop at the last, going round what is in the way.
+    """Drive the waypoints of WAYPOINTS_N at `speed` [m/s] and stop at the last, going round obstacles.
 
     `points`, as in `points=0:0/1.5:0/1.5:1` [m; world frame], are driven from the start on, `laps` times (each lap
     but the last leads back to the first point). The path begins where the robot is.
@@ -34,14 +34,14 @@ class Waypoints(Seeker):
         self.points: Path = (x * laps, y * laps)
         self._paths = Paths()
         self._to_lay: dict[int, Path] = {}  # by row
-        self._announced = 0  # robots that were sent a path
+        self._announced = 0  # number of robots that were sent a path
 
     def take_waypoints(self, robot_id: int, x: list[float], y: list[float]) -> None:
-        """Let one robot drive this path from where it is."""
+        """Set one robot's path, starting where it is."""
         self._tell(self.memory.row(robot_id), (list(x), list(y)))
 
     def goals(self, utime: int, team: Team, me: Robots, world: WorldView) -> Goals:
-        """Return points a little further on the paths, and speeds at which robots can stop at the end."""
+        """Return points a short way ahead on the paths, and speeds at which robots can stop at the end."""
         target_x, target_y, remaining = self._pursue(utime, team, me, world)
         speed, round_it = np.empty(len(remaining)), np.empty(len(remaining), bool)
         settings = (ARRIVED, ACCELERATION, self.speed)
@@ -49,11 +49,11 @@ class Waypoints(Seeker):
         return Goals(target_x, target_y, speed, round_it)
 
     def begins(self, _utime: int, _row: int, _x: float, _y: float, _theta: float) -> Path | None:
-        """Return what a robot at this pose [m, m, rad] that was sent nothing drives from now on; None: not yet."""
+        """Return the default path of a robot at this pose [m, m, rad] that was sent none; None: not yet."""
         return self.points
 
     def _pursue(self, utime: int, team: Team, _me: Robots, _world: WorldView) -> tuple[Floats, Floats, Floats]:
-        """Let progress grow; return targets and what remains of the paths, -1 where there is none."""
+        """Update progress; return targets and the remaining lengths of the paths, -1 without a path."""
         self._paths.make_room(len(self.memory), 0)
         self._lay(utime, team)
         paths, memory = self._paths, self.memory
@@ -83,19 +83,19 @@ class Waypoints(Seeker):
             self.memory["progress"][row] = self.memory["piece"][row] = 0
 
     def _tell(self, row: int, path: Path) -> None:
-        """Let a robot drive a path from where it is when it decides next."""
+        """Store a path that begins where the robot is at its next decision."""
         self._announced += int(self.memory["announced"][row] == 0)
         self.memory["announced"][row] = 1
         self._to_lay[row] = path
 
 
 def read_points(text: str) -> Path:
-    """Return the points of `x:y/x:y/...` [m]; none of an empty text. Raises ValueError for anything else."""
+    """Return the points of `x:y/x:y/...` [m]; an empty text gives none. Raises ValueError for anything else."""
     x, y = [], []
     for point in text.split("/") if text else []:
         numbers = [float(number) for number in point.split(":")]
         if len(numbers) != 2 or not all(math.isfinite(number) and abs(number) <= 1e6 for number in numbers):
-            raise ValueError(f"points are written as points=0:0/1.5:0/1.5:1, in m; {point!r} is none")
+            raise ValueError(f"points are written as points=0:0/1.5:0/1.5:1, in m; {point!r} is not")
         x.append(numbers[0])
         y.append(numbers[1])
     return x, y

@@ -1,5 +1,5 @@
-"""How robots meet: who is near whom, what stands in the way, who is pushed back, and what a range sensor sees.
+"""Interaction of robots: neighbours, obstacles, contacts, and range sensors.
 
-Arrays go in and come out; nothing here knows the bus, the world or a behaviour. Lengths are in m, angles in rad,
+Everything works on arrays and is independent of the bus, the world and behaviours. Lengths are in m, angles in rad,
 positions in the world frame.
 """

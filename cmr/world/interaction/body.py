@@ -1,4 +1,4 @@
-"""Robots as bodies: where they are, and how large they are taken to be where nobody says so."""
+"""Robots as bodies: their positions, and a default radius."""
 
 from typing import NamedTuple
 
@@ -13,10 +13,10 @@ RADIUS_PER_BASE_WIDTH = 0.65
 
 
 class Bodies(NamedTuple):
-    """Robots as discs, all arrays in the same order: id and origin of each, and whether the simulator asked owns it.
+    """Robots as discs, all arrays in the same order: id and origin of each, and whether this simulator owns it.
 
-    `pose` (3, n) are x, y [m] and theta [rad; world frame], `radius` (n,) is in m. Twins, which are no bodies, are not
-    among them.
+    `pose` (3, n) are x, y [m] and theta [rad; world frame], `radius` (n,) is in m. Twins are not bodies and are not
+    included.
     """
 
     robot_id: NDArray[np.int64]
@@ -27,5 +27,5 @@ class Bodies(NamedTuple):
 
 
 def body_radius(base_width: Number) -> Number:
-    """Return the radius [m] of the disc that a robot of this base width [m] is taken for."""
+    """Return the default radius [m] of a robot with this base width [m]."""
     return RADIUS_PER_BASE_WIDTH * base_width

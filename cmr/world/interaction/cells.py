@@ -1,9 +1,9 @@
-"""A cell list: which points of the plane lie near which others, in a time that grows with their number.
+"""A cell list: finds pairs of nearby points in linear time.
 
-The plane is divided into square cells as large as the distance that counts as near, so that all points near a point are
-in its cell or in one of the eight around it. Cells are numbered row by row where there are few; otherwise they are
-hashed into some two bins for each point, so their number does not depend on how far apart points are. Points of
-different cells may share a bin: distances decide in the end.
+The plane is divided into square cells as large as the search radius, so that all points near a point are in its cell or
+in one of the eight around it. Cells are numbered row by row where there are few; otherwise they are hashed into about
+two bins per point, so their number does not depend on the extent of the points. Points of different cells may share a
+bin; the distance test removes false pairs.
 """
 
 from typing import TypeAlias
@@ -20,15 +20,15 @@ Bins: TypeAlias = tuple[Codes, Indices, Indices, np.uint64, Codes, np.int64]  # 
 
 ALL_PAIRS = 50  # points up to which trying all pairs costs less
 FEWEST_BITS = 6
-MOST_CELLS = 8  # for each point, before they are hashed
+MOST_CELLS = 8  # per point; with more, they are hashed
 # A cell's bin is the leading bits of its column and row times these: fractions of 2^64 that fill the circle evenly
 # (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018). Cells at most two columns and rows apart
 # differ by at least 0.06 of the circle, so the nine cells around a point have bins of their own, of 64 or more.
 COLUMN = np.uint64(0xC13FA9A902A6328F)
 ROW = np.uint64(0x91E10DA5C79E7B1D)
-SLACK = 1.0 + 1e-6  # of a cell's side, for rounding
+SLACK = 1.0 + 1e-6  # enlarges a cell's side, for rounding
 MOST_COLUMNS = 2.0**26  # cells along a side of the world; their columns are then exact enough for SLACK
-SMALLEST = 1e-300  # m; the side of a cell where all points lie in one place
+SMALLEST = 1e-300  # m; the side of a cell if all points coincide
 
 
 @compiled("Tuple((i4[::1], i4[::1]))(f8[::1], f8[::1], f8)")
@@ -53,7 +53,7 @@ def close_pairs(x: Floats, y: Floats, reach: float) -> tuple[Indices, Indices]:
 
 @compiled("i8(f8[::1], f8[::1], f8, i4[::1], i4[::1])")
 def _try_all(x: Floats, y: Floats, nearest: float, first: Indices, second: Indices) -> int:
-    """Write pairs nearer than the root of `nearest`, as many as there is room for; return how many there are."""
+    """Write pairs with a squared distance up to `nearest`, as many as fit; return their total number."""
     found = 0
     for i in range(len(x)):
         for j in range(i + 1, len(x)):
@@ -67,9 +67,9 @@ def _try_all(x: Floats, y: Floats, nearest: float, first: Indices, second: Indic
 
 @compiled("i8(f8[::1], f8[::1], f8, u8[::1], i4[::1], i4[::1], u8, u8[::1], i8, i4[::1], i4[::1])")
 def _try_around(x, y, nearest, code, begin, members, shift, ahead, span, first, second):  # type: ignore[no-untyped-def]
-    """Do the same with points in bins: each with those that follow in its bin and with those of four cells ahead.
+    """Do the same for binned points: test each against later points in its bin and points in four cells ahead.
 
-    From the other four cells around it, the point itself is met.
+    Pairs with the other four cells are found from those cells.
     """
     found = 0
     for place in range(len(x)):
@@ -120,9 +120,9 @@ def _sorted_by_bin(code, shift, bins):  # type: ignore[no-untyped-def]
 def _binned(x: Floats, y: Floats, reach: float) -> Bins:
     """Sort points into bins.
 
-    Returns each point's code (n,), where each bin begins (bins + 1,), the points bin by bin (n,), by how many bits a
-    code is to be shifted to give its bin, by how much the codes of the cells looked at are more, beginning with a
-    point's own, and how many bins follow one another from each of those on.
+    Returns each point's code (n,), where each bin begins (bins + 1,), the points bin by bin (n,), the shift that turns
+    a code into its bin, the code offsets of the cells to search, beginning with a point's own, and the number of
+    consecutive bins from each.
     """
     n = len(x)
     left, right, bottom, top = _extent(x, y)
@@ -139,7 +139,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Bins:
     row = ROW if hashed else np.uint64(columns) << shift
     code = np.empty(n, np.uint64)
     for i in range(n):
-        # A column and a row are left free all around, so that none of the cells looked at lies beyond the others.
+        # A column and a row are left free all around, so that all searched cells exist.
         across, up = np.int64((x[i] - left) * per_side) + 1, np.int64((y[i] - bottom) * per_side) + 1
         code[i] = np.uint64(across) * column + np.uint64(up) * row
     begin, members = _sorted_by_bin(code, shift, 1 << bits)
@@ -152,7 +152,7 @@ def _binned(x: Floats, y: Floats, reach: float) -> Bins:
 
 @compiled("Tuple((u8[::1], i4[::1], i4[::1], u8, u8[::1], i8))(f8[::1], f8[::1], f8)")
 def binned_around(x: Floats, y: Floats, reach: float) -> Bins:
-    """Sort points into bins, to look at all that may be at most `reach` [m] from one of them.
+    """Sort points into bins, for searches within `reach` [m] of a point.
 
     Returns the same as `_binned`, but the codes of all nine cells: those in which the points near point i are begin
     at bin b = (code[i] + around[j]) >> shift for each j, and their points are members[begin[b] : begin[b + span]].

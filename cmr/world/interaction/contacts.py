@@ -1,17 +1,16 @@
-"""What happens where robots meet: discs that overlap are pushed apart, and lose the speed that drove them together.
+"""Contacts between robots: overlapping discs are pushed apart, and lose their speed towards each other.
 
-Places. Each of two overlapping robots gives way by half along the line of centres; real robots, obstacles and walls
-do not give way at all. All pairs push from the same places at once, each by a share of one over the larger number of
-pairs that its two robots are in, so neither the order of robots nor that of pairs matters (Jacobi's method), and what
-one robot gives way the other does, too: their common centre stays. Sweeps are repeated until nobody overlaps by more
-than TOLERANCE. After the push of a sweep, robots that overlap an obstacle are put back to its border.
+Positions. Each of two overlapping robots moves by half of the overlap along the line of centres; real robots, obstacles
+and walls do not move. All pairs push at once from the same positions (Jacobi's method). Each push is divided by the
+larger number of pairs that either robot is in, so the order of robots and pairs does not matter, and both robots of a
+pair move by the same distance: their common centre stays. Sweeps are repeated until no overlap exceeds TOLERANCE. At
+the end of each sweep, robots that overlap an obstacle are moved to its border.
 
-Speeds. A robot whose speed v along its heading h takes it towards what it touches (normal n, away from it) faster than
-that gives way (at b) loses (|v h.n| - b) |h.n| of it: all of it head-on, little where it slides along. Of several
-contacts the one that takes most counts. No wheel pair ever gets faster, so kinetic energy never grows; the rate of turn
-stays.
+Speeds. A robot with speed v along its heading h that approaches a body (normal n, pointing away from it) faster than
+the body recedes (at b) loses (|v h.n| - b) |h.n| of its speed: all of it head-on, little when sliding along. Of several
+contacts the largest loss counts. No robot is accelerated, so kinetic energy never grows; the yaw rate stays.
 
-Who is near whom is looked up in lists that hold for several steps, until somebody has moved far enough.
+Neighbour lists hold for several steps, until a robot has moved far enough.
 """
 
 import numpy as np
@@ -24,14 +23,14 @@ from cmr.world.interaction.cells import close_pairs
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.uint8]
-Pairs = NDArray[np.int32]  # (2, n): indices of the one and of the other
+Pairs = NDArray[np.int32]  # (2, n): indices of both bodies
 
-TOLERANCE = 1e-4  # m of overlap that is left
+TOLERANCE = 1e-4  # m of overlap that may remain
 MOST_SWEEPS = 40
 SKIN = 2.0  # of the largest radius: robots that are nearer than that to touching are in the lists
-LARGEST_PUSH = 0.125  # of the skin: nobody is put further in one step: the lists hold, and nobody flies
-FURTHEST = 1e12  # m; robots beyond, or nowhere, touch nobody
-GOLDEN_ANGLE = 2.399963229728653  # rad; the directions in which robots part that stand in one place
+LARGEST_PUSH = 0.125  # of the skin: limit per step, so that the lists stay valid and robots do not jump
+FURTHEST = 1e12  # m; robots further away, or at NaN, have no contacts
+GOLDEN_ANGLE = 2.399963229728653  # rad; spreads the directions in which coincident robots are separated
 
 
 class Contacts:
@@ -39,7 +38,7 @@ class Contacts:
 
     def __init__(self, obstacles: Obstacles) -> None:
         x, y, radius = obstacles.discs
-        # Discs and walls are one thing: a line as thick as a radius, of no length or of no thickness.
+        # Discs and walls have one representation, a line segment with a radius: discs have length 0, walls radius 0.
         self._obstacles: Floats = np.hstack(
             [np.array([x, y, x, y, radius]), np.vstack([obstacles.walls, np.zeros(obstacles.walls.shape[1])])]
         )
@@ -49,10 +48,10 @@ class Contacts:
         self._fixed_places: Floats = np.zeros((2, 0))
 
     def resolve(self, state: Floats, radius: Floats, wheel_radius: Floats, standing: Floats) -> bool:
-        """Part robots that overlap, in place; return whether anybody was changed.
+        """Separate overlapping robots in place; return whether any state changed.
 
-        `state` (5, n) has rows x, y [m], theta [rad], psi_left and psi_right [rad/s]; `radius` and `wheel_radius`
-        (n,) [m] are the same arrays at each step until they change. A radius of 0 touches nobody. `standing` (3, m)
+        `state` (5, n) has rows x, y [m], theta [rad], psi_left and psi_right [rad/s]; `radius` and `wheel_radius` (n,)
+        [m] are the same arrays at each step until they change. A robot with radius 0 has no contacts. `standing` (3, m)
         are x, y and radius [m] of robots that cannot be pushed.
         """
         fixed = self._with(standing) if standing.shape[1] else self._obstacles
@@ -75,7 +74,7 @@ class Contacts:
         return np.ascontiguousarray(np.hstack([self._obstacles, standing[[0, 1, 0, 1, 2]]]))
 
     def _look_around(self, state: Floats, fixed: Floats) -> None:
-        """List who is near whom, and remember where all were."""
+        """Build the neighbour lists, and store the positions they are based on."""
         skin = SKIN * float(np.max(self._radius, initial=0.0))
         places, self._fixed_places = np.array(state[:2], order="C"), fixed[:2].copy()
         pairs, obstacles = _near(places, self._radius, fixed, skin)
@@ -109,7 +108,7 @@ def _near(places, radius, fixed, skin):  # type: ignore[no-untyped-def]
 
 @compiled("i8(i4[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, i4[:, ::1])")
 def _near_obstacles(robots, x, y, radius, fixed, skin, found):  # type: ignore[no-untyped-def]
-    """Write pairs of robot and obstacle, as many as there is room for; return how many there are."""
+    """Write pairs of robot and obstacle, as many as fit; return their total number."""
     n = 0
     for f in range(fixed.shape[1]):
         for k in range(len(robots)):
@@ -124,7 +123,7 @@ def _near_obstacles(robots, x, y, radius, fixed, skin, found):  # type: ignore[n
 
 @inlined
 def _towards(x, y, fixed, f):  # type: ignore[no-untyped-def]
-    """Return the way from a place to the nearest point of an obstacle's line."""
+    """Return the vector from a position to the nearest point of an obstacle's line."""
     ex, ey = fixed[2, f] - fixed[0, f], fixed[3, f] - fixed[1, f]
     squared = ex * ex + ey * ey
     share = ((x - fixed[0, f]) * ex + (y - fixed[1, f]) * ey) / squared if squared > 0.0 else 0.0
@@ -134,7 +133,7 @@ def _towards(x, y, fixed, f):  # type: ignore[no-untyped-def]
 
 @inlined
 def _unit(dx, dy, tie):  # type: ignore[no-untyped-def]
-    """Return length and direction of a way; one without length has a direction that `tie` fixes."""
+    """Return length and direction of a vector; for a zero vector `tie` determines the direction."""
     length = (dx * dx + dy * dy) ** 0.5
     sine, cosine = sincos(GOLDEN_ANGLE * tie)
     there = length > 0.0
@@ -144,7 +143,7 @@ def _unit(dx, dy, tie):  # type: ignore[no-untyped-def]
 
 @compiled("i8(f8[:, :], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i4[:, ::1], i4[:, ::1], f8, u1[::1])")
 def _part(state, radius, wheel_radius, fixed, places, fixed_places, pairs, obstacles, skin, touched):  # type: ignore[no-untyped-def]
-    """Resolve all contacts; return how many sweeps it took, or -1 where the lists do not hold any more."""
+    """Resolve all contacts; return the number of sweeps, or -1 if the lists are no longer valid."""
     largest_push = LARGEST_PUSH * skin
     if _moved(state, places) + _moved(fixed, fixed_places) > 0.5 * skin - largest_push:
         return -1
@@ -180,7 +179,7 @@ def _part(state, radius, wheel_radius, fixed, places, fixed_places, pairs, obsta
 
 @compiled("f8(f8[:, :], f8[:, ::1])")
 def _moved(now, before):  # type: ignore[no-untyped-def]
-    """Return how far [m] the one has moved that moved furthest."""
+    """Return the largest displacement [m]."""
     furthest = 0.0
     for i in range(before.shape[1]):
         dx, dy = now[0, i] - before[0, i], now[1, i] - before[1, i]
@@ -190,7 +189,7 @@ def _moved(now, before):  # type: ignore[no-untyped-def]
 
 @compiled("b1(f8[:, :], f8[::1], f8[::1], f8[:, ::1], i4[:, ::1], i4[:, ::1], f8[::1], u1[::1])")
 def _slowed(state, radius, wheel_radius, fixed, pairs, obstacles, loss, touched):  # type: ignore[no-untyped-def]
-    """Find what share of its speed each robot loses, and which robots touch; return whether any do."""
+    """Compute the share of speed that each robot loses, and which robots touch; return whether any do."""
     anybody = False
     for k in range(pairs.shape[1]):
         i, j = pairs[0, k], pairs[1, k]
@@ -219,25 +218,27 @@ def _slowed(state, radius, wheel_radius, fixed, pairs, obstacles, loss, touched)
 
 @inlined
 def _along(state, wheel_radius, i, nx, ny):  # type: ignore[no-untyped-def]
-    """Return a robot's speed [m/s] and how much of its heading points along a direction."""
+    """Return a robot's speed [m/s] and the component of its heading along a direction."""
     sine, cosine = sincos(state[2, i])
     return 0.5 * wheel_radius[i] * (state[3, i] + state[4, i]), cosine * nx + sine * ny
 
 
 @inlined
 def _lost(speed, ahead, gives_way):  # type: ignore[no-untyped-def]
-    """Return the share of its speed that a robot loses to what gives way at a speed [m/s], or comes towards it."""
+    """Return the share of its speed that a robot loses to a body that recedes at `gives_way` [m/s] (negative:
+    approaches).
+    """
     excess = speed * ahead - max(gives_way, 0.0)
     return excess * ahead / speed if excess > 0.0 else 0.0
 
 
 @compiled("f8(f8[:, :], f8[::1], i4[:, ::1], f8[:, ::1], i4[::1], i4[::1], u1[::1])")
 def _push(state, radius, pairs, push, number, overlapping, touched):  # type: ignore[no-untyped-def]
-    """Push apart all pairs that overlap; return by how much [m] the worst of them did."""
+    """Push apart all pairs that overlap; return the largest overlap [m]."""
     found = 0
     for k in range(pairs.shape[1]):
         i, j = pairs[0, k], pairs[1, k]
-        if touched[i] | touched[j]:  # of the others, nobody has moved
+        if touched[i] | touched[j]:  # other pairs have not moved
             dx, dy = state[0, j] - state[0, i], state[1, j] - state[1, i]
             reach = radius[i] + radius[j]
             if dx * dx + dy * dy < reach * reach:
@@ -269,7 +270,7 @@ def _push(state, radius, pairs, push, number, overlapping, touched):  # type: ig
 
 @compiled("f8(f8[:, :], f8[::1], f8[:, ::1], i4[:, ::1], u1[::1])")
 def _put_back(state, radius, fixed, obstacles, touched):  # type: ignore[no-untyped-def]
-    """Put robots that overlap an obstacle back to its border; return the largest overlap [m]."""
+    """Move robots that overlap an obstacle to its border; return the largest overlap [m]."""
     worst = 0.0
     for k in range(obstacles.shape[1]):
         i, f = obstacles[0, k], obstacles[1, k]

@@ -1,4 +1,4 @@
-"""Who is near whom: neighbours within a radius, and where each sees them."""
+"""Neighbours of robots within a radius, with range and bearing."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -13,14 +13,16 @@ from cmr.world.interaction.cells import close_pairs
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Lists: TypeAlias = tuple[NDArray[np.int64], Indices]  # `start` and `index` of Neighbours
-SKIN = 0.25  # m; robots that are at most so much further away than the radius are listed, too
-LISTS_HOLD = 0.49 * SKIN  # m; until somebody has moved further, with something left for rounding
+SKIN = 0.25  # m; robots up to this much beyond the radius are listed, too
+LISTS_HOLD = 0.49 * SKIN  # m; displacement up to which lists stay valid, with a reserve for rounding
 FURTHEST = 1e12  # m; positions further from the origin, and larger radii, are mistakes
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Those of robot i are `index[start[i]:start[i + 1]]`, ascending, without i itself; `start` has n + 1 entries."""
+    """Neighbour lists; those of robot i are `index[start[i]:start[i + 1]]`, ascending, without i itself; `start` has n
+    + 1 entries.
+    """
 
     start: NDArray[np.int64]
     index: Indices
@@ -37,8 +39,8 @@ class Neighbours:
 def pairs_within(x: ArrayLike, y: ArrayLike, radius: float) -> Neighbours:
     """Return for each of n robots at (x, y) [m] those at most `radius` [m] away.
 
-    Time and memory grow with the number of robots and of pairs found. Raises ValueError for positions of unequal
-    number, that are no numbers or beyond 1e12 m, and for such a radius.
+    Time and memory grow with the number of robots and of pairs found. Raises ValueError if x and y differ in length, or
+    if a position or the radius is not finite or beyond 1e12 m.
     """
     x, y = checked_positions(x, y)
     if not 0.0 <= radius <= FURTHEST:
@@ -49,9 +51,9 @@ def pairs_within(x: ArrayLike, y: ArrayLike, radius: float) -> Neighbours:
 
 
 class NearList:
-    """Neighbours within a radius, step after step: those who are a little further away are listed, too.
+    """Neighbours within a radius, step after step, from lists with a margin.
 
-    So a list holds until somebody has moved far enough.
+    A list stays valid until a robot has moved further than the margin allows.
     """
 
     def __init__(self, radius: float) -> None:
@@ -61,7 +63,7 @@ class NearList:
         self._pairs: tuple[Indices, Indices] = (np.zeros(0, np.int32), np.zeros(0, np.int32))
 
     def neighbours(self, members: object, x: Floats, y: Floats) -> Neighbours:
-        """Return for each robot at (x, y) [m] those within the radius; positions are known to be sound.
+        """Return for each robot at (x, y) [m] those within the radius; positions must be finite.
 
         `members` is the same object as long as the robots and their order are the same.
         """
@@ -91,9 +93,9 @@ def range_and_bearing(x: ArrayLike, y: ArrayLike, theta: ArrayLike, neighbours: 
 
 
 def checked_positions(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-    """Return positions [m] as the compiled functions take them.
+    """Convert positions [m] to arrays for the compiled functions.
 
-    Raises ValueError where they differ in number, are no numbers or lie beyond 1e12 m.
+    Raises ValueError if they differ in length, are not finite or lie beyond 1e12 m.
     """
     x, y = (np.ascontiguousarray(values, dtype=float) for values in (x, y))
     if x.ndim != 1 or x.shape != y.shape:
@@ -118,9 +120,10 @@ def _neighbours(x: Floats, y: Floats, radius: float) -> Lists:
 def _still_near(
     x: Floats, y: Floats, radius: float, places: Floats, first: Indices, second: Indices
 ) -> tuple[bool, NDArray[np.int64], Indices]:
-    """Return whether pairs listed when all were at `places` (2, n) [m] hold, and those of them that are near now.
+    """Return whether the pairs listed for positions `places` (2, n) [m] are still valid, and which of them are near
+    now.
 
-    These as `start` and `index` of Neighbours; nobody where the list does not hold.
+    The pairs are returned as `start` and `index` of Neighbours; empty if the list is no longer valid.
     """
     furthest = 0.0
     for i in range(len(x)):
@@ -148,7 +151,7 @@ def _listed(first: Indices, second: Indices, n: int) -> Lists:
         start[i + 1] += start[i]
     mixed = np.empty(2 * len(first), np.int32)
     index = np.empty(2 * len(first), np.int32)
-    filled = np.empty(n, np.int64)  # by loops, as slices take seconds to compile
+    filled = np.empty(n, np.int64)  # loops, because slices take seconds to compile
     for i in range(n):
         filled[i] = start[i]
     for k in range(len(first)):
@@ -156,7 +159,7 @@ def _listed(first: Indices, second: Indices, n: int) -> Lists:
         mixed[filled[i]], mixed[filled[j]] = j, i
         filled[i] += 1
         filled[j] += 1
-    # Each neighbour of i has i for a neighbour: going through all i in order, each list is filled in order.
+    # The relation is symmetric: going through all i in order fills each list in ascending order.
     for i in range(n):
         filled[i] = start[i]
     for i in range(n):

@@ -1,8 +1,8 @@
 """A planar range sensor: rays in all directions against discs and walls.
 
-Each disc is met only by the rays between its two tangents, each wall by those between the ends of its part within
-range, and only discs in the cells around the robot are looked at: a scan costs what lies around the robot, not rays
-times things.
+A disc is tested only against the rays between its two tangents, a wall against those between the ends of its part
+within range, and only discs in the cells around the robot are tested: the cost of a scan depends on what is nearby, not
+on rays times objects.
 """
 
 import math
@@ -19,14 +19,14 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST_RAYS = 10_000
-ROUNDING = 1e-9  # rays; a body that ends exactly on a ray is met by it
+ROUNDING = 1e-9  # rays; a body that ends exactly on a ray is hit by it
 
 
 @dataclass(frozen=True)
 class RangeSensor:
     """Rays evenly around a robot's centre: the first at `first` [rad, 0 ahead], `step` [rad] apart, up to `reach` [m].
 
-    Raises ValueError for what cannot be.
+    Raises ValueError for impossible values.
     """
 
     rays: int = 360
@@ -48,8 +48,8 @@ class RangeSensor:
         """Return the ranges [m] of n sensors, (n, rays); inf where nothing is within reach, 0 inside a disc.
 
         `pose` (3, n) are x, y [m] and theta [rad] of the sensors; `own` (n,) says which of the discs is the sensor's
-        own robot, which it does not see (-1: none). `discs` (3, d) are x, y, radius [m], `walls` (4, w) are
-        x1, y1, x2, y2 [m]. Discs and sensors that are nowhere (NaN) see nobody and are not seen.
+        own robot, which it does not see (-1: none). `discs` (3, d) are x, y, radius [m], `walls` (4, w) are x1, y1, x2,
+        y2 [m]. Discs and sensors at NaN see nothing and are not seen.
         """
         pose, discs, walls = (np.ascontiguousarray(rows, dtype=float) for rows in (pose, discs, walls))
         ranges = np.empty((pose.shape[1], self.rays))
@@ -66,7 +66,7 @@ def _scan(pose, own, discs, walls, first, step, reach, ranges):  # type: ignore[
     for d in range(count):
         if discs[2, d] > widest:
             widest = discs[2, d]
-    x, y = np.zeros(count + len(own)), np.zeros(count + len(own))  # robots that are nowhere stay here, and are not met
+    x, y = np.zeros(count + len(own)), np.zeros(count + len(own))  # robots at NaN stay at the origin and are not hit
     for points, start in ((discs, 0), (pose, count)):
         for k in range(points.shape[1]):
             if math.isfinite(points[0, k]) and math.isfinite(points[1, k]):
@@ -99,7 +99,7 @@ def _scan(pose, own, discs, walls, first, step, reach, ranges):  # type: ignore[
 
 @compiled("void(f8, f8, f8, f8, f8, f8, f8[::1], f8[::1], f8[::1])")
 def _meet_disc(x, y, radius, first, step, reach, sines, cosines, row):  # type: ignore[no-untyped-def]
-    """Shorten the rays that meet a disc at (x, y) [m; the sensor's frame]."""
+    """Shorten the rays that hit a disc at (x, y) [m; the sensor's frame]."""
     squared = x * x + y * y
     if squared <= radius * radius:
         row[:] = 0.0
@@ -114,7 +114,7 @@ def _meet_disc(x, y, radius, first, step, reach, sines, cosines, row):  # type: 
         low, high = math.ceil(begin - lap * turn), math.floor(begin - lap * turn + count)
         for k in range(max(low, 0), min(high + 1, len(row))):
             along = x * cosines[k] + y * sines[k]
-            # The nearer root of t^2 - 2 t along + beyond = 0, without the difference of two large numbers.
+            # The nearer root of t^2 - 2 t along + beyond = 0, computed without cancellation.
             distance = beyond / (along + math.sqrt(max(along * along - beyond, 0.0)))
             if distance <= reach:
                 row[k] = min(row[k], distance)
@@ -122,10 +122,10 @@ def _meet_disc(x, y, radius, first, step, reach, sines, cosines, row):  # type: 
 
 @compiled("void(f8, f8, f8, f8, f8, f8, f8, f8[::1], f8[::1], f8[::1])")
 def _meet_wall(x, y, ex, ey, first, step, reach, sines, cosines, row):  # type: ignore[no-untyped-def]
-    """Shorten the rays that meet a wall from (x, y) to (x + ex, y + ey) [m; the sensor's frame]."""
+    """Shorten the rays that hit a wall from (x, y) to (x + ex, y + ey) [m; the sensor's frame]."""
     squared = ex * ex + ey * ey
     middle = -(x * ex + y * ey) / squared
-    off = x * ey - y * ex  # of the line from the sensor, times the wall's length
+    off = x * ey - y * ex  # distance of the line from the sensor, times the wall's length
     chord = reach * reach * squared - off * off
     if chord <= 0.0 or off == 0.0:  # out of reach, or seen edge on
         return

@@ -1,13 +1,13 @@
-"""The MBot board as a motor controller: it is sent duties and the time, and says everything else by itself.
+"""The MBot board as a motor controller: it receives duties and the time, and sends everything else unasked.
 
-Without the time (TIMESYNC) it stops the motors after 1 s and falls silent; sent the time again, it goes on with the
-last duties it was sent. So the time is only sent together with duties, and after them. A board that is silent may have
-received half a frame long ago, of which the next bytes would be the rest: it is sent nothing of meaning first, and then
-the duties several times, so that these are surely those that it goes on with. It is sent our monotonic time, in which
-it then stamps all it says, late by what the sending took: 1 ms on USB. Each sets its clock again, so it is not
-done more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and src/mbot_comms.c. Some versions
-of it take MOTOR_PWM_CMD for velocities. That cannot be seen as long as everything is
-zero; at the first duty the board reports another than it was sent, and is driven no further.
+Without time messages (TIMESYNC) it stops the motors after 1 s and falls silent; when the time is sent again, it
+continues with the last duties. So the time is only sent together with duties, and after them. A silent board may have
+received half a frame long ago, which the next bytes would complete: it first gets meaningless bytes, and then the
+duties several times, so that it certainly continues with these. The time sent is our monotonic clock, in which it then
+stamps its messages, late by the transmission: 1 ms on USB. Each time message sets its clock again, so they are sent no
+more often than needed. Sources: mbot-project/mbot_firmware, src/mbot_classic.c and src/mbot_comms.c. Some versions
+interpret MOTOR_PWM_CMD as velocities. This cannot be detected while everything is zero; at the first duty the board
+reports a different one from what was sent, and is no longer driven.
 """
 
 import math
@@ -25,12 +25,13 @@ T = TypeVar("T")
 COUNTER_RANGE = 2**32
 WATCHDOG = 1.0  # s; built in
 TIME_TELLING = 250_000  # us
-SILENCE = 100_000  # us after which the board may not have heard the time
-UNHEARD = 20_000  # us after which the board reports what it was sent, or has not heard it: USB holds bytes up to 16 ms
-WATCHDOG_IGNORED = 1.5  # s of talking after which there is no watchdog
+SILENCE = 100_000  # us after which the board may have missed the time
+# us after which the board reports what it was sent, unless it missed it: USB delays bytes by up to 16 ms
+UNHEARD = 20_000
+WATCHDOG_IGNORED = 1.5  # s of sending without time that show that there is no watchdog
 BATTERY = 7  # index in ANALOG_IN of the battery's voltage, behind four raw values and three other voltages
-REMEMBERED = 100  # duties last sent, of which one may be in force; the others are older than any watchdog allows
-UNTOLD = 3  # reports in a row of duties that the board was never sent: then its firmware is another
+REMEMBERED = 100  # duties last sent, one of which may be in force; older ones have expired by any watchdog
+UNTOLD = 3  # consecutive reports of duties that were never sent, which indicate another firmware
 EVERYTHING = 4096  # bytes; whatever has come
 
 
@@ -54,7 +55,7 @@ class MBot(Controller):
         self._told_time = -TIME_TELLING  # us
 
     def identify(self) -> Request[str]:
-        """Wait for anything; the board reports no name."""
+        """Wait for any message; the board reports no name."""
         return self._wait("greeting", lambda: "MBot control board" if self._latest else None)
 
     def learn(self) -> list[Request[None]]:
@@ -68,9 +69,10 @@ class MBot(Controller):
         return _answered("watchdog", None)
 
     def read_watchdog(self) -> Request[float]:
-        """See how long the board goes on talking after it was sent the time (s), once; then only that it still talks.
+        """Measure once how long the board continues after the last time message (s); then only check that it still
+        sends.
 
-        A reset does not change its watchdog; but a board that was reset is silent until it is sent the time again.
+        A reset does not change its watchdog; but a board that was reset is silent until the time is sent again.
         """
         if (known := self._watchdog) is not None:
             since = self.monotonic_ns() // 1000 - UNHEARD
@@ -95,7 +97,7 @@ class MBot(Controller):
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
         """Send the duties and the time; the board confirms with the duties in force since then.
 
-        If it goes on with others, it is not waited for. Raises ValueError for a duty outside [-1, 1].
+        If it continues with others, there is no wait. Raises ValueError for a duty outside [-1, 1].
         """
         if not (abs(first) <= 1.0 and abs(second) <= 1.0):
             raise ValueError(f"A duty must be between -1 and 1, not {first}, {second}.")
@@ -140,7 +142,7 @@ class MBot(Controller):
         return [self._wait("battery", battery)]
 
     def _tell(self, left: float, right: float, *, time_too: bool = False) -> tuple[bytes, tuple[float, float]]:
-        """Return what sets the board's own duties, and its clock where that is due; and the duties as rounded."""
+        """Return the bytes that set the board's duties, and its clock if due; and the duties as rounded."""
         now = self.monotonic_ns() // 1000
         payload = DUTIES.pack(now, left, right, 0.0)
         in_wire = DUTIES.unpack(payload)[1:3]
@@ -148,7 +150,7 @@ class MBot(Controller):
         self._confirming = None
         data, self._told_duties = packed(Topic.MOTOR_PWM_COMMAND, payload), now
         last_said = max((frame.utime for frame in self._latest.values()), default=-SILENCE)
-        # Words of the future were said while our clock stood still, in a computer that was suspended.
+        # Messages from the future were sent while our clock stood still, in a suspended computer.
         is_silent = abs(now - last_said) >= SILENCE
         if is_silent:
             data = NOTHING + REPEATED * data
@@ -157,9 +159,9 @@ class MBot(Controller):
         return data, in_wire
 
     def _doubt(self, frame: Frame) -> None:
-        """Object to being driven when the board reports duties again and again that it was never sent.
+        """Refuse to drive when the board repeatedly reports duties that were never sent.
 
-        Damage may change what was sent once, which stays in force until the next, but hardly ever three in a row.
+        Damage may change one message, which stays in force until the next, but hardly ever three in a row.
         """
         if frame.topic is not Topic.MOTOR_PWM or frame.utime < self._told_duties:
             return
@@ -176,7 +178,7 @@ class MBot(Controller):
             )
 
     def _foreign(self) -> str:
-        """Return what to add where nothing that is known has come; begins with a blank, or is ""."""
+        """Return an explanation if nothing known was received; starts with a space, or is ""."""
         topics = ", ".join(map(str, sorted(self._reader.foreign)))
         if self._latest or not topics:
             return ""
@@ -186,12 +188,12 @@ class MBot(Controller):
         )
 
     def _has_talked(self, since: int) -> bool:
-        """Return whether the board has said anything since a moment (us, our monotonic clock)."""
+        """Return whether the board has sent anything since a time (us, our monotonic clock)."""
         now = self.monotonic_ns() // 1000
         return any(since <= frame.utime <= now for frame in self._latest.values())
 
     def _fresh(self, topic: Topic) -> Frame | None:
-        """Return the latest frame of a topic if it was said after the board was last sent duties."""
+        """Return the latest frame of a topic if it was sent after the board received the last duties."""
         frame = self._latest.get(topic)
         return frame if frame is not None and self._is_fresh(frame) else None
 
@@ -199,7 +201,7 @@ class MBot(Controller):
         return self._told_duties <= frame.utime <= self.monotonic_ns() // 1000
 
     def _confirm(self, frame: Frame) -> None:
-        """Keep the first frame that reports the duties last sent: they are in force since then."""
+        """Keep the first frame that reports the last duties: they are in force since then."""
         said = frame.topic is Topic.MOTOR_PWM and self._duties and frame.values[:2] == self._duties[-1]
         if said and self._confirming is None and self._is_fresh(frame):
             self._confirming = frame
@@ -214,7 +216,7 @@ class MBot(Controller):
     ) -> Request[T]:
         """Return a request that is answered when `find` finds something in the latest frames.
 
-        There is no answer when it is `in_vain` to wait for more.
+        It fails as soon as waiting is `in_vain`.
         """
 
         def parse(_reply: bytes) -> T:
@@ -227,12 +229,12 @@ class MBot(Controller):
         return Request(name, data, 0, missing, parse, measured=measured)
 
     def _missing_until(self, ready: Callable[[], bool]) -> Callable[[bytes], int]:
-        """Return a function that takes the frames in a growing reply, and asks for more until it is `ready`."""
+        """Return a function that receives a growing reply, and asks for more until it is `ready`."""
         seen = 0
 
         def missing(reply: bytes) -> int:
             nonlocal seen
-            seen = min(seen, len(reply))  # a request may be made again
+            seen = min(seen, len(reply))  # a request may be repeated
             for frame in self._reader.feed(reply[seen:]):
                 self._latest[frame.topic] = frame
                 self._doubt(frame)

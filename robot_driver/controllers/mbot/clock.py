@@ -1,20 +1,20 @@
-"""The board's clock without the jumps that it makes each time it is set."""
+"""Remove the jumps of the board's clock when it is set."""
 
 from collections import deque
 from statistics import median
 
-STEPS = 15  # turns of the board's loop from which the length of one is known
-JITTER = 50  # us; what differs by more from whole turns is a jump
-LARGEST_JUMP = 100_000  # us; beyond it the clock was set from one age to another, and there is nothing to smooth
-MEMORY = 2_000_000  # us in which a jump is made up for
+STEPS = 15  # turns of the board's loop needed to know their length
+JITTER = 50  # us; a larger deviation from whole turns is a jump
+LARGEST_JUMP = 100_000  # us; beyond it the clock was set to another epoch, and is not smoothed
+MEMORY = 2_000_000  # us over which a jump is corrected
 
 
 class SteadyClock:
-    """Follows the board's clock at the board's own pace.
+    """A steady version of the board's clock, at the board's own rate.
 
-    The clock is set to ours again four times a second, each time late by what the message took: up to 1 ms on USB. A
-    wheel's velocity over 10 ms would be wrong by as much as a tenth. The board's turns are regular, though, so a jump
-    shows, and is spread over the next seconds.
+    The clock is set to ours four times a second, each time late by the transmission: up to 1 ms on USB. A wheel's
+    velocity over 10 ms would be wrong by up to a tenth. The board's turns are regular, so a jump is detected, and
+    spread over the next seconds.
     """
 
     def __init__(self) -> None:
@@ -23,18 +23,18 @@ class SteadyClock:
         self._ahead = 0.0
 
     def read(self, utime: int) -> int:
-        """Return the steady time (us) for the next time by the board's clock (us), of the same or a later turn."""
+        """Return the steady time (us) for the next time of the board's clock (us), of the same or a later turn."""
         step = 0 if self._last is None else utime - self._last
         self._last = utime
         if abs(step) > LARGEST_JUMP:
-            self._ahead = 0.0  # but the turns of the board's loop are as long as they were
+            self._ahead = 0.0  # the turns of the board's loop still have the same length
         elif step:
             self._ahead += self._jump(step) - self._ahead * abs(step) / MEMORY
             self._steps.append(step)
         return utime - round(self._ahead)
 
     def _jump(self, step: int) -> float:
-        """Return by how much the clock has jumped ahead, given its step from one turn to another (us)."""
+        """Return the jump of the clock (us), from its step between two turns (us)."""
         if len(self._steps) < STEPS:
             return 0.0
         turn = median(self._steps)

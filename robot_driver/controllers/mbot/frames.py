@@ -1,6 +1,6 @@
-"""Frames of the MBot board: what is in them, and how they are found in a stream.
+"""Frames of the MBot board: their contents, and how to find them in a stream.
 
-robot_driver/gate/wire_mbot.py says what a frame is.
+The frame format is described in robot_driver/gate/wire_mbot.py.
 """
 
 import struct
@@ -11,7 +11,7 @@ from robot_driver.gate.wire_mbot import HEADER_BYTES, START, Topic, check_of
 
 MOST_FOREIGN = 10  # topics
 
-# What the board says, as for `struct`. The first number of each is the moment, in us by the board's clock.
+# The board's messages, as `struct` formats. The first number of each is the time, in us of the board's clock.
 LAYOUTS = {
     Topic.ODOMETRY: struct.Struct("<q3f"),  # x, y, theta
     Topic.IMU: struct.Struct("<q17f"),  # rates (rad/s), accelerations, field, roll pitch yaw, quaternion, temperature
@@ -24,10 +24,10 @@ LAYOUTS = {
 
 
 class Frame(NamedTuple):
-    """What the board said: the moment by its clock (us), the other numbers of the layout.
+    """A message of the board: its time (us of its clock), and the other numbers of the layout.
 
-    `measured` is the same moment without the jumps of that clock (ns). `bytes_since` is how many bytes had been
-    received since the frame began.
+    `measured` is the same time without clock jumps (ns). `bytes_since` is how many bytes had been received since the
+    frame began.
     """
 
     topic: Topic
@@ -38,11 +38,11 @@ class Frame(NamedTuple):
 
 
 class FrameReader:
-    """Finds the board's frames in a stream that comes in pieces of any size.
+    """Finds the board's frames in a stream of pieces of any size.
 
-    A sum of 8 bits misses much: a payload that lost a byte FF, and borrows that of the next frame, has the right sum.
-    So a frame is believed only when the next one begins right behind it, and after a wrong one the search goes on
-    inside it: whatever was damaged costs itself and the frame before it. `foreign` holds topics that are not known.
+    An 8-bit checksum misses much: a payload that lost a byte FF, and takes the next frame's FF, has the right sum. So a
+    frame is accepted only when the next one begins right after it, and after a wrong one the search continues inside
+    it: damage costs the damaged frame and the one before it. `foreign` holds unknown topics.
     """
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class FrameReader:
         self.foreign: set[int] = set()
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take the next bytes; return the frames that can now be believed."""
+        """Add bytes; return the frames that can now be accepted."""
         self._data += data
         frames: list[Frame] = []
         position = 0
@@ -65,12 +65,12 @@ class FrameReader:
             else:
                 self._note_foreign(start)
                 position = start + len(START)
-        # Where nothing begins, the last byte may still be the first half of a start.
+        # If nothing begins, the last byte may still be the first half of a start.
         self._data = self._data[start if start >= 0 else max(len(self._data) - 1, position) :]
         return frames
 
     def _note_foreign(self, start: int) -> None:
-        """Note the topic of what is a whole frame by both its sums, but is none of those known."""
+        """Record the topic of a frame with valid checksums but unknown topic."""
         header = self._data[start : start + HEADER_BYTES]
         length, check, topic = struct.unpack_from("<HBH", header, len(START))
         end = start + HEADER_BYTES + length + 1
@@ -85,7 +85,9 @@ class FrameReader:
 
 
 def _end(data: bytes, start: int) -> int | None:
-    """Return where the frame ends that seems to begin here; 0 if it is none of the board's, None if it is too early."""
+    """Return the end of a possible frame that begins here; 0 if it is not one of the board's, None if more bytes are
+    needed.
+    """
     header = data[start : start + HEADER_BYTES]
     if len(header) < HEADER_BYTES:
         return None

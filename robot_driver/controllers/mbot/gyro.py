@@ -1,4 +1,4 @@
-"""The gyro on the MBot board, overheard on the port that drives the wheels."""
+"""The gyro on the MBot board, read from the port that drives the wheels."""
 
 import math
 
@@ -11,7 +11,7 @@ UPWARD = 2  # index of the vertical axis
 
 
 class MBotGyro(Gyro):
-    """Reads the IMU's rate about the vertical axis, counter-clockwise positive, from all that the board says."""
+    """Reads the IMU's rate about the vertical axis, counter-clockwise positive, from the board's messages."""
 
     baud_rate = 115200  # has no meaning on USB
 
@@ -20,15 +20,15 @@ class MBotGyro(Gyro):
 
     @property
     def wake_up(self) -> bytes:
-        """Nothing: the board talks while it is sent the time, and that is the motors' business."""
+        """Do nothing: the board sends as long as it gets the time, which the motors' part does."""
         return b""
 
     def feed(self, data: bytes) -> list[GyroReading]:
-        """Take the next bytes; return the readings among them."""
+        """Add bytes; return the readings in them."""
         return [_reading(frame) for frame in self._reader.feed(data) if frame.topic is Topic.IMU]
 
 
 def _reading(frame: Frame) -> GyroReading:
     rate = frame.values[UPWARD]
-    valid = abs(rate) <= LARGEST_RATE  # NaN is not
+    valid = abs(rate) <= LARGEST_RATE  # false for NaN
     return GyroReading(rate if valid else math.nan, valid, frame.bytes_since, frame.measured)
