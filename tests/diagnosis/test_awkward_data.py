@@ -142,7 +142,7 @@ def test_a_late_clock_of_held_out_poses_is_set_right_and_told_and_the_checks_run
     )
     assert len(checked) == 2
     (note,) = [note for note in found.notes if note.startswith("late.lcm: ")]
-    assert "later than the wheels: their times were set right" in note
+    assert "later than the wheels: their times were corrected" in note
     clocks = [finding.sentence for finding in found.checks if finding.check == "poses_clock" and finding.found]
     assert [sentence.startswith("late.lcm: ") for sentence in clocks] == [True]
     in_time = diagnose(drive(), held_out=[other])
@@ -229,7 +229,7 @@ def test_a_clock_that_was_set_right_stays_found(seconds: float) -> None:
     (clock,) = [finding for finding in found.checks if finding.check == "poses_clock"]
     assert clock.found == 1
     assert clock.sentence.endswith("later than the wheels: they come late, or their clock is ahead.")
-    assert any("set right" in note for note in found.notes)
+    assert any("were corrected" in note for note in found.notes)
     assert found.verdict == "no_effect"
 
 
