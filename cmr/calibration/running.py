@@ -113,7 +113,7 @@ class RunningFit:
         """Return values and estimates averaged over possible effects."""
         assert ready.problem is not None
         assert ready.base is not None
-        self._average = average = averaged(ready.problem, ready.base, 1.0, [], SEARCHING_STEPS)
+        self._average = average = averaged(ready.problem, ready.base, 1.0, [], steps=SEARCHING_STEPS)
         return average.values, {name: _estimate(average, name) for name in ready.base.names}
 
     def _alone(self, ready: Ready) -> tuple[Mapping[str, float], dict[str, Estimate]]:

@@ -219,14 +219,22 @@ class Averaging:
         return np.asarray(np.maximum(usual, np.maximum(np.abs(seen), np.where(alike, np.abs(does) / own, 0.0))))
 
 
-def averaged(problem: Problem, fit: Fit, inflation: float, named: Collection[str], steps: int = STEPS) -> Posterior:
+def averaged(
+    problem: Problem,
+    fit: Fit,
+    inflation: float,
+    named: Collection[str],
+    undisputed: Collection[str] = (),
+    steps: int = STEPS,
+) -> Posterior:
     """Return the posterior about a fit with effects `named`, from a walk of `steps` steps.
 
-    Named effects that are more likely present than not are kept; the average is over further, undetected effects.
+    Named effects that are more likely present than not are kept, and so are those `undisputed`, which no other effect
+    explains as well: a name and its size must agree. The average is over further, undetected effects.
     """
     ahead = [name for name in NEVER_AHEAD if name in named and fit.values[name] < 0.0]
     averaging, found = relinearised(problem, fit, inflation, ahead)
-    certain = [name for name in named if found.presence.get(name, 0.0) > HALF]
+    certain = [name for name in named if name in undisputed or found.presence.get(name, 0.0) > HALF]
     return replace(averaging.posterior(steps=steps, certain=certain), certain=tuple(certain))
 
 

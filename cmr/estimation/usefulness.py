@@ -86,7 +86,8 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
     if not found.problem.one_step:
         return Whole(whole, None, found.doubts), measured
     names = [one.candidate.effect.name for one in found.named]
-    average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names)
+    undisputed = [one.candidate.effect.name for one in found.named if not one.rivals]
+    average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names, undisputed)
     of_average = measure(found.problem, found.base, average, chance_of(found), segments, held_out)
     if judge.strays(of_average.gain, whole) and not judge.strays(measured.gain, whole):
         return Whole(whole, None, _with_those_of(average, whole.final, found.doubts)), measured

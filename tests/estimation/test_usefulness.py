@@ -13,6 +13,7 @@ from cmr.estimation.usefulness import OF_USE, _largest, _of_readings
 from cmr.model.catalogue import CATALOGUE
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
+from tests.hidden_effects import hidden_recording
 from tests.reference_plant import REALISTIC, Commands, drive
 
 READINGS, FOLDS = 40, 5
@@ -83,3 +84,12 @@ def test_where_no_average_is_delivered_what_may_be_hidden_counts_all_the_same() 
         found = estimation.estimate(name)
         assert abs(found.value - TRUTH[name]) < 2.0 * found.std
         assert found.std > 5.0 * estimation.whole.model.std(name)
+
+
+def test_a_name_and_its_size_agree_though_two_common_effects_do_the_same() -> None:
+    """Encoders that count differently look like unequal motors on unequal wheels, which are likelier beforehand."""
+    hidden = hidden_recording("encoder_asymmetry", seed=0)
+    estimation = estimate([hidden.recording], nominal_of([hidden.recording], None), against_nominal=False)
+    assert [one.candidate.effect.name for one in estimation.found.named] == ["encoder_asymmetry"]
+    size = estimation.estimate("encoder_asymmetry")
+    assert abs(size.value - hidden.truth.parameters["encoder_asymmetry"]) < 3.0 * size.std < 0.005
