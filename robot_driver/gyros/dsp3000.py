@@ -12,12 +12,13 @@ from dataclasses import replace
 from robot_driver.gyros.gyro import Gyro, GyroReading
 
 LARGEST_RATE = 500.0  # deg/s; beyond it the output is unreliable whatever the validity digit says
-SETTLING = 10  # readings after a mode letter that may still be in another mode
-ASKING = (10, 8, 6)  # of them still to come when the letter is sent: any one may be lost
-LONGEST_LINE = 64  # bytes; real lines have 21, a run of more without an LF is another protocol or noise
+SETTLING = 10  # readings after a mode letter that may still be of another mode
+ASKING = (10, 8, 6)  # remaining readings at which the letter is sent: any one may be lost
+LONGEST_LINE = 64  # bytes; real lines have 21, longer ones are another protocol or noise
 RATE_MODE = b"R"
 LARGEST_LEAP = 50.0  # deg/s from one reading to the next; 5000 deg/s^2 is more than wheels give
-CLEAR_RATE = 2.0  # deg/s from which a fall to a fiftieth, from one reading to the next, is hardly a robot that stops
+# deg/s from which a fall to a fiftieth, from one reading to the next, is hardly due to a robot that stops
+CLEAR_RATE = 2.0
 FALL = 50.0
 SMOOTHEST = 0.001  # deg/s; see Doubts
 SMOOTH_READINGS = 8
@@ -39,7 +40,7 @@ class Dsp3000(Gyro):
 
     def __init__(self) -> None:
         self._line = b""
-        self._at_line_start = False  # what comes first is the rest of a line that began before we listened
+        self._at_line_start = False  # the first bytes may be the rest of a line
         self._damaged = 0  # lines since the last reading
         self._was_valid = False
         self._doubts = Doubts()
