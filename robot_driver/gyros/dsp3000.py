@@ -77,7 +77,7 @@ class Dsp3000(Gyro):
         return request
 
     def _settled(self, reading: GyroReading) -> GyroReading:
-        """Return the reading, as not valid where it may be something else than a rate."""
+        """Return the reading, marked invalid if it may not be a rate."""
         doubtful = self._doubts.raised_by(reading)
         if reading.valid and (doubtful or not self._was_valid):
             self._unsettled = SETTLING
@@ -91,7 +91,7 @@ class Dsp3000(Gyro):
 
 
 class Doubts:
-    """Sees in the values where they may have begun to be angles; a false alarm costs SETTLING readings.
+    """Detects in the values that they may have become angles; a false alarm costs SETTLING readings.
 
     The angle turned since the last reading (mode A) is a hundredth of the rate: values fall. The angle turned since
     the beginning (mode P) may be any: values leap. When the robot hardly turns they may do neither, but then angles are
@@ -103,10 +103,12 @@ class Doubts:
 
     def __init__(self) -> None:
         self._rates: deque[float] = deque(maxlen=3)  # deg/s
-        self._smooth = 0  # readings in turn
+        self._smooth = 0  # consecutive readings
 
     def raised_by(self, reading: GyroReading) -> bool:
-        """Take the next reading; return whether it raises doubts: at once, or once at the end of a smooth stretch."""
+        """Process the next reading; return whether it raises doubts: at once, or once at the end of a smooth
+        stretch.
+        """
         if not reading.valid:
             self._rates.clear()
             return False
