@@ -143,7 +143,7 @@ def _table_of_varying_size(channel: Channel, logged: NDArray[np.int64], data: li
     counts = {field.counted_by for field in fields if field.counted_by is not None}
     if not counts:
         return {LOGGED: Column(logged), **{field.column: _singles(field, messages) for field in fields}}
-    [count] = counts  # all arrays of a type of ours go together
+    [count] = counts  # all arrays of one of CMR's types have the same length
     lengths = np.array([getattr(message, count) for message in messages], np.int64)
     rows = np.maximum(lengths, 1)
     is_none = np.repeat(lengths == 0, rows)
@@ -175,7 +175,7 @@ def _dtype(field: Field) -> np.dtype[np.generic]:
 
 
 class CsvFile:
-    """A CSV file; between two tables it is closed, since a log may have more channels than files can be open."""
+    """A CSV file; it is closed between tables, since a log may have more channels than the limit of open files."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -194,7 +194,7 @@ class CsvFile:
 
 
 def _texts(column: Column) -> list[object]:
-    """Return the values so that they are written in full, and no longer than that."""
+    """Return the values as text with as few digits as are exact."""
     texts: list[object] = column.values.tolist()
     if column.values.dtype == object:
         texts = [cell(str(text)) for text in texts]
@@ -206,7 +206,7 @@ def _texts(column: Column) -> list[object]:
 
 
 class _Writer(Protocol):
-    """What is used of PyArrow's ParquetWriter."""
+    """The part of PyArrow's ParquetWriter that is used."""
 
     def write_table(self, table: object) -> None: ...
 
