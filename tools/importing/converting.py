@@ -90,7 +90,7 @@ class Conversion:
 
     def __iter__(self) -> Iterator[Event]:
         yield self._parameters
-        # At equal times commands come before feedback, in the order of the batches.
+        # At equal times commands stay before feedback, as the batches are.
         yield from heapq.merge(*(batch.events() for batch in self._batches), key=lambda event: event.message.utime)
 
     def times(self) -> list[tuple[Stream[Message], NDArray[np.int64]]]:
@@ -115,7 +115,7 @@ def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[st
 
 
 def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, object]) -> Event:
-    """Return the nominal parameters, with the recording's time, so that any later calibration is newer.
+    """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer.
 
     If the body was commanded, they include the base width for the conversion of its turns to wheel speeds.
     """

@@ -107,7 +107,7 @@ def _tables(path: Path, rows: Dictionary[str, "_Rows"], source: Source) -> dict[
 
 
 def _compare_clocks(source: Source) -> None:
-    """Record if two topics do not overlap in time, a sign of two clocks."""
+    """Note where two topics share no time at all, which is a sign of two clocks."""
     spans = {name: (int(table.utime[0]), int(table.utime[-1])) for name, table in source.tables.items()}
     latest, (start, _) = max(spans.items(), key=lambda item: item[1][0])
     earliest, (_, end) = min(spans.items(), key=lambda item: item[1][1])
