@@ -117,7 +117,7 @@ def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[st
 def _parameters(mapping: Mapping, robot_id: int, utime: int, provenance: dict[str, object]) -> Event:
     """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer.
 
-    If the body was commanded, they include the base width for the conversion of its turns to wheel speeds.
+    Where the body was commanded, they say by which base width its turns became those of the wheels.
     """
     values = dict(mapping.nominal)
     if mapping.command is not None and mapping.command.kind == DUTY and "omega" in mapping.command.signals:
