@@ -70,7 +70,7 @@ def test_real_paths_are_yellow_and_simulated_ones_blue_before_and_after(result: 
 
 
 def test_the_position_error_in_time_is_that_of_the_titles(result: CalibrationResult) -> None:
-    axes = titled(figure_of(result), "What is left")
+    axes = titled(figure_of(result), "Residual over time")
     for line, error in zip(axes.lines, (result.path_rmse_before, result.path_rmse_after), strict=True):
         distances = np.asarray(line.get_ydata(), dtype=float)
         assert np.sqrt(np.nanmean(distances**2)) == pytest.approx(error)
