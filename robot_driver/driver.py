@@ -1,4 +1,4 @@
-"""All of cmr-driver but the bus and the command line: ports, safety, parameters, and what to report."""
+"""cmr-driver without the bus and the command line: ports, safety, parameters, and reports."""
 
 import queue
 from collections.abc import Iterator
@@ -31,8 +31,8 @@ from robot_driver.stream_port import OverheardPort, StreamPort
 class Driver:
     """The driver of one robot, as a context manager: inside, the ports are open and the motors follow commands.
 
-    Knows no bus: `handle` takes messages, `outgoing` hands over those to publish. Raises PortLost on entry when a
-    port cannot be opened. On leaving, the motors have been stopped, acknowledged where the device answers.
+    Independent of the bus: `handle` takes messages, `outgoing` returns those to publish. Raises PortLost on entry if a
+    port cannot be opened. On leaving, the motors have been stopped, with an acknowledgement if the device answers.
 
     An emergency stop that is engaged according to `stop_file` holds the motors before any port is opened.
     """
@@ -81,7 +81,7 @@ class Driver:
             if self._stop_keeper is not None:
                 inside.enter_context(self._stop_keeper)
             inside.enter_context(self._last_gate)
-            for thread in reversed(self._threads):  # the motors come last, when all else is there
+            for thread in reversed(self._threads):  # the motors' last, when everything else runs
                 inside.enter_context(thread)
             self._inside = inside.pop_all()
         return self
@@ -89,14 +89,14 @@ class Driver:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for thread in self._threads:  # all at once: none has to wait until another has left its device
+        for thread in self._threads:  # all at once, so that none waits for another
             thread.ask_to_stop()
         self._inside.__exit__(kind, error, trace)
 
     def turn(self) -> None:
-        """Note that the process is alive, and look at the parameter file; to be called before messages are handled.
+        """Record that the process is alive, and check the parameter file; to be called before messages are handled.
 
-        At the first turn the process has to hear the bus already.
+        The process must have subscribed to the bus before the first call.
         """
         self._gate.note_turn(self._host.seconds_since_boot())
         if self._last_gate.has_intervened():
@@ -106,7 +106,7 @@ class Driver:
             self._use_parameters()
 
     def handle(self, utime: int, channel: str, message: Message, sender: int | None = None) -> None:
-        """Take a message from the bus; `sender` is the name of the process that sent it, where it is known."""
+        """Take a message from the bus; `sender` is the name of the process that sent it, if it is known."""
         if isinstance(message, motor_command_t) and channel == self._commanded_on:
             if not self._ownership.takes(sender):
                 return
@@ -130,15 +130,15 @@ class Driver:
             yield stream, self._robot_id, message
 
     def owner_reports(self) -> list[command_owner_t]:
-        """Return what COMMAND_OWNER_N has to report now, on whose commands are taken."""
+        """Return the messages of COMMAND_OWNER_N to publish now: whose commands are accepted."""
         return self._ownership.reports()
 
     def stop_reports(self) -> list[estop_latch_t]:
-        """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
+        """Return the messages of ESTOP_LATCH_N to publish now: whether the emergency stop is engaged."""
         return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
 
     def news(self) -> Iterator[str]:
-        """Yield what happened since the last call, as a person wants to read it."""
+        """Yield events since the last call, as text for the user."""
         for news in (self._bus_stop.news, self._ownership.news, self._last_gate.news):
             while news:
                 yield news.pop(0)
@@ -147,22 +147,22 @@ class Driver:
 
     @property
     def farewell(self) -> str:
-        """What became of the motors at the end, once the driver has been left."""
+        """Describe the state of the motors at the end, once the driver has been left."""
         if self._motors.stopped:
             return "motors stopped, zero acknowledged"
         return "zero was not acknowledged: the controller's own watchdog stops the motors"
 
     def problems(self) -> str:
-        """Return what keeps the driver from full service, in sentences; "" when nothing does.
+        """Return what limits the driver's function, in sentences; "" if nothing does.
 
-        Raises what ended a port's thread, if it was a fault of the program.
+        Raises the exception that ended a port's thread, if it was a program error.
         """
         found = [self._bus_stop.problem, *(thread.problem for thread in self._threads)]
         found += [self._ownership.problem() or self._commanders.problem(self._host.utime())]
         return " ".join(filter(None, found))
 
     def remarks(self) -> str:
-        """Return what else a person might want to know, in sentences."""
+        """Return further remarks for the user, in sentences."""
         remarks = [*self._bus_stop.remarks(), self.warnings, self.follower.message, self._motors.rhythm.sentence()]
         remarks += [*self._gate.remarks(), *self._last_gate.remarks()]
         if self._motors.faults:
@@ -184,7 +184,7 @@ class Driver:
         )
 
     def _use_parameters(self) -> None:
-        """Take over how fast the wheels can turn: 1/k1 at full duty, and twice that is not believed."""
+        """Update the top wheel speed: 1/k1 at full duty; readings above twice that are rejected."""
         parameters = self.follower.parameters
         # A nominal file may hold the wheel radius alone.
         k1 = parameters.value("k1") if parameters is not None and parameters.has("k1") else 0.0
@@ -192,7 +192,7 @@ class Driver:
 
 
 def _gyro(settings: Settings, port: SerialPort) -> tuple[SerialPort, type[Gyro]] | None:
-    """Return where the gyro is read and what it is: on a port of its own, or overheard on the controller's."""
+    """Return the source of the gyro's readings and its type: its own port, or the controller's."""
     if settings.gyro_port is not None:
         gyro_type = GYROS[settings.gyro or "dsp3000"]
         return SerialPort(settings.gyro_port, settings.gyro_baud or gyro_type.baud_rate, port.host), gyro_type

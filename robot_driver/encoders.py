@@ -1,4 +1,4 @@
-"""From the raw counts of two encoders to total ticks and wheel velocities."""
+"""Convert the raw counts of two encoders to total ticks and wheel velocities."""
 
 import math
 from dataclasses import dataclass
@@ -7,17 +7,17 @@ from typing import NamedTuple
 from robot_driver.controllers.controller import COUNTER_RANGE, signed_step
 from robot_driver.gate.guard import Mounting
 
-FASTEST_WHEEL = 200.0  # rad/s; no wheel of a robot of this kind gets there, whatever its parameters say
-UNTIMED = 0.1  # s that a step may have taken when its time is not known
+FASTEST_WHEEL = 200.0  # rad/s; no wheel of such a robot reaches it, whatever its parameters
+UNTIMED = 0.1  # s assumed for a step of unknown duration
 
 
-class CountersReset(Exception):  # noqa: N818 - a device that was switched off and on is an event to live with
-    """Both counters have begun again: the device was reset, and has forgotten what it was sent."""
+class CountersReset(Exception):  # noqa: N818 - a power cycle of the device is a normal event
+    """Both counters restarted: the device was reset and has lost its settings."""
 
 
 @dataclass(frozen=True)
 class WheelMotion:
-    """Where the wheels are and how fast they turn, left first: total ticks, and velocity (rad/s)."""
+    """Position and velocity of the wheels, left first: total ticks, and velocity (rad/s)."""
 
     ticks: tuple[int, int]
     psi: tuple[float, float]
@@ -26,7 +26,7 @@ class WheelMotion:
 class WheelEncoders:
     """Adds up the steps of both encoders; `ticks` begin at 0 and never wrap.
 
-    `jumps` counts the steps that were not believed.
+    `jumps` counts rejected steps.
     """
 
     def __init__(self, ticks_per_turn: int) -> None:
@@ -38,24 +38,24 @@ class WheelEncoders:
         self._may_be_reset = False
 
     def rebase(self) -> None:
-        """Take the next counts as a new beginning: what happened since the last ones is not known."""
+        """Use the next counts as a new origin: the motion since the last ones is unknown."""
         self._before = None
 
     def doubt(self) -> None:
-        """Take the next counts as a new beginning if they are nearer to zero than to the last ones.
+        """Use the next counts as a new origin if they are nearer to zero than to the last ones.
 
-        For after a silence in which the device may or may not have been reset, and does not report it.
+        For use after a silence in which the device may have been reset without reporting it.
         """
         self._may_be_reset = True
 
     def update(self, counts: tuple[int, int], nanoseconds: int, fastest: float) -> WheelMotion | None:
         """Take raw counts (ticks modulo 2^32, left first) read at a monotonic time.
 
-        Returns None where there is no velocity to report: at a new beginning, when time has not gone on because a
-        device's clock was set back, and when the step is not believed
-        because a wheel would have turned faster than `fastest` (rad/s). Two such steps in a row are no jump, though:
-        then the wheels are faster than thought, and steps up to FASTEST_WHEEL are believed.
-        Raises CountersReset when the step is not believed but both counts are near zero; they are a new beginning.
+        Returns None if there is no velocity to report: at a new origin, when time has not advanced because a device's
+        clock was set back, and when the step is rejected because a wheel would have turned faster than `fastest`
+        (rad/s). After two such steps in a row, however, the wheels are taken to be faster than assumed, and steps up to
+        FASTEST_WHEEL are accepted. Raises CountersReset if the step is rejected but both counts are near zero, which
+        become a new origin.
         """
         before, self._before = self._before, (counts, nanoseconds)
         may_be_reset, self._may_be_reset = self._may_be_reset, False
@@ -91,7 +91,7 @@ class WheelEncoders:
 
 
 def _farther(counts: tuple[int, int]) -> int:
-    """Return how far from zero the wheel is that is farther from it (ticks)."""
+    """Return the larger distance of the two wheels' counts from zero (ticks)."""
     return max(abs(signed_step(0, count)) for count in counts)
 
 
@@ -112,15 +112,15 @@ class Wiring(NamedTuple):
 
     @property
     def mounting(self) -> Mounting:
-        """What the last gate knows of it: the motors alone."""
+        """The part that the last gate needs: the motors alone."""
         return Mounting(self.swap, self.invert_left, self.invert_right)
 
     def channels(self, left: float, right: float) -> tuple[float, float]:
-        """Return the duties of the channels that drive the sides with these."""
+        """Return the duties of the channels for these duties of the sides."""
         return self.mounting.channels(left, right)
 
     def sides(self, first: float, second: float) -> tuple[float, float]:
-        """Return values of the controller's channels as (left, right), without regard to direction."""
+        """Return values of the controller's channels as (left, right), regardless of direction."""
         return (second, first) if self.swap else (first, second)
 
     def forward(self, first: float, second: float) -> tuple[float, float]:

@@ -1,6 +1,6 @@
-"""What a robot reports of its motors: a motor_feedback_t from the encoders, the duty in force and slow readings.
+"""Feedback on a robot's motors: a motor_feedback_t from the encoders, the duty in force and slow readings.
 
-And a motor_duty_t for each duty that was sent to the controller but is in no feedback, because an answer was lost.
+Also a motor_duty_t for each duty that was sent to the controller but is in no feedback, because an answer was lost.
 """
 
 import math
@@ -24,7 +24,7 @@ class SentDuty(NamedTuple):
 
 
 class SentDuties:
-    """Collects the duties that were sent; publishes those that no feedback contains, as motor_duty_t.
+    """Collects the duties sent; publishes those that no feedback contains, as motor_duty_t.
 
     The motors may have obeyed them although the controller's answer was lost.
     """
@@ -35,7 +35,7 @@ class SentDuties:
         self._unreported: list[SentDuty] = []
 
     def add(self, duty: SentDuty) -> None:
-        """Note that a duty was sent."""
+        """Record a duty that was sent."""
         self._unreported.append(duty)
 
     def publish_all_but(self, reported: SentDuty) -> None:
@@ -51,7 +51,9 @@ class SentDuties:
 
 
 class Feedback:
-    """Makes the feedback of one robot; `utime_at` turns times of the monotonic clock [ns] into those of day [us]."""
+    """Makes the feedback of one robot; `utime_at` converts times of the monotonic clock [ns] to wall-clock time
+    [us].
+    """
 
     def __init__(self, robot_id: int, wiring: Wiring, utime_at: Callable[[int], int]) -> None:
         self._robot_id = robot_id
@@ -69,9 +71,9 @@ class Feedback:
         telemetry: Telemetry,
         status: int,
     ) -> motor_feedback_t:
-        """Return the message of one reading of the encoders, `jumps` of which were not believed until now.
+        """Return the message of one reading of the encoders, `jumps` of which were rejected so far.
 
-        A jump is reported with the next believable reading, because it has itself no velocity to publish.
+        A jump is reported with the next accepted reading, since it has no velocity of its own to publish.
         """
         jumped, self._jumps_reported = jumps > self._jumps_reported, jumps
         status |= telemetry.get("status", 0) | (motor_feedback_t.STATUS_ENCODER_JUMP if jumped else 0)

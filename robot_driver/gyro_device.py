@@ -1,4 +1,4 @@
-"""The gyro of one robot, as the thread of its port sees it: keep it talking, stamp what it says."""
+"""The gyro of one robot, in the thread of its port: keep it sending, and stamp its readings."""
 
 import math
 import threading
@@ -13,22 +13,22 @@ from robot_driver.gyros import Gyro, GyroReading
 from robot_driver.port_thread import Device
 from robot_driver.serial_port import SerialPort
 
-SILENCE_LIMIT = 0.5  # s without a reading, or an answer that leads to the next request: the gyro is woken up again
-PATIENCE = 0.1  # s without an answer after which is asked again
-GAP_READINGS, GAP_TIME = 5, 0.05  # missing, and held back by adapters (s); with more, the gyro may have been off
+SILENCE_LIMIT = 0.5  # s without a reading, or an answer that leads to the next request: then the gyro is restarted
+PATIENCE = 0.1  # s without an answer after which a request is repeated
+GAP_READINGS, GAP_TIME = 5, 0.05  # missing readings, and delay by adapters (s); above, the gyro may have been off
 LONGEST_READ = 0.05  # s
-INVALID_LIMIT = 1.0  # s without a valid reading, which is more than any gyro of ours takes to settle
+INVALID_LIMIT = 1.0  # s without a valid reading, longer than any supported gyro takes to settle
 READ_SIZE = 4096  # bytes
-FAREWELLS = 3  # one may be damaged on its way, or come while the gyro does not listen
+FAREWELLS = 3  # repeated, as one may be damaged or ignored
 FAREWELL_PAUSE = 0.05  # s
-LONGEST_DELAY = 100_000_000  # ns; a sensor's clock that says a reading took longer to arrive has not been set
+LONGEST_DELAY = 100_000_000  # ns; above, the sensor's clock is considered not set
 
 
 class GyroDevice(Device):
     """Publishes a gyro_t for every reading; `sign` -1 is for a sensor mounted upside down.
 
-    `counts` counts readings without a rate: lost ones, which the gyro sent and which never came or came damaged, as
-    far as its protocol shows; and those that it said were not valid, or that were not sure to be rates.
+    `counts` counts readings without a rate: lost ones, which the gyro sent but which never arrived or arrived damaged,
+    as far as its protocol shows; and those that it marked invalid, or that may not be rates.
     """
 
     def __init__(
@@ -43,24 +43,24 @@ class GyroDevice(Device):
         self._publish = publish
         self.counts: Counter[str] = Counter()
         self._last_reading = self._last_valid = self._last_request = 0.0
-        self._last_sign = 0.0  # when the gyro last said something that was waited for
-        self._heard: int | None = None  # when readings came last since the gyro was woken up (monotonic ns)
+        self._last_sign = 0.0  # when an expected answer last arrived
+        self._heard: int | None = None  # when readings last arrived since the gyro was started (monotonic ns)
         self._stamps = Stamps(port.host.utime_at)
         self._clock_fit: ClockFit | None = None
         self._count = 0
 
     @property
     def lost(self) -> int:
-        """How many readings were lost."""
+        """Number of lost readings."""
         return self.counts["lost"]
 
-    def connect(self, stop: threading.Event) -> None:  # noqa: ARG002 - nothing here takes long
-        """Put the gyro into its mode."""
+    def connect(self, stop: threading.Event) -> None:  # noqa: ARG002 - this does not take long
+        """Set the gyro's mode."""
         self._wake_up()
         self.problem = ""
 
     def turn(self, stop: threading.Event) -> None:  # noqa: ARG002 - a read does not take long
-        """Publish what has come; wake the gyro up when nothing has come for a while."""
+        """Publish the readings received; restart the gyro when nothing has arrived for a while."""
         data = self._port.read(READ_SIZE, LONGEST_READ)
         arrived = self._host.monotonic_ns()
         readings = self._gyro.feed(data)
@@ -90,7 +90,7 @@ class GyroDevice(Device):
         self._last_request = self._host.monotonic()
 
     def _take(self, readings: list[GyroReading], arrived: int) -> None:
-        """Publish readings: as not valid where they follow a gap, or where it is not sure when they were taken."""
+        """Publish readings; invalid if they follow a gap, or if their time is uncertain."""
         moments = self._measured(readings, arrived)
         may_have_been_off = self._follow_gap(len(readings), arrived)
         if may_have_been_off or (self._clock_fit is not None and not self._clock_fit.is_known):
@@ -102,7 +102,7 @@ class GyroDevice(Device):
             self._wake_up()
 
     def _follow_gap(self, count: int, arrived: int) -> bool:
-        """Return whether there was a gap since the last readings that these ones (`count`) do not account for."""
+        """Return whether there was a gap since the last readings that these (`count`) do not fill."""
         before, self._heard = self._heard, arrived
         if before is None or not self._gyro.nominal_rate:
             return False
@@ -110,7 +110,7 @@ class GyroDevice(Device):
         return missing > GAP_READINGS / self._gyro.nominal_rate
 
     def _why_no_rate(self, readings: list[GyroReading]) -> str:
-        """Count those that are not valid; return why there has been no rate for a while, or ""."""
+        """Count invalid readings; return why there has been no rate for a while, or ""."""
         now = self._host.monotonic()
         for reading in readings:
             if reading.valid:
@@ -125,13 +125,13 @@ class GyroDevice(Device):
         )
 
     def leave(self) -> None:
-        """Have the gyro go on sending readings, should it be in the midst of reporting how it is set."""
+        """Make the gyro send readings again, in case it was reporting its settings."""
         for _ in range(FAREWELLS if self._gyro.farewell else 0):
             self._port.write(self._gyro.farewell)
             self._host.sleep(FAREWELL_PAUSE)
 
     def _wake_up(self) -> None:
-        """Begin again with a gyro of which nothing is known."""
+        """Start again with a gyro in an unknown state."""
         self._gyro = self._gyro_type()
         self._ask(self._gyro.wake_up)
         self._clock_fit = None
@@ -139,12 +139,12 @@ class GyroDevice(Device):
         self._last_reading = self._last_valid = self._last_sign = self._last_request
 
     def _measured(self, readings: list[GyroReading], arrived: int) -> list[int]:
-        """Return when readings that came together were taken (monotonic ns), as well as can be known."""
+        """Return when readings that arrived together were taken (monotonic ns), as accurately as possible."""
         numbered = []
         wire_time = self._port.wire_time
         for reading in readings:
             lost = reading.lost_before
-            self._count += lost + 1  # lost ones are counted too
+            self._count += lost + 1  # including lost ones
             if lost:
                 self.counts["lost"] += lost
             numbered.append((self._count, arrived - round(wire_time(reading.bytes_since) * 1e9)))
@@ -160,7 +160,7 @@ class GyroDevice(Device):
 
     def _message(self, reading: GyroReading, measured: int, arrived: int) -> gyro_t:
         pace = self._clock_fit.pace if reading.per_period and self._clock_fit else 1.0
-        message = gyro_t()  # not by `make`, which takes its time: there may be 5,000 a second
+        message = gyro_t()  # not by `make`, which is slow: there may be 5,000 a second
         message.utime = self._stamps.next(measured)
         message.robot_id = self._robot_id
         message.yaw_rate = self._sign * pace * reading.yaw_rate

@@ -1,4 +1,4 @@
-"""Whether controller and battery are well enough to drive: what holds the motors if not, and what is reported."""
+"""Health of controller and battery: when the motors must be held, and what is reported."""
 
 from cmr.msg import motor_feedback_t
 from robot_driver.battery import BatteryGuard, Thresholds
@@ -6,14 +6,15 @@ from robot_driver.command_gate import CommandGate, Stop
 from robot_driver.controllers import Request, Telemetry, conditions_of
 from robot_driver.readings import Readings, sentence_on
 
-PATIENCE = 2.0  # times the age at which a reading is old, after which the motors do not turn without it
+PATIENCE = 2.0  # times the age at which a reading is old; beyond it, the motors are held
 
 
 class Health:
-    """Takes what the controller at `path` reports in turn, once in a few `period` (s); holds and releases the `gate`.
+    """Processes the slow readings of the controller at `path`, made in turn once in a few `period` (s); holds and
+    releases the `gate`.
 
-    What is `essential` is waited for before the motors may turn; and the voltage, where there is one to stop below.
-    Times are the driver's monotonic clock (s).
+    The motors are held until the `essential` readings have arrived, and the voltage if there is a limit for it. Times
+    are the driver's monotonic clock (s).
     """
 
     def __init__(
@@ -26,26 +27,28 @@ class Health:
         self._readings = Readings(period, essential | ({"battery_voltage"} if self._needs_voltage else set()))
 
     def begin(self, requests: int) -> None:
-        """Know nothing: a new connection has been made, on which so many requests for telemetry are made in turn."""
+        """Forget all readings: a new connection was made, on which this many requests for telemetry are made in
+        turn.
+        """
         self._readings.begin(requests)
 
     def take(self, request: Request[Telemetry], answer: Telemetry, now: float) -> None:
-        """Take what a request was answered."""
+        """Store the answer to a request."""
         self._readings.take(request, answer, now)
         if "battery_voltage" in answer:
             self._battery.take(answer["battery_voltage"], now)
 
     def recent(self, now: float) -> Telemetry:
-        """Return what was reported lately."""
+        """Return the recent readings."""
         return self._readings.recent(now)
 
     def missing(self, now: float) -> set[str]:
-        """Return what has not been reported for so long that the motors must not turn where it matters."""
+        """Return the essential quantities not reported for so long that the motors must be held."""
         limit = PATIENCE * self._readings.old_after
         return {key for key, seconds in self._readings.unknown(now).items() if seconds > limit}
 
     def act(self, now: float) -> str:
-        """Hold the motors, or release them, by what is known; return what a person has to know, or ""."""
+        """Hold or release the motors according to the readings; return a sentence for the user, or ""."""
         recent, missing = self._readings.recent(now), self.missing(now)
         engaged = bool(recent.get("status", 0) & motor_feedback_t.STATUS_ESTOP)
         self._decide(Stop.CONTROLLER, hold=engaged or "status" in missing, release="status" in recent)

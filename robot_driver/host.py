@@ -1,7 +1,7 @@
 """The computer on which the driver runs: its clocks, waiting, threads and ports.
 
-The driver reaches all of them through one `Host`, so that it runs in another's time just as well: in the simulated one
-of robot_driver.emulator.simulated_host the same code drives an emulated robot many times as fast.
+The driver reaches all of them through one `Host`, so that it can also run in simulated time: there the same code drives
+an emulated robot, many times as fast.
 """
 
 import fcntl
@@ -20,18 +20,18 @@ import serial
 from cmr.priority import go_first
 from robot_driver.clock import seconds_since_boot, utime_at
 
-# pyserial lets termios.error out of its flushing calls; it is neither of the others.
+# pyserial's flushing calls may raise termios.error, which is a subclass of neither of the others.
 PORT_ERRORS = (serial.SerialException, OSError, termios.error)
 WRITE_TIMEOUT = 0.1  # s
-TIOCGEXCL = 0x80045440  # of Linux: whether TIOCEXCL holds; Python has no name for it
+TIOCGEXCL = 0x80045440  # of Linux: whether TIOCEXCL is in force; not defined by Python
 
 
 class LineLost(OSError):  # noqa: N818 - as PortLost
-    """A line cannot be used any more, for another reason than its device; the text is a sentence that says which."""
+    """A line cannot be used any more, for a reason other than its device; the text gives the reason."""
 
 
 class Line(Protocol):
-    """An open serial port. Whatever it raises is among PORT_ERRORS."""
+    """An open serial port. It raises only PORT_ERRORS."""
 
     def write(self, data: bytes) -> object:
         """Write all of it."""
@@ -40,68 +40,68 @@ class Line(Protocol):
         """Return what has arrived, up to `most` bytes, as soon as there is any; b"" after `timeout` seconds."""
 
     def close(self) -> None:
-        """Give the port up."""
+        """Close the port."""
 
 
 class Worker(Protocol):
     """A thread."""
 
     def start(self) -> None:
-        """Begin."""
+        """Start it."""
 
     def join(self, timeout: float | None = None) -> None:
         """Wait until it has ended, for up to `timeout` seconds."""
 
 
 class Mailbox(Protocol):
-    """Passes pieces of bytes from one thread to another."""
+    """Transfers pieces of bytes from one thread to another."""
 
     def put(self, piece: bytes) -> None:
-        """Leave a piece; it is lost where too many wait already."""
+        """Add a piece; it is dropped if too many are waiting."""
 
     def get(self, timeout: float) -> bytes:
-        """Return the oldest piece; b"" when none has come after `timeout` seconds."""
+        """Return the oldest piece; b"" if none arrives within `timeout` seconds."""
 
 
 class Host:
-    """This computer, in real time: `runs_processes` of the system, which live in no other time."""
+    """This computer, in real time: `runs_processes`: whether processes of the system share its time."""
 
     runs_processes = True
 
     def monotonic_ns(self) -> int:
-        """Return a steady time (ns)."""
+        """Return the monotonic time (ns)."""
         return time.monotonic_ns()
 
     def monotonic(self) -> float:
-        """Return the same steady time (s)."""
+        """Return the monotonic time (s)."""
         return time.monotonic()
 
     def seconds_since_boot(self) -> float:
-        """Return a steady time (s) that goes on while the computer is suspended."""
+        """Return a monotonic time (s) that continues while the computer is suspended."""
         return seconds_since_boot()
 
     def utime_at(self, monotonic_nanoseconds: int) -> int:
-        """Return the time of day (us since the Unix epoch) of a recent moment of the steady time."""
+        """Return the wall-clock time (us since the Unix epoch) of a recent monotonic time."""
         return utime_at(monotonic_nanoseconds)
 
     def utime(self) -> int:
-        """Return the time of day (us since the Unix epoch)."""
+        """Return the wall-clock time (us since the Unix epoch)."""
         return time.time_ns() // 1000
 
     def sleep(self, seconds: float) -> None:
-        """Do nothing for so long."""
+        """Wait this long."""
         time.sleep(seconds)
 
     def event(self) -> threading.Event:
-        """Return something that one thread sets and others wait for."""
+        """Return an event that one thread sets and others wait for."""
         return threading.Event()
 
     def mailbox(self, most: int) -> Mailbox:
-        """Return a mailbox for up to so many pieces."""
+        """Return a mailbox for up to this many pieces."""
         return _Queue(most)
 
     def thread(self, work: Callable[[], None], name: str) -> Worker:
-        """Return a thread, not started yet, that runs before all that is not urgent, where the system permits it."""
+        """Return a thread, not started yet, with real-time priority if the system permits it."""
 
         def urgent() -> None:
             go_first()
@@ -110,7 +110,7 @@ class Host:
         return threading.Thread(target=urgent, name=name, daemon=True)
 
     def open_line(self, path: str, baud_rate: int, *, lock_out: bool) -> Line:
-        """Open a serial port (8N1, no flow control), for this program alone; `lock_out` others by the kernel, too.
+        """Open a serial port (8N1, no flow control), exclusively; `lock_out`: the kernel enforces that, too.
 
         Raises one of PORT_ERRORS, or ValueError.
         """
@@ -125,7 +125,7 @@ class Terminal:
 
     def __init__(self, path: str, baud_rate: int, *, lock_out: bool) -> None:
         self._serial = serial.Serial(path, baud_rate, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True)
-        with suppress(*PORT_ERRORS, ValueError):  # most adapters have no such mode
+        with suppress(*PORT_ERRORS, ValueError):  # most adapters lack this mode
             self._serial.set_low_latency_mode(True)
         if lock_out:
             with suppress(*PORT_ERRORS):
@@ -136,7 +136,7 @@ class Terminal:
         return int(self._serial.fileno())
 
     def reader(self) -> int:
-        """Return another descriptor of it, by which nothing can be written, where the system permits it."""
+        """Return a second, read-only descriptor of it, if the system permits that."""
         descriptor = self.fileno()
         locked = fcntl.ioctl(descriptor, TIOCGEXCL, bytes(4)) != bytes(4)
         try:
@@ -159,7 +159,7 @@ class Terminal:
         return bytes(self._serial.read(most))
 
     def close(self) -> None:
-        """Give the port up."""
+        """Close the port."""
         with suppress(*PORT_ERRORS):
             self._serial.close()
 

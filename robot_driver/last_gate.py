@@ -1,4 +1,4 @@
-"""The driver's end of the last gate: what is written to the motors goes through it, as does the command in force.
+"""The driver's end of the last gate: all writes to the motors go through it, as does the command in force.
 
 The gate (robot_driver/gate) runs in a process of its own; in simulated time, in this one.
 """
@@ -36,18 +36,18 @@ from robot_driver.gate.process import wire_of
 from robot_driver.host import Host, Line, LineLost, Terminal
 
 WHO = "The last gate, the process that writes to the motors' port,"
-FED = 0.05  # s between words to the gate where nothing changes; it waits for 0.25 s
-CLOSING = 0.6  # s that the gate may take to give the port up: it may first have to stop the motors
-ENDING = 1.0  # s that it may take to end
+FED = 0.05  # s between messages to the gate while nothing changes; its limit is 0.25 s
+CLOSING = 0.6  # s allowed for the gate to close the port: it may have to stop the motors first
+ENDING = 1.0  # s allowed for it to end
 HANGING = 0.8  # s without a report; one is due each 0.2 s, and stopping the motors takes up to 0.5 s
-AWAY = 0.4  # s without a look at reports: the computer may have stood still, the gate with it; so long it may then take
-STARTING = 5.0  # s that it may take to start, on a busy computer
-LOOK = 0.002  # s between looks at what it reports, where that is waited for
+AWAY = 0.4  # s without checking reports: the computer may have been suspended, and the gate gets this much more time
+STARTING = 5.0  # s allowed for it to start, on a busy computer
+LOOK = 0.002  # s between polls of its reports while waiting for one
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What the gate guards: the kind of controller, how it is mounted, how often it is served, the file of the stop."""
+    """Configuration of the gate: kind of controller, mounting, rate of service, file of the emergency stop."""
 
     controller: str
     wiring: Wiring
@@ -56,14 +56,14 @@ class Plan:
 
     @property
     def cycle(self) -> int:
-        """How long a cycle takes (ns)."""
+        """Duration of a cycle (ns)."""
         return round(SECOND / self.rate)
 
 
 class LastGate(ABC):
-    """The gate, as the driver sees it; a context manager. What the motors are to do is what `commands` has in force.
+    """The gate, as the driver sees it; a context manager. The command of the motors is the one in force in `commands`.
 
-    `guard` is given an opened line, and returns what to use in its place. `refused` counts what the gate refused, by
+    `guard` takes an opened line and returns the line to use in its place. `refused` counts what the gate refused, by
     reason, and `interventions` how often it stopped the motors by itself.
     """
 
@@ -88,10 +88,10 @@ class LastGate(ABC):
 
     @abstractmethod
     def guard(self, line: Line) -> Line:
-        """Return a line that writes through the gate alone. Raises LineLost where there is no gate."""
+        """Return a line that writes only through the gate. Raises LineLost if there is no gate."""
 
     def feed(self) -> None:
-        """Have the gate know the command in force, and that this process lives; to be called often."""
+        """Send the gate the command in force and a sign of life; to be called often."""
         order = self._commands.in_force(self._host.seconds_since_boot())
         now = self._host.monotonic()
         if order != self._last_fed or now >= self._feed_due:
@@ -107,7 +107,7 @@ class LastGate(ABC):
         return self._noted > before
 
     def remarks(self) -> list[str]:
-        """Return, in sentences, what the gate did other than to pass things on."""
+        """Return, in sentences, refusals and interventions of the gate."""
         counts = [f"{Reason(number).name.lower()} {count}" for number, count in enumerate(self.refused) if count]
         remarks = [f"Refused by the last gate: {', '.join(counts)}."] if counts else []
         if self.latched and not self._commands.in_force(self._host.seconds_since_boot()).engaged:
@@ -125,15 +125,15 @@ class LastGate(ABC):
 
     @abstractmethod
     def _hand_over(self, kind: Kind, data: bytes = b"") -> None:
-        """Have the gate take a word."""
+        """Send the gate a message."""
 
     @abstractmethod
     def _look(self) -> None:
-        """See what the gate has reported."""
+        """Read the gate's reports."""
 
 
 class GateInProcess(LastGate):
-    """The gate for a computer whose time other processes do not live in: the same guard, called."""
+    """The gate for simulated time, in which no other process runs: the same guard, called directly."""
 
     def __init__(self, plan: Plan, commands: CommandGate, host: Host) -> None:
         super().__init__(plan, commands, host)
@@ -149,7 +149,7 @@ class GateInProcess(LastGate):
         return _LineInProcess(line, lambda data: self._hand_over(Kind.WRITE, data))
 
     def _look(self) -> None:
-        """Have nothing to see: what the guard does is noted when it is called."""
+        """Do nothing: the guard's actions are recorded when it is called."""
 
     def _hand_over(self, kind: Kind, data: bytes = b"") -> None:
         word = self._word(kind, data)
@@ -176,18 +176,18 @@ class _LineInProcess:
 
 
 class GateProcess(LastGate):
-    """The gate in a process of its own, which is started when a port is opened, and again when it is gone by then."""
+    """The gate in a process of its own, which is started when a port is opened, and again if it has ended by then."""
 
     def __init__(self, plan: Plan, commands: CommandGate, host: Host) -> None:
         super().__init__(plan, commands, host)
         self.process: subprocess.Popen[bytes] | None = None
         self._link: socket.socket | None = None
-        self._lock = threading.Lock()  # of what is sent
+        self._lock = threading.Lock()  # for sending
         self._reports = threading.Lock()
         self._report: Report | None = None  # the last one of this process
-        self._reported = math.inf  # when that came (s)
-        self._looked = -math.inf  # when was looked for one last (s)
-        self._is_excused = False  # for not having reported while nobody looked
+        self._reported = math.inf  # when that arrived (s)
+        self._looked = -math.inf  # when reports were last checked (s)
+        self._is_excused = False  # its missing reports are ignored once, as they were not checked
         self._before = self.refused  # by processes before this one
         self._interventions_before = 0
 
@@ -204,7 +204,7 @@ class GateProcess(LastGate):
         self._kill()
 
     def guard(self, line: Line) -> Line:
-        """Hand the port to the gate; of the line that is returned, this process only reads."""
+        """Pass the port to the gate; this process only reads from the returned line."""
         assert isinstance(line, Terminal), "only ports of this computer can be handed to another process"
         try:
             self._start()
@@ -214,7 +214,7 @@ class GateProcess(LastGate):
             line.close()
 
     def send(self, kind: Kind, data: bytes = b"", descriptor: int | None = None) -> int:
-        """Send a word; return its number. Raises LineLost."""
+        """Send a message; return its number. Raises LineLost."""
         descriptors = [] if descriptor is None else [descriptor]
         with self._lock:
             if self._link is None:
@@ -233,7 +233,7 @@ class GateProcess(LastGate):
             return self._sequence
 
     def close_port(self) -> None:
-        """Have the gate give the port up, so that it may be opened again; a gate that does not is ended."""
+        """Make the gate close the port, so that it can be opened again; kill a gate that does not."""
         try:
             if self._has_reported(self.send(Kind.CLOSE), CLOSING):
                 return
@@ -242,7 +242,9 @@ class GateProcess(LastGate):
         self._kill()
 
     def _has_reported(self, sequence: int, seconds: float) -> bool:
-        """Wait for the gate's report on a word, or on a later one; return whether it came within so many seconds."""
+        """Wait for the gate's report on a message, or on a later one; return whether it arrived within this many
+        seconds.
+        """
         end = self._host.monotonic() + seconds
         while self._host.monotonic() < end and self.process is not None and self.process.poll() is None:
             self._look()
@@ -288,7 +290,7 @@ class GateProcess(LastGate):
             self.news.append("the last gate was started again")
 
     def _kill(self) -> None:
-        """End the process, if it runs, and forget it."""
+        """End the process, if it runs, and discard it."""
         with self._lock:
             link, self._link = self._link, None
         if link is not None:
@@ -301,7 +303,7 @@ class GateProcess(LastGate):
             self._report, self._reported = None, math.inf
 
     def _hangs(self) -> bool:
-        """Return whether it has not reported for so long that it cannot be well."""
+        """Return whether it has not reported for so long that it must have failed."""
         self._look()
         return self._host.monotonic() > self._reported + HANGING
 
@@ -320,7 +322,7 @@ class GateProcess(LastGate):
                 self.refused = [before + now for before, now in zip(self._before, report.refused, strict=True)]
 
     def _excuse(self) -> None:
-        """Give it some time to report where nobody has looked for long; once, until it does."""
+        """Extend its deadline once if its reports have not been checked for long."""
         now, before = self._host.monotonic(), self._looked
         if now - before > AWAY and not self._is_excused:
             self._reported, self._is_excused = max(self._reported, now - HANGING + AWAY), True
@@ -328,7 +330,7 @@ class GateProcess(LastGate):
 
 
 class _GatedLine:
-    """An opened port whose descriptor for writing the gate has."""
+    """An opened port whose write descriptor is with the gate."""
 
     def __init__(self, process: GateProcess, reader: int) -> None:
         self._process = process

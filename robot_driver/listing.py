@@ -1,8 +1,8 @@
-"""Which serial ports there are, by stable name, and what answers there; asking moves nothing.
+"""List serial ports by stable name, and the devices that answer there; nothing moves.
 
-A gyro that talks is recognised by listening. Only to the others is anything sent: a question for the device's name, to
-boards that are silent until they are sent the time also zero duty. A port that another program uses is left alone.
-Controllers are asked at their default baud rate first, then at the others that are usual for their kind.
+A gyro that sends is recognised by listening. Only if nothing is heard is anything sent: a question for the device's
+name, to boards that are silent until they are sent the time also zero duty. A port that another program uses is left
+alone. Controllers are asked at their default baud rate first, then at the others that are usual for their kind.
 """
 
 import os
@@ -15,18 +15,18 @@ from robot_driver.host import THIS_COMPUTER, Host
 from robot_driver.serial_port import SerialPort, numbering_warning
 from robot_driver.stream_port import StreamPort
 
-LISTENING = 0.2  # s in which a gyro that is on sends something
-CONVERSATION = 1.5  # s in which a gyro that has to be asked how it is set has answered
-ENOUGH = 3  # readings that no noise brings about
-ATTEMPTS = 3  # a device may first have to get rid of what others were asked
+LISTENING = 0.2  # s within which a running gyro sends something
+CONVERSATION = 1.5  # s within which a gyro has answered the questions about its settings
+ENOUGH = 3  # readings, which noise does not produce
+ATTEMPTS = 3  # a device may first have to discard requests meant for others
 READ_SIZE = 4096  # bytes
 WHOLE = {"roboclaw": "roboclaw-pair"}  # part, what it is a part of: alone it would drive some of the wheels
-LONGEST_ASKING = 8.0  # s at a port; after that nothing more is begun, and nothing of it takes longer than 2 s
+LONGEST_ASKING = 8.0  # s at a port; after that no attempt is begun; each takes at most 2 s
 
 
 @dataclass(frozen=True)
 class Rates:
-    """The only baud rates at which controllers and gyros are to be looked for; None: the usual ones of their kind."""
+    """Baud rates at which to look for controllers and gyros; None: the usual ones of their kind."""
 
     controller: int | None = None
     gyro: int | None = None
@@ -37,7 +37,9 @@ USUAL = Rates()
 
 @dataclass(frozen=True)
 class Found:
-    """A device that answers: whether it is a gyro, its name and its baud rate as options have them, what it says."""
+    """A device that answers: whether it is a gyro, its name and baud rate as in the options, and its own
+    identification.
+    """
 
     is_gyro: bool
     name: str
@@ -58,9 +60,10 @@ class Found:
 
 
 def describe(path: str, rates: Rates = USUAL) -> str:
-    """Return lines for a person: the port, what answers there, and how to start the driver with it.
+    """Return lines for the user: the port, the devices that answer there, and the options to start the driver with
+    them.
 
-    Raises PortLost when it cannot be opened or is lost meanwhile.
+    Raises PortLost if it cannot be opened or is lost meanwhile.
     """
     device = os.path.realpath(path)
     title = path if device == path else f"{path} (now {device})"
@@ -71,17 +74,17 @@ def describe(path: str, rates: Rates = USUAL) -> str:
 
 
 def devices_at(path: str, rates: Rates = USUAL, host: Host = THIS_COMPUTER) -> list[Found]:
-    """Return what answers at a port.
+    """Return the devices that answer at a port.
 
-    Raises PortLost when it cannot be opened or is lost meanwhile.
+    Raises PortLost if it cannot be opened or is lost meanwhile.
     """
     end = host.monotonic() + LONGEST_ASKING
     return _gyro_at(path, rates.gyro, end, host) or _controllers_at(path, rates.controller, end, host)
 
 
 def _gyro_at(path: str, only: int | None, end: float, host: Host) -> list[Found]:
-    """Return the gyro that talks at a port, if one does before `end` (s, monotonic)."""
-    silent_at: set[int] = set()  # baud rates at which nothing comes
+    """Return the gyro that sends at a port, if one does before `end` (s, monotonic)."""
+    silent_at: set[int] = set()  # baud rates at which nothing arrives
     for name, gyro in sorted(GYROS.items()):
         baud = only or gyro.baud_rate
         if baud not in silent_at and host.monotonic() < end and _talks(SerialPort(path, baud, host), gyro, silent_at):
@@ -108,9 +111,9 @@ def _usual_rates(kind: type[Controller]) -> tuple[int, ...]:
 
 
 def _talks(at: SerialPort, gyro_type: type[Gyro], silent_at: set[int]) -> bool:
-    """Return whether a gyro of this kind sends readings; it is only spoken to when it sends what needs explanation.
+    """Return whether a gyro of this kind sends readings; it is asked only if its data need the settings to be read.
 
-    Where nothing comes at all, its baud rate is added to `silent_at`.
+    If nothing arrives at all, its baud rate is added to `silent_at`.
     """
     with _Opened(at) as port:
         gyro = gyro_type()
@@ -127,7 +130,7 @@ def _talks(at: SerialPort, gyro_type: type[Gyro], silent_at: set[int]) -> bool:
 
 
 def _listen(port: SerialPort, gyro: Gyro, seconds: float) -> tuple[int, int]:
-    """Return how many bytes and readings came, at the latest after `seconds`; answer what the gyro wants to know."""
+    """Return the numbers of bytes and readings received within `seconds` at most; send the gyro's requests."""
     heard = readings = 0
     end = port.host.monotonic() + seconds
     while readings < ENOUGH and (remaining := end - port.host.monotonic()) > 0.0:
@@ -140,7 +143,7 @@ def _listen(port: SerialPort, gyro: Gyro, seconds: float) -> tuple[int, int]:
 
 
 def _name_of(path: str, controller_type: type[Controller], baud: int, host: Host) -> str:
-    """Return what a controller of this kind calls itself; "" when none answers."""
+    """Return the name reported by a controller of this kind; "" if none answers."""
     port_type = StreamPort if controller_type.streams else SerialPort
     with _Opened(port_type(path, baud, host)) as port:
         controller = controller_type()

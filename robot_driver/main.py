@@ -17,7 +17,7 @@ from robot_driver.serial_port import PortLost, available_ports
 from robot_driver.settings import Settings, add_settings, parsed_with_settings
 from robot_driver.stop_file import StopFile, state_folder
 
-LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
+LOOP_RATE = 200.0  # Hz; a measurement is published within 5 ms, with the time at which it was made
 
 DESCRIPTION = """Drive a real robot: MOTOR_COMMAND_N in; MOTOR_FEEDBACK_N and GYRO_N out.
 
@@ -33,7 +33,7 @@ EXAMPLE = "cmr-driver --port /dev/serial/by-id/usb-Basicmicro_RoboClaw-if00 --gy
 def main(arguments: list[str]) -> int:
     """Run cmr-driver; return its exit code.
 
-    Raises CommandError when a port cannot be opened, BusError when there is no bus.
+    Raises CommandError if a port cannot be opened, BusError if there is no bus.
     """
     options, settings = _options(arguments)
     if settings is None:
@@ -64,7 +64,7 @@ def main(arguments: list[str]) -> int:
 
 @contextmanager
 def _said(process: Process, settings: Settings) -> Iterator[Driver]:
-    """Have the process say at its end what became of the motors."""
+    """Make the process report at its end what became of the motors."""
     stop_file = StopFile(settings.state or state_folder(), settings.robot, process.bus.url)
     driver = Driver(settings, stop_file=stop_file)
     with driver:
@@ -73,7 +73,7 @@ def _said(process: Process, settings: Settings) -> Iterator[Driver]:
 
 
 def _list_devices(paths: list[str], rates: Rates) -> int:
-    """Print what answers at these ports, or at all there are; return 1 if one that was named was not asked."""
+    """Print the devices at these ports, or at all; return 1 if a named one could not be checked."""
     ports = paths or available_ports()
     exit_code = 0
     for port in ports:
@@ -88,7 +88,7 @@ def _list_devices(paths: list[str], rates: Rates) -> int:
 
 
 def _report(process: Process, driver: Driver) -> None:
-    """Have the next PROCESS_STATUS say how the driver is; when something was lost or came back, at once."""
+    """Update the next PROCESS_STATUS with the driver's state; publish at once when something was lost or came back."""
     problems = driver.problems()
     before, process.state = process.state, process_status_t.DEGRADED if problems else process_status_t.RUNNING
     process.message = problems
@@ -113,7 +113,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _options(arguments: list[str]) -> tuple[argparse.Namespace, Settings | None]:
-    """Return what was asked for, and the robot's settings, None where devices are to be listed."""
+    """Return the parsed options and the robot's settings, None if devices are to be listed."""
     result = command_parser()
     options = parsed_with_settings(result, arguments)
     if options.list_devices:

@@ -1,4 +1,4 @@
-"""The motor controller of one robot, as the thread of its port sees it: drive, measure, report."""
+"""The motor controller of one robot, in the thread of its port: drive, measure, report."""
 
 import math
 import queue
@@ -21,25 +21,25 @@ from robot_driver.rhythm import Rhythm
 from robot_driver.serial_port import NotSent, PortLost, SerialPort
 
 SILENCE_LIMIT = 0.4  # s without an acknowledged duty after which the device counts as gone, perhaps switched off
-HUSH = 0.1  # s without one after which the device may have been reset: look before it is driven on
+HUSH = 0.1  # s without one after which the device may have been reset: check it before driving on
 BLIND_LIMIT = 1.0  # s without encoder counts after which the connection is made again, though duties are acknowledged
-DUTY_LIFETIME = 0.1  # s after which a duty that has not been sent yet is not the one wanted any more
-TAKEN_FOR_ZERO = 0.002  # duty up to which a controller may take it for zero
-SILENCE_OF_OURS = 0.1  # s that it lasts longer than the device's watchdog
-PROMPT = 3_000_000  # ns; an adapter has not held back what comes sooner
-SLOWEST_ADAPTER, PROBES = 0.016, 16  # s for which it may hold replies back; how often it is asked meanwhile
-ARM_ATTEMPTS = 10  # of one without whose answer the motors may not turn until the next connection
-STANDING = 1.0  # s of zero duty after which the robot counts as standing
-STOPPING = 0.5  # s for the attempts at the last zero, so that the process still ends within a second
-TELEMETRY_ATTEMPTS = 5  # after each connection; a firmware does not answer what it does not know
+DUTY_LIFETIME = 0.1  # s after which a duty not sent yet is out of date
+TAKEN_FOR_ZERO = 0.002  # duty that a controller may round to zero
+SILENCE_OF_OURS = 0.1  # s by which the driver's silence exceeds the device's watchdog
+PROMPT = 3_000_000  # ns; an answer that arrives sooner was not delayed by an adapter
+SLOWEST_ADAPTER, PROBES = 0.016, 16  # longest delay of an adapter (s); number of requests within that time
+ARM_ATTEMPTS = 10  # attempts; without an answer, the motors are held until the next connection
+STANDING = 1.0  # s of zero duty after which the robot counts as stationary
+STOPPING = 0.5  # s for the attempts to send the last zero, so that the process ends within a second
+TELEMETRY_ATTEMPTS = 5  # after each connection; firmware does not answer unknown requests
 
 
 @dataclass
 class _Connection:
-    """What holds from one connection to the next."""
+    """State of one connection."""
 
     controller: Controller
-    unarmed: str  # why the motors must not turn; "" when they may
+    unarmed: str  # why the motors must not turn; "" if they may
     requests: list[Request[Telemetry]]  # the telemetry that this device has
     turn: int = 0
 
@@ -49,10 +49,9 @@ class Motors(Device):
 
     `publish_duty` takes a motor_duty_t for each duty that was sent but is in no feedback.
 
-    The command to drive comes from `gate`, at the very moment it is sent: whatever happens to other threads, an old
-    command does not drive. `fastest_wheel` (rad/s) may be set at any time. `rhythm` measures how regularly the motors
-    are served and how soon the device answers. `news` are sentences on what happened, `stopped` whether zero was
-    acknowledged at the end.
+    The command is read from `gate` immediately before it is sent: whatever other threads do, an old command is never
+    sent. `fastest_wheel` (rad/s) may be set at any time. `rhythm` measures how regularly the motors are served and how
+    soon the device answers. `news` are sentences on what happened, `stopped` whether zero was acknowledged at the end.
     """
 
     def __init__(
@@ -98,16 +97,16 @@ class Motors(Device):
 
     @property
     def faults(self) -> int:
-        """How many requests got no answer, or a wrong one."""
+        """Number of requests with no answer or a wrong one."""
         return self._asking.faults
 
     @property
     def jumps(self) -> int:
-        """How many encoder steps were not believed."""
+        """Number of rejected encoder steps."""
         return self._encoders.jumps
 
     def connect(self, stop: threading.Event) -> None:
-        """Stop the motors, learn what the device is, arm it; from here on a new command is needed."""
+        """Stop the motors, identify the device, arm it; after that, a new command is needed."""
         controller = self._new_controller()
         self._port.resynchronise()
         self._asking.insist(controller.drive(0.0, 0.0), stop)
@@ -116,8 +115,8 @@ class Motors(Device):
             self._asking.insist(request, stop)
         self._learn_turnaround(controller, stop)
         unarmed = self._arm(controller, stop)
-        self._asking.insist(controller.read_encoders(), stop)  # without them nobody would see what the wheels do
-        # Arming may have taken a board so long that it fell silent.
+        self._asking.insist(controller.read_encoders(), stop)  # without them the wheels' motion would be unknown
+        # Arming may have taken so long that the board fell silent.
         self._asking.insist(controller.drive(0.0, 0.0), stop)
         self._connection = _Connection(controller, self._refusal or unarmed, self._first_readings(controller, stop))
         self._act(self._connection)
@@ -127,7 +126,7 @@ class Motors(Device):
         self._due = self._last_driven = self._last_counted = self._host.monotonic()
 
     def turn(self, stop: threading.Event) -> None:
-        """Send the duty, read the encoders, and one slow reading; if all is answered, wait for the next turn's time."""
+        """Send the duty, read the encoders, and one slow reading; if all are answered, wait for the next cycle."""
         assert self._connection is not None
         self.rhythm.note_turn()
         try:
@@ -136,7 +135,7 @@ class Motors(Device):
             self._serve(self._connection)
         except BadReply:
             self._asking.recover()
-            # Try again at once: at a low rate, silence would last too long before what is wrong can be known.
+            # Try again at once: at a low rate, it would take too long to find the cause.
             self._due = min(self._due, self._host.monotonic() - self._period)
         except CountersReset as reset:
             raise PortLost(self._asking.reset("its encoder counts restarted at zero")) from reset
@@ -149,17 +148,17 @@ class Motors(Device):
         stop.wait(max(self._due - self._host.monotonic(), 0.0))
 
     def leave(self) -> None:
-        """Stop the motors and have it acknowledged.
+        """Stop the motors, with an acknowledgement.
 
-        Where it is not, whatever is sent may keep the device's watchdog content while it understands nothing: then
-        it has to be left alone until that stops the motors.
+        Without one, further requests may feed the device's watchdog although it understands none of them: then leave
+        the device alone until the watchdog stops the motors.
         """
         controller = self._connection.controller if self._connection else self._new_controller()
         self._connection = None
         self.rest = 0.0
         self.rhythm.pause()
         give_up = self._host.monotonic() + STOPPING
-        # In doubt, the first acknowledgement may be of another duty. What is not acknowledged waits for its next turn.
+        # The first acknowledgement may belong to another duty. Unacknowledged stops are repeated in the next round.
         wanted = controller.stops() * (2 if self._asking.doubtful else 1)
         while wanted and self._host.monotonic() < give_up:
             request = wanted.pop(0)
@@ -190,7 +189,7 @@ class Motors(Device):
                 self._asking.insist(controller.read_encoders(), stop)
 
     def _count_on(self, controller: Controller, stop: threading.Event) -> None:
-        """Decide how ticks go on: a device that still has the watchdog it was given once was not reset, and counts on.
+        """Decide whether tick counts continue: a device that still has its watchdog was not reset, so they do.
 
         A device whose watchdog is built in does not show whether it was reset. Raises PortLost.
         """
@@ -200,7 +199,7 @@ class Motors(Device):
             self._encoders.rebase()
 
     def _arm(self, controller: Controller, stop: threading.Event) -> str:
-        """Set the device's own watchdog and read it back; return why the motors must not turn, or ""."""
+        """Set the device's own watchdog and read it back; return why the motors must be held, or ""."""
         try:
             self._count_on(controller, stop)
             self._asking.insist(controller.set_watchdog(controller.watchdog_seconds), stop, ARM_ATTEMPTS)
@@ -219,9 +218,9 @@ class Motors(Device):
         )
 
     def _first_readings(self, controller: Controller, stop: threading.Event) -> list[Request[Telemetry]]:
-        """Make all requests for telemetry, before anything moves; return those to be made in turn from now on.
+        """Make all requests for telemetry before anything moves; return those to make in turn from now on.
 
-        What this device does not answer, it does not know, unless something is missing that must be known.
+        Requests that this device does not answer are dropped, unless an essential quantity is missing.
         """
         requests = controller.read_telemetry()
         self._health.begin(len(requests))
@@ -238,10 +237,10 @@ class Motors(Device):
         return requests if self._health.missing(self._host.monotonic()) else answered
 
     def _look(self, connection: _Connection) -> None:
-        """See that the device, which may have been reset, is still armed.
+        """Check that the device, which may have been reset, is still armed.
 
-        While nobody answers, zero is all that it may be sent; and it is sent: of two units one may still hear, and go
-        on. At a low rate that is so at every turn; there, one lost answer is no silence yet. Raises BadReply when
+        While there is no answer, only zero may be sent, and it is: one of two units may still receive, and drive on. At
+        a low rate this happens in every cycle; there, one lost answer does not count as silence. Raises BadReply if
         there is no answer.
         """
         was_silent = self._asking.doubtful
@@ -257,13 +256,12 @@ class Motors(Device):
             self._check_watchdog(connection)
 
     def _serve(self, connection: _Connection) -> None:
-        """Make the requests of one turn.
+        """Make the requests of one cycle.
 
-        An acknowledgement may be as short as a byte with which other answers begin, too: if anything follows it, a
-        damaged request was taken for another one, and the duty is not in force.
-        All acknowledgements look alike, so after a missing answer the next may be one that is late. A reading that was
-        not asked for lately can be distinguished from all else: what was late has come before it, or spoils it. Only
-        then is it sure which duty is in force.
+        An acknowledgement may be a single byte that other answers begin with, too: if anything follows it, a damaged
+        request was taken for another one, and the duty is not in force. All acknowledgements look alike, so after a
+        missing answer the next one may be late. A reading that was not requested lately is distinguishable from
+        everything else: late bytes come before it, or damage it. Only then is it certain which duty is in force.
         """
         applied, status = self._drive(connection)
         was_doubtful = self._asking.doubtful
@@ -277,16 +275,16 @@ class Motors(Device):
             self._read_telemetry(connection)
 
     def _drive(self, connection: _Connection) -> tuple[SentDuty, int]:
-        """Send the duty in force; return what was acknowledged, and the status that goes with it."""
+        """Send the duty in force; return the acknowledged duty and the corresponding status."""
         connection.unarmed = self._refusal or connection.unarmed
         self._act(connection)
         self._strays = self._port.strays
-        self._port.discard_strays()  # it takes a while, after which something else may be wanted
+        self._port.discard_strays()  # it takes a while, after which the command may have changed
         now = self._host.seconds_since_boot()
         drive = self._gate.drive(now)
         if connection.unarmed:
             drive = Drive(0.0, 0.0, drive.status | motor_feedback_t.STATUS_NOT_ARMED)
-        if drive.status:  # no way to lose on a ramp: what must stop, stops
+        if drive.status:  # no ramp: stop at once
             self._ramp.reset()
             duties = 0.0, 0.0
         else:
@@ -305,7 +303,7 @@ class Motors(Device):
         self._last_driven = self._host.monotonic()
         self._note_driving(any(acknowledged))
         if max(map(abs, duties)) > TAKEN_FOR_ZERO and not any(acknowledged):
-            self._ramp.reset()  # the controller holds the motors by itself: when it lets go, they begin at zero
+            self._ramp.reset()  # the controller holds the motors itself: on release they start from zero
         else:
             self._ramp.acknowledge()
         applied = SentDuty(*self._wiring.forward(*acknowledged), self._host.utime_at(answer.measured))
@@ -313,7 +311,7 @@ class Motors(Device):
         return applied, drive.status
 
     def _note_driving(self, moving: bool) -> None:
-        """Say when the motors begin to drive, and when they have been at zero for a while."""
+        """Report when the motors begin to drive, and when they have been at zero for a while."""
         now = self._host.monotonic()
         self._moved = now if moving else self._moved
         if self._driving != (now - self._moved < STANDING):
@@ -344,7 +342,7 @@ class Motors(Device):
         self._health.take(request, answer, self._host.monotonic())
 
     def _check_watchdog(self, connection: _Connection) -> None:
-        """Read the device's watchdog back again: a device that was reset meanwhile has none.
+        """Check the device's watchdog: a device that was reset meanwhile has none.
 
         Raises PortLost, so that the connection is made again.
         """
@@ -358,11 +356,11 @@ class Motors(Device):
             )
 
     def _act(self, connection: _Connection) -> None:
-        """Hold or release the motors by what the controller has reported, or reports no more, and say what is wrong."""
+        """Hold or release the motors by the controller's readings, including missing ones, and report problems."""
         health = self._health.act(self._host.monotonic())
         self.problem = " ".join(filter(None, (connection.unarmed, health)))
 
 
 def _is_set(controller: Controller, seconds: float) -> bool:
-    """Return whether this is the watchdog that was asked for."""
+    """Return whether this is the requested watchdog time."""
     return math.isclose(seconds, controller.watchdog_seconds, abs_tol=1e-6)

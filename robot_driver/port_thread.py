@@ -1,4 +1,4 @@
-"""One thread that owns one port: opens it, works with the device, and gets it back after it was lost."""
+"""One thread that owns one port: opens it, works with the device, and reconnects after a loss."""
 
 import threading
 from abc import ABC, abstractmethod
@@ -7,18 +7,18 @@ from types import TracebackType
 
 from robot_driver.serial_port import PortInUse, PortLost, SerialPort
 
-FIRST_PAUSE = 0.1  # s before the first attempt to get a lost device back; doubled each time
+FIRST_PAUSE = 0.1  # s before the first attempt to reconnect; doubled each time
 LONGEST_PAUSE = 1.0  # s
-STOP_TIMEOUT = 0.8  # s; a thread that hangs must not keep the process alive: the device's own watchdog stops it
-LETTING_GO = 0.8  # s for which the last gate of a driver that was killed may still have the port, to stop the motors
-LOOK = 0.02  # s between looks whether it has let go
+STOP_TIMEOUT = 0.8  # s; a hanging thread must not keep the process alive: the device's watchdog stops the motors
+LETTING_GO = 0.8  # s for which the last gate of a killed driver may still use the port, to stop the motors
+LOOK = 0.02  # s between checks whether the port is free
 
 
 class Device(ABC):
-    """What a port's thread does with the device on it; all methods are called by that thread.
+    """Interface of the device on a port; all methods are called by the port's thread.
 
-    `problem` is a sentence about what is wrong while the device answers, or "". `rest` is for how long (s) the device
-    has to be left alone after `leave`.
+    `problem` is a sentence about a problem while the device answers, or "". `rest` is the time (s) for which the device
+    must be left alone after `leave`.
     """
 
     problem = ""
@@ -26,11 +26,11 @@ class Device(ABC):
 
     @abstractmethod
     def connect(self, stop: threading.Event) -> None:
-        """Begin with a port that has just been opened. Raises PortLost."""
+        """Start on a port that has just been opened. Raises PortLost."""
 
     @abstractmethod
     def turn(self, stop: threading.Event) -> None:
-        """Do one turn of the work, within a tenth of a second. Raises PortLost."""
+        """Do one cycle of the work, within a tenth of a second. Raises PortLost."""
 
     @abstractmethod
     def leave(self) -> None:
@@ -38,10 +38,10 @@ class Device(ABC):
 
 
 class PortThread:
-    """Runs `device` on `port`; a context manager, inside which the thread lives.
+    """Runs `device` on `port`; a context manager, inside which the thread runs.
 
-    Entering opens the port and raises PortLost if that fails: a wrong path shows at once, and a port that another
-    program has, after a moment. Later the device may come and go. Leaving stops the thread after `device.leave()`.
+    Entering opens the port and raises PortLost if that fails: at once for a wrong path, after a short wait for a port
+    used by another program. Later losses of the device are handled. Leaving stops the thread after `device.leave()`.
     """
 
     def __init__(self, port: SerialPort, device: Device) -> None:
@@ -64,14 +64,14 @@ class PortThread:
         self._thread.join(STOP_TIMEOUT)
 
     def ask_to_stop(self) -> None:
-        """Have the thread end soon; leaving waits for it."""
+        """Request the thread's end; leaving waits for it."""
         self._stop.set()
 
     @property
     def problem(self) -> str:
-        """What is wrong with the port or the device, in a sentence; "" when all is well.
+        """The problem of the port or the device, in a sentence; "" if there is none.
 
-        Raises what ended the thread, if it was a fault of the program.
+        Raises the exception that ended the thread, if it was a program error.
         """
         if self.failure is not None:
             raise self.failure
@@ -115,6 +115,6 @@ class PortThread:
             self.port.close()
 
     def _end(self, failure: Exception) -> None:
-        """Stop working, and give the reason to every caller."""
+        """Stop working, and pass the reason to every caller."""
         self.failure = self.failure or failure
         self._stop.set()

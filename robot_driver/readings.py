@@ -1,12 +1,12 @@
-"""What a controller reports besides its encoders, for as long as it is recent."""
+"""Slow readings of a controller, besides its encoders, while they are recent."""
 
 import math
 from collections.abc import Iterable
 
 from robot_driver.controllers import Request, Telemetry
 
-OLDEST = 1.0  # s; an older reading says nothing about now
-CYCLES = 2  # in which a reading may be missed once without being old
+OLDEST = 1.0  # s; older readings are outdated
+CYCLES = 2  # cycles of requests, so that one missed reading does not count as old
 
 WORDS = {
     "battery_voltage": "battery voltage",
@@ -17,9 +17,9 @@ WORDS = {
 
 
 class Readings:
-    """The latest answers to the requests for telemetry, each of which counts only while it is recent.
+    """The latest answers to the requests for telemetry, each valid only while it is recent.
 
-    What was reported once is expected from then on, over all connections, and what is `needed` is expected from the
+    A quantity reported once is expected from then on, on all connections; those `needed` are expected from the
     beginning. Times are the driver's monotonic clock (s).
     """
 
@@ -27,24 +27,24 @@ class Readings:
         self.old_after = OLDEST  # s
         self._period = period
         self._answers: dict[str, tuple[float, Telemetry]] = {}  # by request, of this connection
-        # When each quantity was reported last, by quantity and request: several may report the same one, each in part.
+        # Time of the last report, by quantity and request: several requests may each report a part of a quantity.
         self._answered: dict[tuple[str, str], float] = {(key, ""): -math.inf for key in needed}
 
     def begin(self, requests: int) -> None:
-        """Know nothing: a new connection has been made, on which so many requests are made in turn."""
+        """Forget all readings: a new connection was made, on which this many requests are made in turn."""
         self.old_after = max(OLDEST, CYCLES * (requests + 1) * self._period)
         self._answers.clear()
         self._answered = dict.fromkeys(self._answered, -math.inf)
 
     def take(self, request: Request[Telemetry], answer: Telemetry, now: float) -> None:
-        """Take what a request was answered."""
+        """Store the answer to a request."""
         self._answers[request.name] = now, answer
         for key in answer:
             self._answered[key, request.name] = now
             self._answered.pop((key, ""), None)
 
     def recent(self, now: float) -> Telemetry:
-        """Return all that was reported lately, of the same quantity the latest."""
+        """Return all recent readings; the latest if a quantity was reported several times."""
         result = Telemetry()
         for moment, answer in sorted(self._answers.values(), key=lambda item: item[0]):
             if now - moment <= self.old_after:
@@ -52,9 +52,9 @@ class Readings:
         return result
 
     def unknown(self, now: float) -> dict[str, float]:
-        """Return for how long each quantity has not been reported, in whole or in part, where that is too long (s).
+        """Return how long ago overdue quantities were last reported, in whole or in part (s).
 
-        Infinity: not since the connection was made.
+        Infinity: not on this connection.
         """
         result: dict[str, float] = {}
         for (key, _), moment in self._answered.items():
@@ -64,7 +64,7 @@ class Readings:
 
 
 def sentence_on(unknown: dict[str, float], path: str) -> str:
-    """Return what a person has to know of `unknown` quantities of the controller at `path`; "" when all are known."""
+    """Return a sentence on `unknown` quantities of the controller at `path`; "" if all are known."""
     seconds = {key: "" if math.isinf(age) else f" for {age:.0f} s" for key, age in unknown.items()}
     moment = [f"{words} unknown{seconds[key]}" for key, words in WORDS.items() if key in unknown]
     return f"The controller at {path} does not report everything: {', '.join(moment)}." if moment else ""

@@ -1,14 +1,14 @@
-"""How regularly a loop turns and how soon a device answers: measured all the time, reported in one sentence."""
+"""Measure how regularly a loop runs and how soon a device answers; report both in one sentence."""
 
 import time
 from collections import deque
 from collections.abc import Callable
 
-REMEMBERED = 1000  # turns and round trips; 10 s at 100 Hz
+REMEMBERED = 1000  # cycles and round trips; 10 s at 100 Hz
 
 
 class Rhythm:
-    """Periods between turns and round-trip times of requests (s), the most recent ones; safe between two threads."""
+    """The most recent periods of a loop and round-trip times of requests (s); thread-safe for two threads."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -17,18 +17,18 @@ class Rhythm:
         self._last_turn: float | None = None
 
     def note_turn(self) -> None:
-        """Note that a turn begins now."""
+        """Record the beginning of a cycle."""
         now = self._clock()
         if self._last_turn is not None:
             self.periods.append(now - self._last_turn)
         self._last_turn = now
 
     def pause(self) -> None:
-        """Note that the loop stands still; the next turn does not end a period."""
+        """Record that the loop pauses; the next cycle does not end a period."""
         self._last_turn = None
 
     def sentence(self) -> str:
-        """Return rate and latency for a person to read; "" as long as nothing was measured."""
+        """Return rate and latency as text; "" while nothing was measured."""
         periods, round_trips = list(self.periods), list(self.round_trips)
         if not periods or not round_trips:
             return ""
@@ -41,5 +41,5 @@ class Rhythm:
 
 
 def quantile(values: list[float], share: float) -> float:
-    """Return the smallest of `values` that is not exceeded by this share of them."""
+    """Return the smallest value that is not exceeded by this share of the values."""
     return sorted(values)[min(int(share * len(values)), len(values) - 1)]

@@ -1,6 +1,6 @@
-"""One serial port: opened for us alone, read and written with deadlines, lost without a crash.
+"""One serial port: opened exclusively, read and written with deadlines, lost without a crash.
 
-Every failure of the device, however the libraries report it, becomes `PortLost` with a sentence for a person.
+Every failure of the device, however the libraries report it, becomes `PortLost` with a sentence for the user.
 """
 
 import errno
@@ -23,16 +23,16 @@ T = TypeVar("T")
 
 BITS_PER_BYTE = 10  # 8N1: start bit, eight data bits, stop bit
 REPLY_MARGIN = 0.020  # s on top of the time on the wire: USB adapters hold bytes back for up to 16 ms
-USB_FRAME = 1_000_000  # ns; how long a request may wait for its frame
+USB_FRAME = 1_000_000  # ns; longest wait of a request for its frame
 PACKET_GAP = 0.010  # s of silence after which a device drops a half-received packet
-RESYNC_LIMIT = 0.1  # s; a device that never stops talking is not waited for
+RESYNC_LIMIT = 0.1  # s; limit, for a device that never stops sending
 PSEUDO_TERMINALS = "/dev/pts/"
 STABLE_NAMES = Path("/dev/serial/by-id")
-NUMBERED = re.compile(r"/dev/tty(USB|ACM)[0-9]+")  # names that go to whatever was plugged in first
+NUMBERED = re.compile(r"/dev/tty(USB|ACM)[0-9]+")  # names given in the order of plugging in
 IN_USE = (errno.EAGAIN, errno.EBUSY)
 
 
-class PortLost(Exception):  # noqa: N818 - unplugging is an event to live with
+class PortLost(Exception):  # noqa: N818 - unplugging is a normal event
     """The port cannot be opened or used any more; the text says why and what to do."""
 
 
@@ -41,12 +41,12 @@ class PortInUse(PortLost):
 
 
 class NotSent(BadReply):
-    """It was too late to make the request."""
+    """It was too late to send the request."""
 
 
 @dataclass(frozen=True)
 class Answer(Generic[T]):
-    """What a device said, when it took the reading, and when the reply's last byte came (monotonic nanoseconds)."""
+    """Answer of a device, when it took the reading, and when the reply's last byte arrived (monotonic nanoseconds)."""
 
     value: T
     measured: int
@@ -56,10 +56,10 @@ class Answer(Generic[T]):
 class SerialPort:
     """The port at `path` of `host` (8N1, no flow control). One thread at a time may use it.
 
-    What is opened is given to `guard`, which may set something before it that decides what is written.
+    An opened line is passed to `guard`, which may return another one that checks what is written.
 
-    `turnaround` (ns) is how long the device takes to answer, at most: what its fastest answer so far took.
-    `strays` counts the times that bytes were waiting, as a request was to be made, which none had asked for.
+    `turnaround` (ns) is the time of the device's fastest answer so far, an upper bound of its turnaround. `strays`
+    counts the times that unrequested bytes were waiting before a request.
     """
 
     def __init__(self, path: str, baud_rate: int, host: Host = THIS_COMPUTER) -> None:
@@ -74,19 +74,19 @@ class SerialPort:
         self._last_traffic = -math.inf  # when, on the monotonic clock, the last byte was on the wire (s)
 
     def wire_time(self, byte_count: int) -> float:
-        """Return how long so many bytes take on the wire (s)."""
+        """Return the duration of this many bytes on the wire (s)."""
         return byte_count * BITS_PER_BYTE / self.baud_rate
 
     def open(self) -> None:
         """Open the port, if it is not open, and lock out every other program.
 
-        A numbered port is opened again by its stable name: its number may belong to another device by then.
-        Raises PortLost.
+        A numbered port is opened again by its stable name: its number may belong to another device then. Raises
+        PortLost.
         """
         if self._line is not None:
             return
         path = self._stable or self.path
-        # The kernel keeps its lock on a pseudo-terminal after we are gone, until its other end closes.
+        # The kernel keeps the lock on a pseudo-terminal after this process has ended, until the other end closes.
         lock_out = not os.path.realpath(self.path).startswith(PSEUDO_TERMINALS)
         try:
             self._line = self.guard(self.host.open_line(path, self.baud_rate, lock_out=lock_out))
@@ -130,11 +130,11 @@ class SerialPort:
         return data
 
     def exchange(self, request: Request[T]) -> Answer[T]:
-        """Ask a device, and what follows from its answer or from its silence; return the answer.
+        """Make a request, and those that follow from its answer or silence; return the answer.
 
-        A reply may come in pieces: each byte that comes moves the deadline. Raises BadReply when no reply, half a
-        reply or a damaged one comes before the deadline, or it is too late to ask; then call `resynchronise` before
-        the next request. Raises PortLost.
+        A reply may come in pieces: each byte extends the deadline. Raises BadReply if no reply, half a reply or a
+        damaged one arrives before the deadline, or if it is too late to send; then call `resynchronise` before the next
+        request. Raises PortLost.
         """
         try:
             answer = self._ask(request)
@@ -154,9 +154,9 @@ class SerialPort:
         return Answer(further.value, measured, further.arrived)
 
     def resynchronise(self) -> None:
-        """Be silent until the line is silent, for long enough that the device drops what it has half received.
+        """Wait until the line has been silent for long enough that the device drops a half-received packet.
 
-        A silence that lasts already counts. Raises PortLost.
+        Silence before the call counts. Raises PortLost.
         """
         give_up = self.host.monotonic() + RESYNC_LIMIT
         while self.host.monotonic() < give_up:
@@ -164,7 +164,7 @@ class SerialPort:
                 return
 
     def discard_strays(self) -> None:
-        """Get back in step if bytes are waiting that no request asked for: a late reply is not the next one's.
+        """Resynchronise if unrequested bytes are waiting: a late reply must not be taken for the next one.
 
         Takes up to RESYNC_LIMIT (s). Raises PortLost.
         """
@@ -179,7 +179,7 @@ class SerialPort:
         self.write(request.data)
 
     def _ask(self, request: Request[T]) -> Answer[T]:
-        """Make one request, and return what it is answered. Raises BadReply and PortLost."""
+        """Make one request, and return its answer. Raises BadReply and PortLost."""
         self.discard_strays()
         sent = self.host.monotonic_ns()
         self._send(request)
@@ -197,10 +197,10 @@ class SerialPort:
             piece_deadline = self._last_traffic + REPLY_MARGIN
             deadline = piece_deadline if request.ends_in_silence else max(deadline, piece_deadline)
         arrived = self.host.monotonic_ns()
-        # The device looks between the last byte of the request and the first of the reply: midway. A reply is longer
-        # than its request, so the middle of the whole exchange would be late.
+        # The device samples between the last byte of the request and the first of the reply: take the middle. A reply
+        # is longer than its request, so the middle of the whole exchange would be late.
         asked = sent + int(1e9 * self.wire_time(len(request.data)))
-        # What takes longer than the fastest answer is on this side: a USB adapter holds replies back for up to 16 ms,
+        # Additional time over the fastest answer arises on this side: a USB adapter holds replies back for up to 16 ms,
         # a busy computer lets them wait. Requests leave at once (as in NTP's clock filter, RFC 5905, section 10).
         turnaround = (began or arrived) - asked
         self.turnaround = min(self.turnaround, turnaround)
@@ -218,7 +218,7 @@ class SerialPort:
 
 
 def why_not_open(path: str, error: Exception) -> str:
-    """Return one line that says why a port cannot be opened and what to do."""
+    """Return one line that says why a port cannot be opened, and what to do."""
     number = getattr(error, "errno", None)
     if number == errno.ENOENT:
         present = ", ".join(available_ports()) or "none"
@@ -234,13 +234,13 @@ def why_not_open(path: str, error: Exception) -> str:
 
 
 def stable_name(path: str) -> str | None:
-    """Return the name of a port that stays the same wherever and whenever it is plugged in; None if it has none."""
+    """Return the name of a port that does not depend on where and when it is plugged in; None if it has none."""
     device = os.path.realpath(path)
     return next((str(link) for link in sorted(STABLE_NAMES.glob("*")) if os.path.realpath(link) == device), None)
 
 
 def numbering_warning(path: str) -> str:
-    """Return a sentence for a path that may belong to another device tomorrow; "" for one that will not."""
+    """Return a warning for a path that may belong to another device later; "" for one that does not."""
     if not NUMBERED.fullmatch(path):
         return ""
     stable = stable_name(path)

@@ -1,4 +1,4 @@
-"""What a robot is made of and where it is plugged in: the options of cmr-driver, and `driver:` in a scenario."""
+"""Hardware of a robot and its ports: the options of cmr-driver, and `driver:` in a scenario."""
 
 import argparse
 from dataclasses import dataclass, fields
@@ -16,8 +16,8 @@ from robot_driver.encoders import Wiring
 from robot_driver.gyros import GYROS
 
 BOARD = "board"  # name of the gyro that some controllers have on their board, and say on their port
-SLOWEST_RATE = 5.0  # Hz; slower, one lost packet is silence enough for the watchdog of 0.5 s in a controller
-LARGEST = 1e4  # Hz, duty per second, V; more than any device has
+SLOWEST_RATE = 5.0  # Hz; slower, a single lost packet triggers a controller's watchdog of 0.5 s
+LARGEST = 1e4  # Hz, duty per second, V; beyond the range of any device
 GYRO_HELP = f"gyro type (default: dsp3000 with --gyro-port, otherwise the one on the controller {BOARD})"
 LARGEST_FILE = 65_536  # bytes
 BY_DEFAULT = "if not what its kind has by default"
@@ -32,9 +32,9 @@ GyroName = Annotated[str, Word(lambda: [BOARD, *sorted(GYROS)])]
 
 @dataclass(frozen=True)
 class Connection:
-    """How a robot is connected.
+    """Connections of a robot.
 
-    Raises ValueError for what contradicts itself, naming options as on the command line.
+    Raises ValueError for contradictory options, named as on the command line.
     """
 
     port: Annotated[str, Option("serial port of the motor controller", "DEVICE")]
@@ -69,7 +69,7 @@ class Connection:
             raise ValueError(
                 f"--gyro {BOARD} is for a controller with a gyro on its board, on the port of the controller"
             )
-        self.limits  # noqa: B018 - says what is wrong
+        self.limits  # noqa: B018 - raises ValueError if invalid
         self.thresholds  # noqa: B018
 
     @property
@@ -80,7 +80,7 @@ class Connection:
 
     @property
     def limits(self) -> Limits:
-        """How fast duty may grow and shrink."""
+        """Ramps of the duty."""
         return Limits(self.acceleration, self.deceleration or 2.0 * self.acceleration)
 
     @property
@@ -91,7 +91,7 @@ class Connection:
 
 @dataclass(frozen=True)
 class Settings(Connection):
-    """How a robot is connected, which one it is, its parameter file, and where its emergency stop is kept."""
+    """Connections of a robot, its id, its parameter file, and the folder of its emergency stop."""
 
     robot: int = 0
     parameters: Annotated[Path | None, Option("parameter file of the robot; followed while it changes", "FILE")] = None
@@ -99,7 +99,7 @@ class Settings(Connection):
 
 
 def content_of(path: Path) -> dict[str, object]:
-    """Return what a settings file says, as cmr bringup writes it: `driver`, `undecided` and `found`.
+    """Return the content of a settings file written by cmr bringup: `driver`, `undecided` and `found`.
 
     Raises CommandError.
     """
@@ -120,7 +120,7 @@ def content_of(path: Path) -> dict[str, object]:
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Let a command take the options of cmr-driver from a file."""
+    """Add an option to read the options of cmr-driver from a file."""
     parser.add_argument(
         "--settings",
         type=Path,
@@ -130,15 +130,15 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 
 def parsed_with_settings(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
-    """Return what was asked for, with the options of the settings file where one is named. Raises CommandError."""
+    """Parse arguments, with the options of the settings file if one is named. Raises CommandError."""
     options = parser.parse_args(arguments)
     return options if options.settings is None else parser.parse_args([*options_in(options.settings), *arguments])
 
 
 def options_in(path: Path) -> list[str]:
-    """Return the options of cmr-driver that a settings file stands for.
+    """Return the options of cmr-driver in a settings file.
 
-    Raises CommandError, also for a file that bring-up has not completed: what it lacks may be wrong by default.
+    Raises CommandError, also for a file that bring-up has not completed, as defaults may be wrong for the rest.
     """
     content = content_of(path)
     driver, undecided = content["driver"], content["undecided"]

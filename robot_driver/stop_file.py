@@ -1,8 +1,8 @@
 """The file in which an emergency stop outlives its sender, the driver and the computer.
 
-The file is there exactly while the stop is engaged. What it says is for people: whatever is in it, and also if it
-cannot be read, its robot stands until the stop is released. So neither a disk that was full, nor a file that was torn,
-nor one of another robot can have it forgotten.
+The file exists exactly while the stop is engaged. Its content is informative only: whatever it is, and even if it
+cannot be read, the robot is held until the stop is released. So neither a full disk, nor a damaged file, nor one of
+another robot can cancel a stop.
 """
 
 import json
@@ -21,20 +21,20 @@ from cmr.bus.preflight import parse_udpm
 from cmr.files import why_not_writable, write_atomically, write_out_folder
 
 SYSTEM_FOLDER = Path("/var/lib/cmr")  # for a user without a home
-LARGEST = 65_536  # bytes; a larger file is none of ours
-LITTER_AGE = 60.0  # s after which a temporary file belongs to nobody any more
+LARGEST = 65_536  # bytes; larger files are not of this program
+LITTER_AGE = 60.0  # s after which a temporary file counts as abandoned
 LONGEST_TEXT = 200  # characters of a name or a reason
-LATEST = 2**62  # us; what a message can hold, and calculations too
-AGAIN_AFTER = 1.0  # s, when the disk refused
-ENDING = 0.5  # s that the disk is given at the end
-UNKNOWN = object()  # what the disk has after it failed: the old or the new
+LATEST = 2**62  # us; limit for messages and calculations
+AGAIN_AFTER = 1.0  # s, after a failure to write
+ENDING = 0.5  # s allowed for the disk at the end
+UNKNOWN = object()  # state of the disk after a failure: the old or the new one
 
 
 @dataclass(frozen=True)
 class EngagedStop:
-    """An emergency stop that is engaged: since when [us since the Unix epoch], by whom and why.
+    """An emergency stop that is engaged: its time [us since the Unix epoch], sender and reason.
 
-    `doubt` says in a sentence why it is only assumed to be engaged; empty for one that somebody engaged.
+    `doubt` is a sentence why it is only assumed to be engaged; empty for a known one.
     """
 
     since: int
@@ -63,9 +63,9 @@ class StopFile:
             return self._assumed("is damaged")
 
     def store(self, stop: EngagedStop | None) -> None:
-        """Have the disk keep that a stop is engaged, or that none is: all of it or nothing, whatever happens meanwhile.
+        """Store that a stop is engaged, or that none is: atomically, whatever happens meanwhile.
 
-        Raises OSError when the disk does not do it.
+        Raises OSError if that fails.
         """
         if stop is not None:
             write_atomically(self._text_of(stop), self.path)
@@ -74,7 +74,7 @@ class StopFile:
         write_out_folder(self.path.parent)
 
     def prepare(self) -> str:
-        """Make the folder, and remove what was left in it half written; return why no stop could be kept, or ""."""
+        """Make the folder, and remove incomplete files in it; return why stops cannot be stored, or ""."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             for litter in self.path.parent.glob(f".{self.path.name}.*"):
@@ -90,9 +90,9 @@ class StopFile:
         return json.dumps({**about, "since": stop.since, "source": stop.source, "reason": stop.reason}, indent=1) + "\n"
 
     def _stop_in(self, content: bytes) -> EngagedStop:
-        """Return what a file says.
+        """Return the stop in a file's content.
 
-        Raises ValueError, TypeError, KeyError or RecursionError for what is no such file.
+        Raises ValueError, TypeError, KeyError or RecursionError if the content is invalid.
         """
         entries = json.loads(content.decode("utf-8"))
         if entries["schema"] != 1 or entries["engaged"] is not True:
@@ -105,7 +105,7 @@ class StopFile:
         return EngagedStop(since, plain(source), plain(reason))
 
     def _assumed(self, why: str) -> EngagedStop:
-        """Return what stands for a stop of which nothing is known but that there is a file."""
+        """Return the stop to assume when only the file's existence is known."""
         since = time.time()
         with suppress(OSError):
             since = self.path.stat().st_mtime
@@ -114,10 +114,10 @@ class StopFile:
 
 
 class StopKeeper:
-    """Keeps the newest of what `keep` was given in `file`; a context manager, inside which it works.
+    """Stores the newest value given to `keep` in `file`; a context manager, inside which it works.
 
-    It has a thread of its own: a slow disk holds up neither motors nor messages. `loaded` is what was there at the
-    beginning. What the disk refuses is tried again each second; `problem` says so.
+    It has its own thread: a slow disk delays neither motors nor messages. `loaded` is the stop found at the start. A
+    failed write is repeated each second; `problem` reports it.
     """
 
     def __init__(self, file: StopFile) -> None:
@@ -141,18 +141,18 @@ class StopKeeper:
         self._thread.join(ENDING)
 
     def keep(self, stop: EngagedStop | None) -> None:
-        """Keep that this stop is engaged, or that none is; returns at once."""
+        """Store that this stop is engaged, or that none is; returns at once."""
         self._wanted = stop
         self._changed.set()
 
     @property
     def stored(self) -> bool:
-        """Whether the disk has what was given last."""
+        """Whether the disk has the newest value."""
         return self._stored is self._wanted
 
     @property
     def problem(self) -> str:
-        """What is wrong with the disk, in a sentence; "" when all is well."""
+        """The problem with the disk, in a sentence; "" if there is none."""
         if not self._refused:
             return ""
         consequence = "An emergency stop would be forgotten at a restart"
@@ -167,7 +167,7 @@ class StopKeeper:
         while not ending:
             self._changed.wait(None if self.stored else AGAIN_AFTER)
             self._changed.clear()
-            ending = self._end.is_set()  # before the last look at what is wanted
+            ending = self._end.is_set()  # before the last check of the wanted value
             self._store(self._wanted)
 
     def _store(self, stop: EngagedStop | None) -> None:
@@ -182,7 +182,9 @@ class StopKeeper:
 
 
 def state_folder() -> Path:
-    """Return where this user's processes keep what outlives them: as a service of systemd in /var/lib, else at home."""
+    """Return the folder for this user's persistent files: /var/lib for a service of systemd, else in the home
+    folder.
+    """
     if of_service := os.environ.get("STATE_DIRECTORY", "").split(":")[0]:
         return Path(of_service)
     base = Path(os.environ.get("XDG_STATE_HOME", ""))
@@ -195,7 +197,7 @@ def state_folder() -> Path:
 
 
 def bus_address(url: str) -> str:
-    """Return which bus an LCM URL is about, without how it is used: ttl and buffers are no other bus."""
+    """Return the address in an LCM URL without its options: ttl and buffers do not make another bus."""
     parts = urlsplit(url)
     if parts.scheme == "udpm":
         multicast = parse_udpm(url)
@@ -204,13 +206,13 @@ def bus_address(url: str) -> str:
 
 
 def plain(text: str) -> str:
-    """Return a text of a stranger as a terminal may show it: bounded, and without control characters."""
+    """Return foreign text in a form safe for terminals: bounded, and without control characters."""
     return "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST_TEXT])
 
 
 def _content_of(path: Path) -> bytes:
     """Return the content of a regular file. Raises OSError or ValueError."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe in its place keeps nobody waiting
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe in its place must not block
     with os.fdopen(descriptor, "rb") as stream:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise ValueError("no file")

@@ -1,4 +1,4 @@
-"""The port of a board that talks all the time: one asks it for something, others listen to all it says."""
+"""The port of a board that sends continuously: one user makes requests, others listen."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -10,15 +10,15 @@ from robot_driver.serial_port import Answer, SerialPort
 
 T = TypeVar("T")
 
-PATIENCE = 0.1  # s without an answer; there is firmware that says everything 25 times a second
-SILENCE = 0.1  # s after which such a board has really fallen silent: a busy computer looks away for less
-MOST_UNHEARD = 1000  # pieces kept for a listener that does not listen
+PATIENCE = 0.1  # s without an answer; some firmware sends everything 25 times a second
+SILENCE = 0.1  # s after which such a board counts as silent: longer than the delays of a busy computer
+MOST_UNHEARD = 1000  # pieces kept for a listener that does not read
 
 
 class StreamPort(SerialPort):
-    """The port at `path`; each of the `listeners` is given all that comes.
+    """The port at `path`; each of the `listeners` receives all bytes.
 
-    What nobody asked for is no fault here, so there is nothing to get back in step with.
+    Unrequested bytes are normal here, so there is nothing to resynchronise.
     """
 
     def __init__(self, path: str, baud_rate: int, host: Host = THIS_COMPUTER) -> None:
@@ -26,17 +26,17 @@ class StreamPort(SerialPort):
         self.listeners: list[Callable[[bytes], None]] = []
 
     def read(self, most: int, timeout: float) -> bytes:
-        """Return what has arrived, as any port does, after the listeners have heard it."""
+        """Return the bytes received, as any port does, after passing them to the listeners."""
         data = super().read(most, timeout)
         for listener in self.listeners:
             listener(data)
         return data
 
     def exchange(self, request: Request[T]) -> Answer[T]:
-        """Write, and return the answer as soon as it is among what the board says.
+        """Write, and return the answer as soon as the board sends it.
 
-        When it does not come in time, what came is all that the request's `parse` gets: it raises BadReply. When the
-        board's clock says what cannot be, a reading was taken when it arrived. Raises PortLost.
+        If it does not arrive in time, the request's `parse` gets the bytes received, and raises BadReply. If the time
+        by the board's clock is impossible, the time of arrival is used. Raises PortLost.
         """
         self._send(request)
         deadline = self.host.monotonic() + PATIENCE
@@ -44,7 +44,7 @@ class StreamPort(SerialPort):
         while (missing := request.missing(reply)) > 0:
             remaining = max(deadline - self.host.monotonic(), 0.0)
             data = self.read(missing, remaining)
-            if not data and not remaining:  # nothing came in time, nor while this process was held up
+            if not data and not remaining:  # nothing arrived in time, nor while this process was delayed
                 break
             if data and request.ends_in_silence:
                 deadline = self.host.monotonic() + SILENCE
@@ -56,14 +56,14 @@ class StreamPort(SerialPort):
         return Answer(value, measured if believed else arrived, arrived)
 
     def discard_strays(self) -> None:
-        """Do nothing: all that comes is listened to."""
+        """Do nothing: all bytes are processed."""
 
     def resynchronise(self) -> None:
-        """Do nothing: in a stream, frames show where they begin."""
+        """Do nothing: frames mark where they begin."""
 
 
 class OverheardPort(SerialPort):
-    """A second pair of ears on `port`: reads all that comes there while it is open, and writes nothing."""
+    """A second, read-only user of `port`: receives all bytes while it is open."""
 
     def __init__(self, port: StreamPort) -> None:
         super().__init__(port.path, port.baud_rate, port.host)
@@ -71,16 +71,16 @@ class OverheardPort(SerialPort):
         port.listeners.append(self._hear)
 
     def open(self) -> None:
-        """Do nothing: the port is open when it is open for the one who asks."""
+        """Do nothing: the port is opened by its first user."""
 
     def close(self) -> None:
         """Do nothing."""
 
     def write(self, data: bytes) -> None:
-        """Do nothing: the one who asks keeps the board talking."""
+        """Do nothing: the first user keeps the board sending."""
 
-    def read(self, most: int, timeout: float) -> bytes:  # noqa: ARG002 - pieces are as long as they came
-        """Return the next piece; b"" when none has come after `timeout` seconds."""
+    def read(self, most: int, timeout: float) -> bytes:  # noqa: ARG002 - pieces keep their length
+        """Return the next piece; b"" if none arrives within `timeout` seconds."""
         return self._pieces.get(timeout)
 
     def _hear(self, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Say which version is built: that of git's tag, or where git or tags are absent, that of the changelog.
+"""Determine the version to build: from git's tag, or from the changelog if git or tags are absent.
 
 The build calls this through pyproject.toml. A tag `v0.1.0` names version 0.1.0; 12 commits later it is
 0.1.0.post12+gab12cd34ef. In a source distribution, it is what stands there already. An archive without git has the
@@ -19,7 +19,7 @@ def version_of(folder: Path) -> str:
 
 
 def of_changelog(text: str) -> str:
-    """Return the newest version of a changelog; raises SystemExit, which ends the build, where it has none."""
+    """Return the newest version of a changelog; raises SystemExit, which ends the build, if it has none."""
     headings = re.findall(r"^## (Unreleased|\d+(?:\.\d+)+)\b", text, re.MULTILINE)
     versions = [heading for heading in headings if heading != "Unreleased"]
     if not versions:
@@ -28,7 +28,7 @@ def of_changelog(text: str) -> str:
 
 
 def _of_distribution(folder: Path) -> str:
-    """Return what the information of a source distribution says; nothing where this is none."""
+    """Return the version in the metadata of a source distribution; empty if this is none."""
     try:
         text = (folder / "PKG-INFO").read_text("utf-8")
     except OSError:
@@ -38,11 +38,11 @@ def _of_distribution(folder: Path) -> str:
 
 
 def _of_tag(folder: Path) -> str:
-    """Return what the newest tag of a clone says; nothing where git, the clone or a tag is missing."""
-    # A copy of the sources may lie in a clone of something else.
+    """Return the version of the newest tag of a clone; empty if git, the clone or a tag is missing."""
+    # The sources may be in a clone of another repository.
     if _git(folder, "rev-parse", "--show-toplevel") != str(folder.resolve()):
         return ""
-    # So many digits of the commit in every clone, however much else it holds.
+    # A fixed number of digits of the commit, independent of the clone.
     described = _git(folder, "describe", "--tags", "--long", "--abbrev=10", "--match", TAGS)
     found = re.fullmatch(r"v(.+)-(\d+)-(g[0-9a-f]+)", described)
     if not found:

@@ -1,9 +1,9 @@
-"""Diagnose recordings of real robots that other people made; print the table of docs/measurements/real_recordings.md.
+"""Diagnose recordings of real robots made by others; print the table of docs/measurements/real_recordings.md.
 
 Usage: .venv/bin/python -m scripts.diagnose_real_data [--data ../shared/data] [--picture docs/pictures/real_robots.png]
 
-It takes about five minutes. What is named is found on one part of each recording; errors are those on the other part,
-with the paper's model and with the effects named, both fitted on the first. The parts and scores are those of
+It takes about five minutes. The diagnosis uses one part of each recording; errors are on the other part, with the
+paper's model and with the effects named, both fitted on the first. The parts and scores are those of
 `scripts/score_real_data.py`.
 """
 
@@ -38,7 +38,7 @@ from scripts.score_real_data import _steps_of_grass as steps_of_grass
 from scripts.score_real_data import _thinned as thinned
 from scripts.score_real_data import _windows as windows_of_tile
 
-SHORTEST = 1.0  # s that a window's last pose must lie after its first
+SHORTEST = 1.0  # least s between a window's first and last pose
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "real_robots.png"
 
 
@@ -58,7 +58,9 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """A recording diagnosed; `found_effects` are effects named, with their sizes, `scores` what they are worth."""
+    """A recording diagnosed; `found_effects` are effects named, with their sizes, `scores` the errors without and with
+    them.
+    """
 
     recording: str
     diagnosis: Diagnosis
@@ -113,7 +115,7 @@ def unit_of(effect: str, parameter: str) -> str:
 
 
 def models_of(diagnosis: Diagnosis) -> tuple[Values, Values]:
-    """Return the values of the paper's model and of the one with effects; a motor that nobody drives is made up."""
+    """Return the values of the paper's model and of the one with effects; with a made-up motor if none is driven."""
     assert diagnosis.baseline is not None, diagnosis.sentence
     whole = dict(diagnosis.parameters)
     given = {name: whole[name] for name in ("wheel_radius", *CONTROLLER_DEFINITIONS) if name in whole}
@@ -130,7 +132,7 @@ def in_motors(values: Values) -> Values:
 
 
 def ends_of(recording: Recording, starts: Iterable[int], seconds: float, models: Sequence[Values]) -> Ends:
-    """Return the errors at the last pose of each stretch of so many `seconds` that begins at `starts` [us].
+    """Return the errors at the last pose of each stretch of this many `seconds` from `starts` [us].
 
     Each is started at the measured pose; wheels that are driven run freely from the recording's beginning on.
     """
@@ -196,7 +198,7 @@ def in_time(recording: Recording, diagnosis: Diagnosis) -> Recording:
 
 
 def _only(recording: Recording, parts: Sequence[Recording]) -> Recording:
-    """Return the recording with what lies within its parts."""
+    """Return the part of the recording within these parts."""
     begins, ends = (np.array([part.wheels.utime[end] for part in parts]) for end in (0, -1))
     kept = {}
     for name, signal in recording.signals.items():
@@ -290,7 +292,7 @@ def maebot(importer: Importer) -> Case:
 
 
 def draw(ends: Ends, path: Path) -> None:
-    """Draw how far sideways of the simulation the Husky's tracked point ends, against how far it turned."""
+    """Draw the lateral error of the Husky's tracked point against the simulation, over the angle turned."""
     import matplotlib as mpl
 
     mpl.use("Agg")

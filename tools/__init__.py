@@ -1,1 +1,1 @@
-"""Log tools, which are run as cmr-* commands."""
+"""Log tools, run as cmr-* commands."""

@@ -1,4 +1,4 @@
-"""Open event logs for the commands that look at logs: with errors in one line, a choice of channels, and progress."""
+"""Open event logs for log commands: one-line errors, a selection of channels, and progress."""
 
 from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatchcase
@@ -18,7 +18,7 @@ EVENTS_BETWEEN_SHOWINGS = 1000
 def open_log(path: Path) -> EventReader:
     """Open an event log.
 
-    Raises CommandError when it cannot be read.
+    Raises CommandError if it cannot be read.
     """
     try:
         if path.exists() and not path.is_file():
@@ -29,8 +29,8 @@ def open_log(path: Path) -> EventReader:
 
 
 def channel_chooser(patterns: Sequence[str], without: Sequence[str] = ()) -> Callable[[str], bool]:
-    """Return what decides whether a channel fits one of the shell patterns, or any if there are none, and none of
-    `without`.
+    """Return a function that tells whether a channel matches one of the shell patterns (any if there are none) and none
+    of `without`.
     """
 
     @lru_cache(maxsize=10_000)
@@ -42,7 +42,7 @@ def channel_chooser(patterns: Sequence[str], without: Sequence[str] = ()) -> Cal
 
 
 def damage_sentence(log: EventReader) -> str:
-    """Return what was damaged in a log that has been read; empty if nothing was."""
+    """Return a sentence on the damage found while reading a log; empty if there was none."""
     if not log.damaged_bytes:
         return ""
     places = "1 place" if log.damaged_places == 1 else f"{log.damaged_places} places"
@@ -50,12 +50,12 @@ def damage_sentence(log: EventReader) -> str:
 
 
 def progress_of(logs: Sequence[EventReader]) -> Progress:
-    """Return the bar of reading these logs."""
+    """Return the progress bar for reading these logs."""
     return Progress(sum(log.size for log in logs), BYTES)
 
 
 def reading(log: EventReader, progress: Progress) -> Iterator[Event]:
-    """Yield the events of a log, messages of older types as those of today, and show how much of it has been read."""
+    """Yield the events of a log, with messages of older types converted, and show the progress."""
     before = 0
     for count, event in enumerate(log):
         if count % EVENTS_BETWEEN_SHOWINGS == 0:

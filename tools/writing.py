@@ -1,4 +1,4 @@
-"""Write files so that an interrupted command leaves no half ones."""
+"""Write files atomically, so that an interrupted command leaves no incomplete ones."""
 
 import signal
 from collections.abc import Iterator
@@ -11,9 +11,9 @@ from cmr.litter import temporary_beside
 
 @contextmanager
 def complete_or_none(path: Path) -> Iterator[Path]:
-    """Give the path of a temporary file that replaces `path` in the end; an exception or a signal removes it.
+    """Provide the path of a temporary file that replaces `path` in the end; an exception or a signal removes it.
 
-    Raises OSError when the folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
+    Raises OSError if the folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.
     """
     with _signals_raise():
         temporary = temporary_beside(path)
@@ -29,9 +29,9 @@ def complete_or_none(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def complete_files_or_none(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files are moved into `folder` in the end; an exception or a signal removes it.
+    """Provide a temporary folder whose files are moved into `folder` in the end; an exception or a signal removes it.
 
-    Raises OSError when the folder cannot be made or written, KeyboardInterrupt on SIGINT or SIGTERM.
+    Raises OSError if the folder cannot be created or written, KeyboardInterrupt on SIGINT or SIGTERM.
     """
     with _signals_raise(), folder_for_results(folder):
         temporary = temporary_beside(folder / "partial")
@@ -44,7 +44,7 @@ def complete_files_or_none(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _signals_raise() -> Iterator[None]:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt, so that the temporary file is removed on the way out."""
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt, so that the temporary file is removed on exit."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:

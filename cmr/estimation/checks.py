@@ -30,9 +30,9 @@ MOVED = (
     "The commands' times were moved {by:.2f} s {where}, so that the wheels follow them after the usual {usual:.1f} s."
 )
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
-REPEATS = ("poses_held", "stale_poses")  # checks that set aside valid samples that are older than their stamps
-FEWEST = 2  # readings of a sensor needed to show motion
-SHORTEST = 5.0  # s; a shorter drive gives chance results
+REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
+FEWEST = 2  # readings of a sensor from which on it shows a motion
+SHORTEST = 5.0  # s; what is named from less is chance
 DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
 LONG_ENOUGH = (
     f"A diagnosis takes {SHORTEST:.0f} s of driving at least; two minutes of cmr-pilot's rich_drive show most."

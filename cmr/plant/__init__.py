@@ -1,7 +1,8 @@
-"""A robot as it really is, written from the equations alone: it shares no code with the model, whose judge it is.
+"""Independent simulation of a robot, written from the equations alone: it shares no code with the model, which it
+tests.
 
-It knows every effect of the catalogue, and physics that are in no catalogue. `parameters` names every number of the
-plant; `motors`, `ground` and `physics` are the robot itself, `state` what it carries from one moment to the next,
-`sensors` what its sensors say of it; `running` is one robot whose time goes on from event to event. `beyond_motors`,
-`beyond_ground` and `beyond_sensors` hold physics of the literature that no effect of the catalogue describes.
+It implements every effect of the catalogue, and physics that are in no catalogue. `parameters` defines all parameters;
+`motors`, `ground` and `physics` are the equations of the robot, `state` its state variables, `sensors` its readings;
+`running` is one robot advanced from event to event. `beyond_motors`, `beyond_ground` and `beyond_sensors` hold physics
+from the literature that no effect of the catalogue describes.
 """

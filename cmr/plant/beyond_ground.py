@@ -1,6 +1,6 @@
-"""Ways over the ground as the literature describes them and no effect of the catalogue does.
+"""Motion over the ground as described in the literature, but by no effect of the catalogue.
 
-Each function is one kind of physics. Its parameter is 0 where it is absent. Symbols are those of `physics`.
+Each function is one kind of physics. Its parameter is 0 if it is absent. Symbols are those of `physics`.
 """
 
 import math
@@ -24,9 +24,9 @@ def punctured(p: PlantParameters, s: float, t: float) -> float:
 def scrubbing_width(p: PlantParameters, v_left: float, v_right: float) -> float:
     """Return the base width as a share of its own: 1 + c / (1 + k sqrt(abs(lambda))), lambda = (v_r + v_l)/(v_r - v_l).
 
-    The centres about which the wheels of skid-steered robots turn come nearer the wider the circle. T. Wang and others,
-    Analysis and experimental kinematics of a skid-steering wheeled robot based on a laser scanner sensor, Sensors 15,
-    2015, 9681-9702.
+    The centres about which the wheels of skid-steered robots turn come nearer as the circle gets wider. T. Wang and
+    others, Analysis and experimental kinematics of a skid-steering wheeled robot based on a laser scanner sensor,
+    Sensors 15, 2015, 9681-9702.
     """
     if p.curvature_slip == 0.0 or abs(v_right - v_left) < STRAIGHT:
         return 1.0

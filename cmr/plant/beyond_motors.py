@@ -1,7 +1,7 @@
-"""Motors, electronics and loads as the literature describes them and no effect of the catalogue does.
+"""Motors, electronics and loads as described in the literature, but by no effect of the catalogue.
 
-Each function is one kind of physics. Its parameter is 0 where it is absent. Symbols are those of `physics`; the effort
-i = V - K1 psi is the motor's current as a share of that when it is stalled at full duty.
+Each function is one kind of physics. Its parameter is 0 if it is absent. Symbols are those of `physics`; the effort i =
+V - K1 psi is the motor's current as a share of that when it is stalled at full duty.
 """
 
 import math
@@ -11,13 +11,13 @@ from cmr.plant.parameters import PlantParameters
 from cmr.plant.state import Body, Side
 
 SMOOTH = 0.1  # rad/s; dry friction of these kinds sets in over this speed
-COGS = 6.0  # of the torque, in a turn of the wheel
+COGS = 6.0  # periods of the torque per turn of the wheel
 REEL_SOFTNESS = 0.1  # m; nearer to its reel a tether no longer pulls along the floor
 
 
 @compiled
 def bridge_left(p: PlantParameters, effort: float) -> float:
-    """Return the effort that a bridge's dead time leaves: V - d sign(i), and none where no current flows then.
+    """Return the effort after a bridge's dead time: V - d sign(i), and none if no current flows then.
 
     Between switching one transistor off and the other on, a diode conducts, so the mean voltage errs by a constant
     against the current. S.-G. Jeong, M.-H. Park, The analysis and compensation of dead-time effects in PWM inverters,
@@ -28,7 +28,7 @@ def bridge_left(p: PlantParameters, effort: float) -> float:
 
 @compiled
 def regeneration_limited(p: PlantParameters, effort: float, psi: float) -> float:
-    """Return the effort that the controller's limit of the braking current leaves: abs(i) <= I where i psi < 0.
+    """Return the effort after the controller's limit of the braking current: abs(i) <= I where i psi < 0.
 
     VESC Tool, motor settings: "Motor current max brake" and "Battery current max regen" are limits apart from those of
     the driving current. 0: no limit.
@@ -40,7 +40,7 @@ def regeneration_limited(p: PlantParameters, effort: float, psi: float) -> float
 
 @compiled
 def torque_share(p: PlantParameters, side: Side, effort: float) -> float:
-    """Return the torque as a share of that which the current would give a cold motor with gears that lose nothing.
+    """Return the torque as a share of that of the same current in a cold motor with loss-free gears.
 
     armature_reaction: 1 - c abs(i); the armature's field weakens that of the magnets. A. E. Fitzgerald, C. Kingsley,
     S. D. Umans, Electric Machinery, 6th edition, 2003, section 7.3.
@@ -87,7 +87,7 @@ def rubbing(p: PlantParameters, s: float, side: Side) -> float:
 
 @compiled
 def coupled(p: PlantParameters, left: Side, right: Side) -> float:
-    """Return what accelerates the left side and slows down the right one [rad/s^2], by how the robot turns.
+    """Return the acceleration of the left side and deceleration of the right one [rad/s^2] due to turning.
 
     cross_coupling: K2/K3 K1 k (psi_other - psi), a controller that evens out the speeds of both motors.
     J. Borenstein, Y. Koren, Motion control analysis of a mobile robot, Journal of Dynamic Systems, Measurement, and
@@ -110,7 +110,7 @@ def coupled(p: PlantParameters, left: Side, right: Side) -> float:
 
 @compiled
 def pulled(p: PlantParameters, left: Side, right: Side, body: Body, theta: float) -> float:
-    """Return what accelerates both sides alike [rad/s^2].
+    """Return the common acceleration of both sides [rad/s^2].
 
     mass_ahead: d w^2 / r, the other half of the same coupling (see `coupled`).
     floor_sag: -c (x cos theta + y sin theta), the slope of a floor that sags around the origin; DIN 18202, Tolerances
@@ -137,7 +137,8 @@ def pulled(p: PlantParameters, left: Side, right: Side, body: Body, theta: float
 
 @compiled
 def sloshed(p: PlantParameters, body: Body, acceleration: float, h: float) -> tuple[float, float]:
-    """Return where the sloshing liquid is [m ahead of its rest] and its speed [m/s] after h at this acceleration.
+    """Return the position of the sloshing liquid [m ahead of its rest] and its speed [m/s] after h at this
+    acceleration.
 
     A mass on a spring with damping stands for the first mode: z'' = -q^2 z - 2 d q z' - dv/dt. H. N. Abramson (ed.),
     The Dynamic Behavior of Liquids in Moving Containers, NASA SP-106, 1966, chapter 6.
@@ -153,7 +154,7 @@ def sloshed(p: PlantParameters, body: Body, acceleration: float, h: float) -> tu
 
 @compiled
 def winding_warmed(p: PlantParameters, side: Side, h: float) -> float:
-    """Return the square of the effort, with the winding's memory, h later."""
+    """Return the low-pass filtered square of the effort, for the winding's temperature, h later."""
     if p.winding_heat == 0.0:
         return 0.0
     effort = side.u - p.k1 * side.psi
@@ -162,7 +163,7 @@ def winding_warmed(p: PlantParameters, side: Side, h: float) -> float:
 
 @compiled
 def tired(p: PlantParameters, before: float, load: float, h: float) -> float:
-    """Return the battery's load with the memory of its second resistance, h later."""
+    """Return the low-pass filtered load of the battery, for its second resistance, h later."""
     if p.battery_relaxation == 0.0:
         return 0.0
     return load + (before - load) * math.exp(-h / p.battery_relaxation_memory)
@@ -170,7 +171,7 @@ def tired(p: PlantParameters, before: float, load: float, h: float) -> float:
 
 @compiled
 def relaxed_supply(p: PlantParameters, remembered: float) -> float:
-    """Return the battery's voltage as a share of that without the memory of its load: 1 - R q, q with a lag.
+    """Return the battery's voltage as a share of that without relaxation: 1 - R q, q with a lag.
 
     M. Chen, G. A. Rincon-Mora, Accurate electrical battery model capable of predicting runtime and I-V performance,
     IEEE Transactions on Energy Conversion 21, 2006, 504-511.

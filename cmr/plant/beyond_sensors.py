@@ -1,6 +1,6 @@
-"""Errors of sensors as the literature and data sheets describe them and no effect of the catalogue does.
+"""Errors of sensors as described in the literature and data sheets, but by no effect of the catalogue.
 
-Each parameter is 0 where its kind is absent. All functions take numbers of one moment, or arrays of many.
+Each parameter is 0 if its kind is absent. All functions take numbers for one time, or arrays for many.
 """
 
 import math
@@ -10,7 +10,7 @@ import numpy as np
 
 from cmr.plant.parameters import Floats, PlantParameters
 
-Number = TypeVar("Number", float, Floats)  # of one moment, or of many
+Number = TypeVar("Number", float, Floats)  # for one time, or for many
 
 
 def forward_speed(p: PlantParameters, psi_left: Number, psi_right: Number) -> Number:
@@ -30,7 +30,7 @@ def lost_counts(p: PlantParameters, speed: Number) -> Number:
 
 
 def disturbed_rate(p: PlantParameters, time: Number, w: Number, theta: Number, v: Number) -> Number:
-    """Return what a gyro adds to the yaw rate w [rad/s] at forward speed v [m/s] and heading theta.
+    """Return the error that a gyro adds to the yaw rate w [rad/s] at forward speed v [m/s] and heading theta.
 
     gyro_asymmetry: k abs(w), a scale factor that differs between both ways of turning; gyro_warm_up: B exp(-t / T),
     a bias that settles after switching on; gyro_field: F cos(theta - direction), the Faraday effect of a magnetic field
@@ -57,7 +57,7 @@ def disturbed_rate(p: PlantParameters, time: Number, w: Number, theta: Number, v
 def disturbed_pose(
     p: PlantParameters, x: Number, y: Number, theta: Number, v: Number, w: Number
 ) -> tuple[Number, Number, Number]:
-    """Return how the localisation sees a robot at x, y, theta that moves with v [m/s] and w [rad/s].
+    """Return the pose measured for a robot at x, y, theta that moves with v [m/s] and w [rad/s].
 
     body_roll: k v w to the right, a marker high up on a body that leans out of its turn. T. D. Gillespie, Fundamentals
     of Vehicle Dynamics, SAE, 1992, chapter 6 (roll gradient).

@@ -15,8 +15,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 config: Any = numba.config
 
-# Numba compiles a function again when its own file changes, but not for what it calls in another: all of the plant's
-# sources together name the folder in which compiled code is kept.
+# Numba compiles a function again when its own file changes, but not when a file that it calls does: so the cache folder
+# is named by a hash of all of the plant's sources.
 _SOURCES = hashlib.sha256(
     b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))
 ).hexdigest()
@@ -33,7 +33,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     before = config.CACHE_DIR
     config.CACHE_DIR = before or str(_FOLDER)
     try:
-        with suppress(RuntimeError, OSError):  # where nothing can be written, each process compiles for itself
+        with suppress(RuntimeError, OSError):  # if nothing can be written, each process compiles for itself
             result.enable_caching()
     finally:
         config.CACHE_DIR = before
@@ -41,7 +41,9 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile what is called from outside; processes begun together wait for the first of them, and load it then."""
+    """Compile a function called from outside; processes started together wait for the first of them, then load its
+    code.
+    """
     result = compiled(function)
     if config.DISABLE_JIT:
         return function
@@ -55,7 +57,7 @@ def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
             return result(*arguments, **options)
         called_before = True
         with ExitStack() as held:
-            with suppress(OSError):  # where nothing can be written, each process compiles for itself
+            with suppress(OSError):  # if nothing can be written, each process compiles for itself
                 _FOLDER.mkdir(parents=True, exist_ok=True)
                 fcntl.flock(held.enter_context((_FOLDER / "lock").open("w")), fcntl.LOCK_EX)
             return result(*arguments, **options)
@@ -65,5 +67,7 @@ def compiled_once(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def loaded(function: Callable[P, R]) -> Callable[P, R]:
-    """Return what `compiled_once` made, to be called without a detour; it must have been called once before."""
+    """Return the compiled function of `compiled_once`, to be called without its wrapper; it must have been called once
+    before.
+    """
     return cast("Callable[P, R]", getattr(function, "compiled", function))

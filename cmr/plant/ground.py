@@ -7,9 +7,9 @@ from cmr.plant.compiling import compiled
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.state import Body, Side
 
-FLIP_SPEED = 0.02  # m/s; at which a caster that trails the wrong way turns round
-FLIP_TIME = 0.5  # s that it takes
-BLOWN_SPEED = 0.05  # m/s; the wind pushes a robot fully above it, and none that stands
+FLIP_SPEED = 0.02  # m/s; speed at which a caster that trails the wrong way turns round
+FLIP_TIME = 0.5  # s; duration of that
+BLOWN_SPEED = 0.05  # m/s; the wind acts fully above it, and not at rest
 CAMBER_LENGTH = 1.5  # m from one crest of the floor to the next
 LOST_TRACTION = 0.15  # share of its speed over ground that a wheel loses
 
@@ -46,14 +46,14 @@ def rolling_radius(p: PlantParameters, s: float, phi: float) -> float:
 
 @compiled
 def on_patch(p: PlantParameters, x: float, y: float) -> bool:
-    """Tell whether the robot stands inside the disc of surface_patch."""
+    """Return whether the robot is inside the disc of surface_patch."""
     return (x - p.surface_patch_x) ** 2 + (y - p.surface_patch_y) ** 2 < p.surface_patch_radius**2
 
 
 @compiled
 def ground_speed(p: PlantParameters, s: float, side: Side, rolled: float, t: float, h: float) -> float:
-    """Return the speed [m/s] with which one side moves over the ground while its wheel turns by `rolled` in h."""
-    # traction_loss: for a while a wheel turns faster than it carries.
+    """Return the speed [m/s] of one side over the ground while its wheel turns by `rolled` in h."""
+    # traction_loss: for a while, a wheel turns faster than it moves over the ground.
     grip = 1.0 - LOST_TRACTION if side.lost > 0.0 else 1.0
     # longitudinal_slip: ground speed psi - k domega.
     rate = rolled / h - p.longitudinal_slip * side.domega
@@ -63,7 +63,7 @@ def ground_speed(p: PlantParameters, s: float, side: Side, rolled: float, t: flo
 
 @compiled
 def trailing(body: Body, v: float, h: float) -> Body:
-    """Return the body with its caster as it is after h at forward speed v."""
+    """Return the body with its caster after h at forward speed v."""
     caster, flipped, side = body.caster, body.flipped + h, body.flip_side
     if abs(v) > FLIP_SPEED and caster * v <= 0.0:
         if caster != 0.0:
@@ -75,7 +75,7 @@ def trailing(body: Body, v: float, h: float) -> Body:
 
 @compiled
 def pushed(p: PlantParameters, body: Body, v: float) -> float:
-    """Return the yaw rate that floor and caster add at forward speed v [rad/s]."""
+    """Return the yaw rate added by floor and caster at forward speed v [rad/s]."""
     w = 0.0
     # caster_flip: a push while the caster turns round; floor_camber: w += k v sin(2 pi y / 1.5 m).
     if body.flipped < FLIP_TIME:
@@ -87,7 +87,7 @@ def pushed(p: PlantParameters, body: Body, v: float) -> float:
 
 @compiled
 def blown(p: PlantParameters, theta: float, v: float) -> float:
-    """Return the sideways speed that the wind gives [m/s]."""
+    """Return the sideways speed due to the wind [m/s]."""
     # side_wind: v_y += W sin(direction - theta) while the robot moves.
     if p.side_wind == 0.0:
         return 0.0

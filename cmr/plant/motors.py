@@ -1,8 +1,8 @@
 """From commands to the wheels' speeds: controller, battery, motors, gearing and friction.
 
-What acts on what: a command passes turn_rate_limit, deadband, slew_limit and electrical_lag and is then u, which
-battery, saturation and asymmetry, in this order, turn into V; load, energy and heat follow u. The shaft angle phi
-is what encoders see; wheels follow it through the backlash, the ground follows the wheels.
+Signal path: a command passes turn_rate_limit, deadband, slew_limit and electrical_lag and is then u, which battery,
+saturation and asymmetry, in this order, turn into V; load, energy and heat follow u. The shaft angle phi is what
+encoders see; wheels follow it through the backlash, the ground follows the wheels.
 """
 
 import math
@@ -21,14 +21,14 @@ from cmr.plant.compiling import compiled
 from cmr.plant.parameters import PlantParameters
 from cmr.plant.state import Body, Side
 
-STRIBECK_SPEED = 0.5  # rad/s; where static friction has fallen to a third
-BUMP_SPEED = 2.0  # rad/s; where the friction of a motor that has just set off has fallen to a third
+STRIBECK_SPEED = 0.5  # rad/s; at which static friction has fallen to a third
+BUMP_SPEED = 2.0  # rad/s; at which the extra friction of a motor that has just started has fallen to a third
 HEATING_TIME = 60.0  # s
-REFERENCE_ENERGY = 10.0  # s of full load current: about what a figure-eight of two minutes draws
+REFERENCE_ENERGY = 10.0  # s of full load current: about the energy of a figure-eight of two minutes
 COUPLING_SWEEPS = 12  # each brings the two accelerations nearer to their common solution by motor_coupling squared
-FELT_SPEED = 0.5  # rad/s; noise of the torque is felt fully above it, and does not set off a wheel that rests
-RIPPLES = 4.0  # of the torque, in a turn of the wheel
-IDLE = 0.01  # duty; below it a motor may be let coast
+FELT_SPEED = 0.5  # rad/s; noise of the torque acts fully above it, and does not start a wheel at rest
+RIPPLES = 4.0  # periods of the torque per turn of the wheel
+IDLE = 0.01  # duty; below it a motor may coast
 
 
 @compiled
@@ -39,13 +39,13 @@ def clip(value: float, limit: float) -> float:
 
 @compiled
 def counted_width(p: PlantParameters) -> float:
-    """Return the base width by which commands are counted [m]."""
+    """Return the base width used to convert commands [m]."""
     return p.controller_base_width if p.controller_base_width > 0.0 else p.base_width
 
 
 @compiled
 def wanted_duties(p: PlantParameters, left: float, right: float) -> tuple[float, float]:
-    """Return what the controller asks of the motors for the commands it has."""
+    """Return the duties that the controller demands of the motors for its commands."""
     # turn_rate_limit: body turn rate clipped to +-W before the wheels; a wheel commanded u is to turn at u / K1.
     per_duty = p.wheel_radius / (p.k1 * counted_width(p))
     turn_rate = per_duty * (right - left)
@@ -88,7 +88,7 @@ def load(p: PlantParameters, u_left: float, u_right: float, psi_left: float, psi
 
 @compiled
 def given(p: PlantParameters, side: Side) -> float:
-    """Return what the motor makes of its duty u before the battery gives way."""
+    """Return the motor's voltage for its duty u, before the battery's sag."""
     # cubic_motor: u (1 - c + c u^2); weak_reverse: u (1 - g) where u < 0; torque_ripple: u (1 + A cos(4 phi)).
     v = side.u * (1.0 - p.cubic_motor + p.cubic_motor * side.u * side.u)
     if v < 0.0:
@@ -108,7 +108,7 @@ def supply(p: PlantParameters, q: float, body: Body) -> float:
 
 @compiled
 def current(p: PlantParameters, s: float, side: Side, q: float, body: Body, t: float) -> float:
-    """Return the current of one motor as a share of that when it is stalled at full duty."""
+    """Return the current of one motor as a share of its stall current at full duty."""
     v = given(p, side) * supply(p, q, body)
     # saturation: V clipped to +-V_max; motor_gain_asymmetry: V (1 + s g).
     v = clip(v, p.saturation) * (1.0 + s * p.motor_gain_asymmetry)
@@ -125,14 +125,14 @@ def current(p: PlantParameters, s: float, side: Side, q: float, body: Body, t: f
 
 @compiled
 def held_to_speed(p: PlantParameters, side: Side) -> float:
-    """Return the acceleration that a controller of wheel speeds gives one side, whatever its motor needs [rad/s^2]."""
+    """Return the acceleration of one side under a controller of wheel speeds, whatever the motor needs [rad/s^2]."""
     asked = p.controller_scale * clip(side.u, p.saturation) / p.k1
     return clip((asked - side.psi) / p.controller_response_time, p.controller_acceleration)
 
 
 @compiled
 def driving(p: PlantParameters, s: float, side: Side, q: float, body: Body, t: float) -> float:
-    """Return the acceleration that motor and drag give one side [rad/s^2]."""
+    """Return the acceleration of one side by motor and drag [rad/s^2]."""
     if p.controller_response_time > 0.0:
         return held_to_speed(p, side) + side.torque * min(1.0, abs(side.psi) / FELT_SPEED)
     # payload_change: a (1 - p) after T.
@@ -152,7 +152,7 @@ def friction_size(p: PlantParameters, psi: float, inside: bool) -> float:
     """Return the size of the friction between dry surfaces at this speed [rad/s^2]."""
     # coulomb_friction: c; static_friction: extra c_s exp(-(psi / 0.5)^2); surface_patch: extra friction c inside.
     # Other laws: friction_bump: c (1 + k exp(-abs(psi) / 2)); stribeck_shape: another exponent than 2.
-    if p.controller_response_time > 0.0:  # which makes up for it
+    if p.controller_response_time > 0.0:  # which compensates for it
         return 0.0
     friction = p.coulomb_friction
     if p.friction_bump != 0.0:
@@ -172,7 +172,9 @@ def dry_friction(p: PlantParameters, psi: float, inside: bool) -> float:
 
 @compiled
 def smooth_friction(p: PlantParameters, psi: float, inside: bool) -> float:
-    """Return the deceleration by a friction that sets in smoothly and holds nothing at rest [rad/s^2]."""
+    """Return the deceleration by a friction that is smooth around zero speed and does not hold a wheel at rest
+    [rad/s^2].
+    """
     # friction_smoothing: c tanh(psi / s) in place of c sign(psi).
     if p.friction_smoothing == 0.0:
         return 0.0
@@ -202,7 +204,7 @@ def accelerations(
 ) -> tuple[float, float]:
     """Return domega of both sides at this heading; their friction acts against `directions`, of which 0 is rest."""
     q = load(p, left.u, right.u, left.psi, right.psi)
-    if p.controller_response_time > 0.0:  # which makes up for slope and coupling, too
+    if p.controller_response_time > 0.0:  # which compensates for slope and coupling, too
         return driving(p, 1.0, left, q, body, t), driving(p, -1.0, right, q, body, t)
     # slope: domega -= g_x cos theta + g_y sin theta.
     uphill = 0.0
@@ -225,7 +227,7 @@ def accelerations(
 
 @compiled
 def taken_up(gap: float, turned: float, backlash: float) -> tuple[float, float]:
-    """Return where the shaft is in the gap of the gearing and how far the wheel turned [rad].
+    """Return the position of the shaft within the backlash, and the wheel's rotation [rad].
 
     backlash: the wheel turns only after the gap g is taken up. `gap` is the shaft's angle ahead of the wheel, within
     +-g/2; at the start it is 0.
@@ -248,7 +250,7 @@ def powered(p: PlantParameters, side: Side, wanted: float, h: float) -> Side:
 
 @compiled
 def switched(p: PlantParameters, side: Side, wanted: float) -> Side:
-    """Return the side at the moment a command changes: without slew_limit and electrical_lag V jumps."""
+    """Return the side at the time of a new command: without slew_limit and electrical_lag V jumps."""
     ramp = wanted if p.slew_limit == math.inf else side.ramp
     u = ramp if p.electrical_lag == 0.0 else side.u
     a = side
@@ -257,11 +259,12 @@ def switched(p: PlantParameters, side: Side, wanted: float) -> Side:
 
 @compiled
 def turned(side: Side, first: float, second: float, holding: float, backlash: float, h: float) -> tuple[Side, float]:
-    """Return the side after a step with these accelerations at its two ends, and how far its wheel turned [rad]."""
+    """Return the side after a step with these accelerations at its two ends, and its wheel's rotation [rad]."""
     psi = side.psi + 0.5 * h * (first + second)
     turn = 0.5 * h * (side.psi + psi)
     if side.psi * psi < 0.0 and holding > 0.0:
-        # A wheel that dry friction reverses comes to rest on the way; what friction cannot hold sets off from there.
+        # A wheel that dry friction would reverse comes to rest within the step; if friction cannot hold it, it starts
+        # from there.
         resting = h * psi / (psi - side.psi)
         onward = rubbed(second + math.copysign(holding, side.psi), 0.0, holding)
         turn = 0.5 * side.psi * (h - resting) + 0.5 * onward * resting**2

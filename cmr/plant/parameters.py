@@ -1,4 +1,4 @@
-"""The numbers of the plant: the paper's robot and, for every effect, its parameters at their neutral values."""
+"""Parameters of the plant: the paper's robot and, for every effect, its parameters at their neutral values."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ Floats: TypeAlias = NDArray[np.float64]
 class PlantParameters(NamedTuple):
     """One robot; by default a typical one of the paper's model, with every effect neutral.
 
-    Beside each parameter stand the least and the largest value with which the plant's equations still make sense.
+    Each parameter is annotated with its least and largest value for which the plant's equations are valid.
     """
 
     wheel_radius: Annotated[float, (1e-3, 100.0)] = 0.04  # m
@@ -90,7 +90,7 @@ class PlantParameters(NamedTuple):
     friction_bump: Annotated[float, (0.0, 1000.0)] = 0.0  # 1
     stribeck_shape: Annotated[float, (0.01, 100.0)] = 2.0  # 1
     viscous_friction: Annotated[float, (0.0, 1000.0)] = 0.0  # 1/s
-    # What no effect describes.
+    # Physics that no effect describes.
     cubic_motor: Annotated[float, (-1.0, 1.0)] = 0.0  # 1
     weak_reverse: Annotated[float, (-1.0, 1.0)] = 0.0  # 1
     torque_ripple: Annotated[float, (-1.0, 1.0)] = 0.0  # 1
@@ -103,7 +103,7 @@ class PlantParameters(NamedTuple):
     encoder_miscount: Annotated[float, (0.0, 1.0)] = 0.0  # 1
     gyro_magnetism: Annotated[float, (-100.0, 100.0)] = 0.0  # rad/s
     pose_heading_warp: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
-    # What the literature describes and no effect does: beyond_motors, beyond_ground and beyond_sensors say what it is.
+    # Physics of the literature that no effect describes: see beyond_motors, beyond_ground and beyond_sensors.
     bridge_loss: Annotated[float, (0.0, 0.5)] = 0.0  # duty
     regeneration_limit: Annotated[float, (0.0, 10.0)] = 0.0  # duty; 0: none
     armature_reaction: Annotated[float, (0.0, 0.9)] = 0.0  # 1/duty
@@ -163,7 +163,8 @@ NEUTRAL = PlantParameters()
 RANGES: Mapping[str, tuple[float, float]] = {  # least and largest value, by name
     name: hint.__metadata__[0] for name, hint in get_type_hints(PlantParameters, include_extras=True).items()
 }
-# The one object for all records: compiled functions compare another one to it at every call, field by field.
+# The one object for all records: compiled functions would compare a different one with it at every call, field by
+# field.
 _RECORD = np.dtype([(name, np.float64) for name in PlantParameters._fields])
 
 # Typical sizes by effect. Times and places fit a drive of 40 s or more about the world's origin.
@@ -224,7 +225,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
 
 
 def plant_parameters(values: Mapping[str, float]) -> PlantParameters:
-    """Return the typical robot with these values in place of its own.
+    """Return the typical robot with these values replaced.
 
     Raises TypeError naming a parameter that the plant does not have.
     """
@@ -235,13 +236,13 @@ def plant_parameters(values: Mapping[str, float]) -> PlantParameters:
 
 
 def as_record(parameters: PlantParameters) -> PlantParameters:
-    """Return the parameters as compiled functions take them: one reference instead of a copy at every call."""
+    """Return the parameters for compiled functions: one reference instead of a copy at every call."""
     return as_records(parameters)[0]
 
 
 def as_records(parameters: PlantParameters) -> Sequence[PlantParameters]:
-    """Return an array of one record: to hand it over from Python takes a twentieth of the time of the record.
+    """Return an array of one record: passing it from Python takes a twentieth of the time of the record.
 
-    To compiled functions the record is what the tuple is: they read the same fields.
+    Compiled functions can use the record like the tuple: both have the same fields.
     """
     return cast("Sequence[PlantParameters]", np.array([tuple(parameters)], dtype=_RECORD))

@@ -1,4 +1,4 @@
-"""The robot itself: its equations, written one by one and integrated with steps of second order.
+"""The equations of the robot, integrated with second-order steps.
 
 Symbols: u duty, V voltage as a share of full drive, psi wheel speed [rad/s], phi angle turned [rad], a = K2/K3,
 r wheel radius, b base width, v forward speed [m/s], w yaw rate [rad/s]; s = +1 on the left and -1 on the right.
@@ -18,7 +18,7 @@ from cmr.plant.parameters import Floats, PlantParameters
 from cmr.plant.state import COLUMNS, Body, Robot, Side, at_speed, row
 
 LOSS_TIME = 0.4  # s for which a wheel loses traction
-LOSING_SPEED = 1.0  # rad/s; a wheel that turns more slowly keeps it
+LOSING_SPEED = 1.0  # rad/s; slower wheels do not lose traction
 
 
 @compiled
@@ -58,7 +58,7 @@ def advance(
     ahead_right = at_speed(powered_right, right.psi + h * first[1])
     speed_up = 0.5 * p.wheel_radius * (first[0] + first[1])
     body = loaded(p, body, load(p, left.u, right.u, left.psi, right.psi), speed_up, h)
-    # Within a step friction keeps its direction; a wheel at rest may set off.
+    # Within a step friction keeps its direction; a wheel at rest may start.
     directions = (left.psi or ahead_left.psi, right.psi or ahead_right.psi)
     second = accelerations(p, ahead_left, ahead_right, directions, body, body.theta + h * body.w, inside, t)
     holding = dry_friction(p, 0.0, inside)
@@ -76,7 +76,7 @@ def disturbed(
     torque_noise, torque_time, slip_noise, slip_time = noise
     torque = wander(side.torque, torque_noise, math.exp(-h / torque_time), random)
     slip = wander(side.slip, slip_noise, math.exp(-h / slip_time), random)
-    # traction_loss: so many times a second a wheel that turns begins to lose it.
+    # traction_loss: rate at which a turning wheel begins to lose it.
     lost = max(0.0, side.lost - h)
     if p.traction_loss > 0.0 and abs(side.psi) > LOSING_SPEED and lost == 0.0 and random.random() < p.traction_loss * h:
         lost = LOSS_TIME
@@ -114,7 +114,7 @@ def simulate(
     noise: tuple[float, float, float, float],
     random: np.random.Generator,
 ) -> tuple[Floats, Robot]:
-    """Drive on from `robot` and return the state at the borders, shape (n + 1, len(COLUMNS)), and the robot then.
+    """Simulate from `robot` and return the state at the borders, shape (n + 1, len(COLUMNS)), and the robot then.
 
     `borders` [s] are n + 1 increasing times, the first that of `robot`; the duties of shape (n,) have reached the
     controller and hold between them. Steps are at most `step` [s]. `noise`: size [rad/s^2] and time [s] of the
@@ -139,6 +139,6 @@ def simulate(
                 right = disturbed(p, right, noise, h, random)
         states[span + 1] = row(left, right, body)
         if steps > 1:
-            # A body's yaw rate is the mean of its last step; what a gyro would read is that at the step's end.
+            # A body's yaw rate is the mean of its last step; a gyro reads the one at the step's end.
             states[span + 1, -1] += 0.5 * (body.w - before)
     return states, Robot(left, right, body)

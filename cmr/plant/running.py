@@ -1,4 +1,4 @@
-"""One robot whose time goes on from event to event, in steps of a millisecond at most."""
+"""One robot advanced from event to event, in steps of a millisecond at most."""
 
 import math
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ from cmr.plant.state import Body, Robot, Side, at_rest
 
 STEP = 0.001  # s
 MOST_STEPS = 1000  # at once
-BLOCK = 4096  # rows of random numbers that are drawn together
+BLOCK = 4096  # rows of random numbers drawn at once
 SIDE, BODY = len(Side._fields), len(Body._fields)
-PLACES = {  # of what the robot carries, in one array
+PLACES = {  # of the robot's state, in one array
     **{f"{name}_left": place for place, name in enumerate(Side._fields)},
     **{f"{name}_right": SIDE + place for place, name in enumerate(Side._fields)},
     **{name: 2 * SIDE + place for place, name in enumerate(Body._fields)},
@@ -24,14 +24,14 @@ PLACES = {  # of what the robot carries, in one array
 
 @compiled
 def side_in(carried: Floats, number: int) -> Side:
-    """Return the left side (0) or the right one (1) of what the robot carries, ordered as PLACES."""
+    """Return the left side (0) or the right one (1) of the robot's state, ordered as PLACES."""
     c = carried[SIDE * number : SIDE * (number + 1)]
     return Side(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10])
 
 
 @compiled
 def body_in(carried: Floats) -> Body:
-    """Return the body of what the robot carries, ordered as PLACES."""
+    """Return the body of the robot's state, ordered as PLACES."""
     c = carried[2 * SIDE :]
     return Body(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10])
 
@@ -45,7 +45,7 @@ def go_on(
     noise: tuple[float, float, float, float],
     draws: Floats,
 ) -> None:
-    """Let time pass over the `span` [s] at these duties (left, right); change `carried`, ordered as PLACES.
+    """Advance by the `span` [s] at these duties (left, right); update `carried`, ordered as PLACES.
 
     `draws` are random numbers, a row for each step: two of a normal and one of a uniform distribution for the left
     side, then as many for the right one.
@@ -73,7 +73,7 @@ def go_on(
 
 @compiled_once
 def switch(records: Sequence[PlantParameters], carried: Floats, duties: Floats) -> None:
-    """Have duties (left, right) reach the motors at once, as far as nothing delays them; change `carried`."""
+    """Apply duties (left, right) to the motors at once, except for lags; update `carried`."""
     p = records[0]
     wanted = wanted_duties(p, duties[0], duties[1])
     for number in range(2):
@@ -119,7 +119,7 @@ class RunningRobot:
         self._go_on = loaded(go_on)
 
     def drive(self, left: float, right: float) -> None:
-        """Have the motors get these duties from now on."""
+        """Set the duties of the motors from now on."""
         self._duties[:] = left, right
         switch(self._records, self.carried, self._duties)
 
@@ -128,7 +128,7 @@ class RunningRobot:
         return electrics_of(self._records, self.carried, self.time)
 
     def advance(self, time: float) -> None:
-        """Let the world go on until `time` [s]; a time that has passed changes nothing."""
+        """Advance to `time` [s]; a time in the past changes nothing."""
         while (now := self.time) < time:
             end, steps = time, 1
             if time - now > STEP:
@@ -139,7 +139,7 @@ class RunningRobot:
             self.time = end
 
     def _load(self) -> None:
-        """Compile or load what lets time pass before anybody waits for it."""
+        """Compile or load the functions of a step before they are needed."""
         switch(self._records, self.carried.copy(), self._duties)
         electrics_of(self._records, self.carried, 0.0)
         go_on(self._records, self.carried.copy(), self._duties, (0.0, STEP), self._noise, np.zeros((1, 6)))

@@ -1,4 +1,4 @@
-"""What the sensors say of the plant's true motion, with their effects and their noise."""
+"""Sensor readings of the plant's true motion, with their effects and their noise."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ Pose: TypeAlias = tuple[float, float, float]  # x, y [m], theta [rad]
 
 TURN = 2.0 * math.pi
 MISCOUNTING_SPEEDS = (6.0, 12.0)  # rad/s; between them an encoder begins to miss counts
-# Where the parameters of further errors of gyro and poses stand.
+# Indices of the parameters of further errors of gyro and poses.
 OF_GYRO = [
     PlantParameters._fields.index(name)
     for name in ("gyro_asymmetry", "gyro_vibration", "gyro_warm_up", "gyro_field", "lidar_imbalance")
@@ -25,7 +25,7 @@ WARP_LENGTH = 1.5  # m; over which the error of the pose's heading repeats
 
 @dataclass(frozen=True)
 class Noise:
-    """How uneven the robot runs and how finely its sensors see; sizes are standard deviations.
+    """Process noise of the robot and noise of its sensors; sizes are standard deviations.
 
     Torque and slip wander as Ornstein-Uhlenbeck processes. `pose_time` 0 makes the noise of the poses white.
     `ticks_per_turn` is infinite for an encoder without steps.
@@ -44,15 +44,18 @@ class Noise:
 
     @property
     def of_motion(self) -> tuple[float, float, float, float]:
-        """What disturbs the motion itself."""
+        """Noise of the motion itself."""
         return self.torque, self.torque_time, self.slip, self.slip_time
 
 
-SLIP_TIME, SLIP_SPEED = 0.2, 0.3  # s, m/s; slip of so many seconds' memory spoils the way as is said at this speed
+# s, m/s; correlation time of slip, and speed at which it has the stated effect on the distance
+SLIP_TIME, SLIP_SPEED = 0.2, 0.3
 
 
 def slip_of_way(way: float) -> tuple[float, float]:
-    """Return size [1] and time [s] of the slip that makes the way of a side err by `way` [m] after 1 m, typically."""
+    """Return size [1] and time [s] of the slip that causes an error of typically `way` [m] in a side's distance after 1
+    m.
+    """
     return way / math.sqrt(2.0 * SLIP_TIME * SLIP_SPEED), SLIP_TIME
 
 
@@ -73,7 +76,7 @@ def ticks(
 ) -> Number:
     """Return the count of one side's encoder, in ticks of which the driver believes `nominal` make a turn.
 
-    `phase` [ticks of the disc, 0 to 1] tells how near to the next tick the wheel stood at the start.
+    `phase` [ticks of the disc, 0 to 1] is the wheel's initial position between two ticks.
 
     encoder_scale: ticks (1 + e); encoder_asymmetry: ticks (1 + s e); encoder_quantisation: so few ticks per turn.
     """
@@ -89,7 +92,7 @@ def missed(p: PlantParameters, speed: Number) -> Number:
 
 
 def misses(p: PlantParameters) -> bool:
-    """Tell whether encoders miss counts at some speed."""
+    """Return whether encoders miss counts at some speed."""
     return p.encoder_miscount != 0.0 or p.encoder_overspeed != 0.0
 
 
@@ -102,31 +105,31 @@ def counted(p: PlantParameters, phi: Floats, time: Floats) -> Floats:
 
 
 def wheel_speed(count: Floats, time: Floats, nominal: float) -> Floats:
-    """Return the wheel speed [rad/s] that the driver tells: mean over the time since the previous message."""
+    """Return the wheel speed [rad/s] reported by the driver: the mean over the time since the previous message."""
     return np.concatenate([[0.0], np.diff(count) / np.diff(time)]) * (TURN / nominal)
 
 
 def wheel_time(p: PlantParameters, time: Floats) -> Floats:
-    """Return when the wheels stood as their readings say at `time`. wheel_speed_latency: phi_m(t) = phi(t - d)."""
+    """Return the time of the wheels' state that is read at `time`. wheel_speed_latency: phi_m(t) = phi(t - d)."""
     return np.maximum(time - p.wheel_speed_latency, 0.0)
 
 
 def gyro_time(p: PlantParameters, time: Floats) -> Floats:
-    """Return when that happened which the gyro says at `time`. gyro_latency: w_m(t) = w(t - d)."""
+    """Return the time of the motion that the gyro reads at `time`. gyro_latency: w_m(t) = w(t - d)."""
     return np.maximum(time - p.gyro_latency, 0.0)
 
 
 def gyro(
     p: PlantParameters, time: Floats, motion: Sequence[Floats], noise: Noise, random: np.random.Generator
 ) -> Floats:
-    """Return what the gyro says at `time` in a `motion`: w [rad/s], theta [rad], forward speed [m/s]."""
+    """Return the gyro's reading at `time` in a `motion`: w [rad/s], theta [rad], forward speed [m/s]."""
     measured = rate_seen(p, time, *motion)
     steps = np.sqrt(np.diff(time, prepend=0.0)) * random.standard_normal(len(time))
     return measured + noise.gyro_walk * np.cumsum(steps) + noise.gyro * random.standard_normal(len(time))
 
 
 def rate_seen(p: PlantParameters, time: Number, w: Number, theta: Number, v: Number) -> Number:
-    """Return what the gyro would say without noise at forward speed v [m/s].
+    """Return the gyro's reading without noise at forward speed v [m/s].
 
     gyro_scale: w (1 + e); gyro_bias: + B; gyro_drift: + D t / 100 s; gyro_magnetism: + M sin(2 theta).
     """
@@ -137,7 +140,7 @@ def rate_seen(p: PlantParameters, time: Number, w: Number, theta: Number, v: Num
 
 
 def pose_time(p: PlantParameters, time: Floats) -> Floats:
-    """Return when the robot was where the pose stamped `time` says.
+    """Return the true time of the pose stamped `time`.
 
     clock_skew: the clock of the pose shows (1 + e) t at time t; pose_latency: a pose is stamped d after its moment.
     """
@@ -147,7 +150,9 @@ def pose_time(p: PlantParameters, time: Floats) -> Floats:
 def pose(
     p: PlantParameters, time: Floats, true: Sequence[Floats], noise: Noise, random: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """Return what the external localisation says of a robot at the true x, y, theta, with its v [m/s] and w [rad/s]."""
+    """Return the pose measured by the external localisation for the true x, y, theta, with the robot's v [m/s] and w
+    [rad/s].
+    """
     x, y, theta = (filtered(time, values, p.pose_smoothing) for values in seen(p, *true))
     x = x + noise.position * correlated(time, noise.pose_time, random)
     y = y + noise.position * correlated(time, noise.pose_time, random)
@@ -158,7 +163,7 @@ def pose(
 def seen(
     p: PlantParameters, x: Number, y: Number, theta: Number, v: Number, w: Number
 ) -> tuple[Number, Number, Number]:
-    """Return what the external localisation would say without noise, the heading unwrapped.
+    """Return the pose measured by the external localisation without noise, the heading unwrapped.
 
     pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2);
     pose_heading_warp: theta + A sin(2 pi x / 1.5 m); pose_heading_offset: theta + C.
@@ -175,7 +180,8 @@ def seen(
 
 
 def filtered(time: Floats, values: Floats, constant: float) -> Floats:
-    """Return what a filter makes of `values`, linear between their times, that begins at the first of them.
+    """Return the output of a first-order filter for `values`, linear between their times, starting at the first of
+    them.
 
     pose_smoothing: dy/dt = (x - y) / T.
     """
@@ -187,19 +193,21 @@ def filtered(time: Floats, values: Floats, constant: float) -> Floats:
 
 
 def filtered_on(before: float, values: tuple[float, float], seconds: float, constant: float) -> float:
-    """Return what a filter shows that has shown `before`, while what it filters went along a line between `values`."""
+    """Return the output of a filter whose last output was `before`, for an input that moves linearly between
+    `values`.
+    """
     behind = constant * (values[1] - values[0]) / seconds  # in the end
     return values[1] - behind + (before - values[0] + behind) * math.exp(-seconds / constant)
 
 
 class PoseFilter:
-    """What a tracker's filter shows of poses that are seen one after the other: `filtered`, as time goes on."""
+    """A tracker's filter for poses measured one after the other: `filtered`, over time."""
 
     def __init__(self) -> None:
-        self._last: tuple[float, Pose, Pose] | None = None  # time [s], what was seen, what was shown
+        self._last: tuple[float, Pose, Pose] | None = None  # time [s], input, output
 
     def shown(self, p: PlantParameters, time: float, pose: Pose) -> Pose:
-        """Return what is shown of a pose x, y, theta [m, m, rad] that is seen at `time` [s]."""
+        """Return the filter's output for a pose x, y, theta [m, m, rad] measured at `time` [s]."""
         constant, shown = p.pose_smoothing, pose
         if self._last is not None and constant > 0.0:
             begin, old, before = self._last
@@ -211,7 +219,7 @@ class PoseFilter:
 
 
 def correlated(time: Floats, memory: float, random: np.random.Generator) -> Floats:
-    """Return noise of standard deviation 1 that forgets with the time constant `memory` [s]; white for 0."""
+    """Return noise of standard deviation 1 with the correlation time `memory` [s]; white for 0."""
     fresh = random.standard_normal(len(time))
     if memory == 0.0:
         return fresh

@@ -1,4 +1,4 @@
-"""What the robot carries from one moment to the next."""
+"""State variables of the robot."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,7 @@ class Side(NamedTuple):
     """The motor and the wheels of one side."""
 
     ramp: float  # duty, after slew_limit
-    u: float  # duty, what reaches the motor
+    u: float  # duty, applied to the motor
     heat: float  # duty^2, of the motor
     psi: float  # rad/s
     domega: float  # rad/s^2, mean of the last step
@@ -20,16 +20,17 @@ class Side(NamedTuple):
     gap: float  # rad, shaft ahead of the wheel
     torque: float  # rad/s^2, noise
     slip: float  # 1, noise
-    lost: float  # s, for which the wheel will still have little traction
-    winding: float  # duty^2, with the memory of winding_heat
+    lost: float  # s, remaining time with little traction
+    winding: float  # duty^2, filtered by the memory of winding_heat
 
 
 class Body(NamedTuple):
     """The rest of the robot: pose [m, m, rad], yaw rate [rad/s], energy drawn from the battery [s of full load].
 
-    `caster` is the way it trails: 1 after driving forward, -1 after driving backward, 0 before any. `flipped` [s] tells
-    how long ago it turned round, `flip_side` is 1 or -1, the side over which it did. `remembered` is the battery's load
-    with the memory of battery_relaxation. A liquid stands `slosh` [m] ahead of its rest, and moves at `slosh_rate`.
+    `caster` is its trailing direction: 1 after driving forward, -1 after driving backward, 0 before any. `flipped` [s]
+    is the time since it turned round, `flip_side` is 1 or -1, the side over which it did. `remembered` is the battery's
+    load with the memory of battery_relaxation. A liquid stands `slosh` [m] ahead of its rest, and moves at
+    `slosh_rate`.
     """
 
     x: float
@@ -46,7 +47,7 @@ class Body(NamedTuple):
 
 
 class Robot(NamedTuple):
-    """All that the robot carries from one step to the next."""
+    """The state of the robot between two steps."""
 
     left: Side
     right: Side
@@ -61,7 +62,7 @@ def at_rest(pose: tuple[float, float, float]) -> Robot:
 
 @compiled
 def at_speed(side: Side, psi: float) -> Side:
-    """Return the side as it is at another wheel speed."""
+    """Return the side with another wheel speed."""
     a = side
     return Side(a.ramp, a.u, a.heat, psi, a.domega, a.phi, a.gap, a.torque, a.slip, a.lost, a.winding)
 

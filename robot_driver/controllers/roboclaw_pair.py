@@ -13,10 +13,10 @@ ADDRESSES = (0x80, 0x81)
 
 
 class RoboClawPair(Controller):
-    """Both units get the same duty; a side has gone as far as the mean of its two wheels.
+    """Both units get the same duty; the count of a side is the mean of its two wheels.
 
-    The rear unit is spoken to when the front one has answered; of duties it hears in any case. Both must be armed, and
-    either can say that something is wrong.
+    The rear unit is addressed after the front one has answered; duties are sent to it in any case. Both must be armed,
+    and either can report a fault.
     """
 
     default_baud_rate = RoboClaw.default_baud_rate
@@ -27,22 +27,22 @@ class RoboClawPair(Controller):
     def __init__(self) -> None:
         self._front, self._rear = (RoboClaw(address) for address in ADDRESSES)
         self._before = (0, 0, 0, 0)
-        self._steps = [0, 0]  # of both sides since their counts were zero, front and rear added up
+        self._steps = [0, 0]  # of both sides since their counts were zero, sum of front and rear
 
     def identify(self) -> Request[str]:
-        """Ask both for the firmware's name."""
+        """Read the firmware's name of both."""
         return _both(self._front.identify(), self._rear.identify(), lambda front, rear: f"{front} and {rear}")
 
     def learn(self) -> list[Request[None]]:
-        """Find out the status format of each; they may be of different age."""
+        """Determine the status format of each; their firmware may differ."""
         return [*self._front.learn(), *self._rear.learn()]
 
     def set_watchdog(self, seconds: float) -> Request[None]:
-        """Set it in both."""
+        """Set the watchdog of both."""
         return _both(self._front.set_watchdog(seconds), self._rear.set_watchdog(seconds), lambda _front, _rear: None)
 
     def read_watchdog(self) -> Request[float]:
-        """Ask both; where they differ, the answer is the one that is not as it should be."""
+        """Read both; if they differ, return the one that is not as required."""
 
         def wrong_one(front: float, rear: float) -> float:
             return max(front, rear, key=lambda seconds: abs(seconds - self.watchdog_seconds))
@@ -50,20 +50,20 @@ class RoboClawPair(Controller):
         return _both(self._front.read_watchdog(), self._rear.read_watchdog(), wrong_one)
 
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
-        """Set the duty of M1 and of M2 in both; in the rear unit also when the front one does not answer."""
+        """Set the duty of M1 and of M2 in both; in the rear unit even if the front one does not answer."""
         rear = self._rear.drive(first, second)
         return replace(_both(self._front.drive(first, second), rear, lambda front, _rear: front), otherwise=rear)
 
     def stops(self) -> list[Request[tuple[float, float]]]:
-        """Stop each for itself: if one is dead, the other must hear it all the more."""
+        """Stop each for itself: if one is dead, the other must still be stopped."""
         return [self._front.drive(0.0, 0.0), self._rear.drive(0.0, 0.0)]
 
     def read_encoders(self) -> Request[tuple[int, int]]:
-        """Ask both for their counts; the answer counts, for each side, the mean of what both wheels have gone."""
+        """Read the counts of both; the result for each side is the mean over its two wheels."""
         return _both(self._front.read_encoders(), self._rear.read_encoders(), self._mean_counts)
 
     def read_telemetry(self) -> list[Request[Telemetry]]:
-        """Ask both for the same, in turn."""
+        """Read the telemetry of both, one after the other."""
         pairs = zip(self._front.read_telemetry(), self._rear.read_telemetry(), strict=True)
         return [_both(front, rear, together) for front, rear in pairs]
 
@@ -76,7 +76,9 @@ class RoboClawPair(Controller):
 
 
 def together(front: Telemetry, rear: Telemetry) -> Telemetry:
-    """Return what two units with one battery measure: the lower voltage, all current, the higher temperature."""
+    """Combine the measurements of two units with one battery: the lower voltage, the total current, the higher
+    temperature.
+    """
     result = Telemetry()
     if "battery_voltage" in front:
         result["battery_voltage"] = min(front["battery_voltage"], rear["battery_voltage"])
@@ -90,5 +92,5 @@ def together(front: Telemetry, rear: Telemetry) -> Telemetry:
 
 
 def _both(front: Request[T], rear: Request[T], combine: Callable[[T, T], T]) -> Request[T]:
-    """Return a request to the front unit that is followed by one to the rear unit, with a common answer."""
+    """Return a request to the front unit followed by one to the rear unit, with a combined answer."""
     return replace(front, then=lambda said: replace(rear, parse=lambda reply: combine(said, rear.parse(reply))))

@@ -6,8 +6,8 @@ before it answers. There is no checksum: an answer counts only if it is, to the 
 can give to this very question; and a duty counts only if the device, asked which is in force, reports the same. Source:
 Roboteq "Advanced Digital Motor Controller User Manual", serial commands.
 
-The watchdog is fed by actions alone. After it has stopped the motors, the next action has them go on as before; but
-`!M`, the only action here, sets both channels again. Nothing here is kept when the device is switched off (% commands).
+The watchdog is fed by actions alone. After it has stopped the motors, the next action resumes the former duties; but
+`!M`, the only action used here, sets both channels. Nothing here is kept when the device is switched off (% commands).
 """
 
 import re
@@ -39,8 +39,8 @@ _TEMPERATURE = motor_feedback_t.STATUS_TEMPERATURE
 _BATTERY = motor_feedback_t.STATUS_BATTERY
 _MOTOR_FAULT = motor_feedback_t.STATUS_MOTOR_FAULT
 
-Flags = tuple[tuple[int, int, str], ...]  # bits, the STATUS constant they stand for, words for a person
-Found = list[tuple[int, str]]  # of these the last two, where a bit is set
+Flags = tuple[tuple[int, int, str], ...]  # bits, the STATUS constant they stand for, text for the user
+Found = list[tuple[int, str]]  # the last two of these, for each bit that is set
 
 FAULT_FLAGS: Flags = (
     (0x01, _TEMPERATURE, "the controller is overheated"),
@@ -53,7 +53,7 @@ FAULT_FLAGS: Flags = (
     (0x80, _MOTOR_FAULT, "the controller has lost its configuration and runs on default values"),
     (0xFF00, _MOTOR_FAULT, "the controller reports a fault that its display or its manual names"),
 )
-# Limit switches (0x10, 0x20) are no conditions.
+# Limit switches (0x10, 0x20) are not faults.
 MOTOR_FLAGS: Flags = (
     (0x01, _MOTOR_FAULT, "takes as much current as it may"),
     (0x02, _MOTOR_FAULT, "is stalled"),
@@ -61,8 +61,8 @@ MOTOR_FLAGS: Flags = (
     (0x08, _ESTOP, "is held by the safety stop"),
     (0x40, _MOTOR_FAULT, "has taken too much current"),
 )
-# Settings that must be 0, or `!M` would not be the duty of each channel; and what 0 means. A device that has no such
-# setting refuses the query.
+# Settings that must be 0, else `!M` would not set the duty of each channel; and the meaning of 0. A device that has no
+# such setting refuses the query.
 MODES = {
     "MMOD 1": "open loop",
     "MMOD 2": "open loop",
@@ -75,10 +75,10 @@ _WHOLE_NUMBER = re.compile(rb"0|-?[1-9][0-9]{0,9}")
 
 
 class Roboteq(Controller):
-    """One Roboteq with two channels in open loop; it does not trust a device that has been restarted meanwhile.
+    """One Roboteq with two channels in open loop; it refuses a device that was restarted meanwhile.
 
-    A restart brings back the settings in the flash, perhaps without a watchdog, and mostly the echo, which we had
-    switched off. From then on this object sends zeros and takes no answer, so that the driver connects and arms again.
+    A restart restores the settings in the flash, perhaps without a watchdog, and usually the echo, which was switched
+    off. From then on this object sends zeros and accepts no answer, so that the driver connects and arms again.
     """
 
     default_baud_rate = 115200
@@ -91,7 +91,7 @@ class Roboteq(Controller):
         self._found: dict[str, Found] = {}  # by query
 
     def identify(self) -> Request[str]:
-        """Ask for the firmware's name, for example "Roboteq v1.6 RCB500 05/01/2016"."""
+        """Read the firmware's name, for example "Roboteq v1.6 RCB500 05/01/2016"."""
 
         def parse(answer: bytes) -> str:
             match = re.fullmatch(rb"FID=([ -~]+)\r", answer)
@@ -102,7 +102,7 @@ class Roboteq(Controller):
         return self._request("?FID", LONGEST_IDENTITY, parse)
 
     def learn(self) -> list[Request[None]]:
-        """Switch the echo off, which is not kept over power-off; see that a duty will be taken as a duty."""
+        """Switch the echo off, which is not kept over power-off; check that a command will be taken as a duty."""
 
         def echo_is_off(answer: bytes) -> None:
             _acknowledged(answer)
@@ -124,15 +124,15 @@ class Roboteq(Controller):
         return self._request(f"^RWD {milliseconds}", len(DONE), _acknowledged)
 
     def read_watchdog(self) -> Request[float]:
-        """Ask for the time after which the motors stop (s)."""
+        """Read the time after which the motors stop (s)."""
         return self._query("~RWD", 1, range(LONGEST_WATCHDOG + 1), lambda milliseconds: milliseconds / 1000)
 
     def drive(self, first: float, second: float) -> Request[tuple[float, float]]:
-        """Set the duty of channels 1 and 2, in steps of 0.001, and ask which is in force.
+        """Set the duty of channels 1 and 2, in steps of 0.001, and read back which are in force.
 
-        A line that was damaged on its way may be another duty, and is acknowledged all the same. Zero is believed: the
-        line may have been lost, or the controller hold the motors by itself, which its status reports.
-        Raises ValueError for a duty outside [-1, 1].
+        A command line damaged in transmission may be another duty, and is acknowledged all the same. Zero is accepted:
+        the line may have been lost, or the controller may hold the motors by itself, which its status reports. Raises
+        ValueError for a duty outside [-1, 1].
         """
         steps = round(first * FULL_DUTY), round(second * FULL_DUTY)
         if max(map(abs, steps)) > FULL_DUTY:
@@ -154,11 +154,11 @@ class Roboteq(Controller):
         return replace(sent, then=lambda _: self._query("?M", len(steps), DUTIES, confirm), confirms=True)
 
     def read_encoders(self) -> Request[tuple[int, int]]:
-        """Ask for both encoder counts, which the device sends as signed numbers."""
+        """Read both encoder counts, which the device sends as signed numbers."""
         return self._query("?C", 2, COUNTS, lambda first, second: (first % 2**32, second % 2**32))
 
     def read_telemetry(self) -> list[Request[Telemetry]]:
-        """Ask for voltages, motor currents, temperatures, faults, and flags of the motors."""
+        """Read voltages, motor currents, temperatures, faults, and flags of the motors."""
         return [
             self._query("?V", 3, range(65536), _battery),
             self._query("?A", 2, TENTHS_OF_AMPERE, _currents),
@@ -173,7 +173,7 @@ class Roboteq(Controller):
         return self._health("?FM", list(chain.from_iterable(found)))
 
     def _health(self, query: str, found: Found) -> Telemetry:
-        """Return what this query and the latest others say together."""
+        """Return the health reported by this query and the latest others."""
         self._found[query] = found
         everything = list(chain.from_iterable(self._found.values()))
         return Telemetry(
@@ -223,7 +223,9 @@ def _without_echo(line: bytes, reply: bytes) -> bytes:
 
 
 def _missing_of_values(answer: bytes, begin: int, least: int) -> int:
-    """Return how many bytes are missing, at least, where so many values begin at `begin`: digits, colons, the end."""
+    """Return how many bytes are missing, at least, for at least `least` values from `begin` on: digits, colons, the
+    end.
+    """
     values = least - 1 - answer.count(b":", begin)
     last_is_empty = len(answer) == begin or answer.endswith((b":", b"-"))
     return (2 * values if values > 0 else 0) + last_is_empty + len(END)
@@ -237,7 +239,7 @@ def _acknowledged(answer: bytes) -> None:
 def _values(name: str, answer: bytes, count: range, allowed: range) -> list[int]:
     """Return the values of an answer to the query `name`.
 
-    Raises BadReply unless it is exactly as the device writes it: no other name, no leading zeros, no blanks.
+    Raises BadReply unless its format is exactly the device's: no other name, no leading zeros, no blanks.
     """
     prefix, end = name.encode("ascii") + b"=", answer[-len(END) :]
     texts = answer[len(prefix) : -len(END)].split(b":")
@@ -252,7 +254,7 @@ def _values(name: str, answer: bytes, count: range, allowed: range) -> list[int]
 
 
 def _mode_parser(mode: str) -> Callable[[bytes], None]:
-    """Return what refuses a device in a wrong mode."""
+    """Return a parser that refuses a device in a wrong mode."""
 
     def parse(answer: bytes) -> None:
         if answer != REFUSED and any(_values(mode.split()[0], answer, range(1, 3), range(100))):
@@ -262,7 +264,7 @@ def _mode_parser(mode: str) -> Callable[[bytes], None]:
 
 
 def _battery(_driver_stage: int, main: int, _logic: int) -> Telemetry:
-    """Take the second of three voltages (0.1 V, 0.1 V, mV)."""
+    """Return the second of three voltages (0.1 V, 0.1 V, mV)."""
     if main not in TENTHS_OF_VOLT:
         raise BadReply(f"A battery of {main / 10} V is out of range.")
     return Telemetry(battery_voltage=main / 10)
@@ -274,5 +276,5 @@ def _currents(first: int, second: int) -> Telemetry:
 
 
 def _read(flags: Flags, subject: str, word: int) -> Found:
-    """Return what the bits of `word` stand for."""
+    """Return the conditions for the bits of `word`."""
     return [(status, subject + words) for bits, status, words in flags if word & bits]

@@ -1,4 +1,4 @@
-"""What every emulated serial device offers to the engine: bytes and time in, bytes and time out, no I/O."""
+"""Interface of emulated serial devices to the engine: bytes and time in, bytes and time out, no I/O."""
 
 from collections import Counter
 from typing import NamedTuple, Protocol
@@ -17,25 +17,25 @@ class Transmission(NamedTuple):
 class Device(Protocol):
     """A device at the end of a serial line. Times are s since the start and never go back.
 
-    The plant stands at the given time whenever a method is called. `byte_time` (s) is what one byte takes on the
-    wire. `wake_time` (s) is when the device next acts of its own accord; infinity for never.
+    The plant is at the given time whenever a method is called. `byte_time` (s) is the duration of one byte on the wire.
+    `wake_time` (s) is when the device next acts on its own; infinity for never.
     """
 
     byte_time: float
 
     @property
     def wake_time(self) -> float:
-        """When the device next acts of its own accord."""
+        """When the device next acts on its own."""
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes of which the last has arrived at `time`."""
+        """Process bytes, the last of which arrived at `time`."""
 
     def wake(self, time: float) -> list[Transmission]:
         """Act; called when `wake_time` has come."""
 
 
 class NotUnderstood(Counter[str]):
-    """How often a device did not understand what it was sent, by what that was; of many kinds the last are OTHERS."""
+    """Counts of input that a device did not understand, by kind; of many kinds, the last are counted as OTHERS."""
 
     def note(self, what: str) -> None:
         """Count one."""
@@ -43,11 +43,11 @@ class NotUnderstood(Counter[str]):
 
 
 def not_understood(device: Device) -> Counter[str]:
-    """Return how often a device did not understand what it was sent, by what that was; empty if it does not count."""
+    """Return the counts of input that a device did not understand, by kind; empty if it does not count."""
     counted = getattr(device, "not_understood", None)
     return counted if isinstance(counted, Counter) else Counter()
 
 
 def byte_time(baud: int) -> float:
-    """Return what one byte takes on a line at `baud` bit/s, in s; 0 where baud is 0."""
+    """Return the duration of one byte on a line at `baud` bit/s, in s; 0 if baud is 0."""
     return BITS_PER_BYTE / baud if baud else 0.0

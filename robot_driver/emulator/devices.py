@@ -1,4 +1,4 @@
-"""The tables of devices that can be emulated, by the name that cmr-driver has for them too."""
+"""The tables of devices that can be emulated, by their name in cmr-driver."""
 
 from collections.abc import Callable
 

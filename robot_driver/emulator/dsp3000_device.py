@@ -27,8 +27,8 @@ class Dsp3000Device:
         self._integrated = 0.0
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take mode letters; all other bytes, line ends among them, are ignored and nothing is answered."""
-        del time  # a letter is in force for the next sample, whenever it comes
+        """Process mode letters; all other bytes, including line ends, are ignored, and nothing is answered."""
+        del time  # a letter takes effect at the next sample
         for byte in data:
             if byte in MODES:
                 self._mode = byte

@@ -1,4 +1,4 @@
-"""The event loop of the emulator: it keeps a robot in real time, and moves bytes between it and serial ports."""
+"""The event loop of the emulator: it runs a robot in real time and transfers bytes between it and serial ports."""
 
 import os
 import select
@@ -15,12 +15,12 @@ from robot_driver.emulator.robot_in_time import RobotInTime, StreamingAdapter
 from robot_driver.emulator.sensors import MotionCapture, Pose
 
 LONGEST_WAIT = 0.5  # s
-CLOSED_PORT_PERIOD = 0.005  # s between looks at a port that no client has open; such a port cannot be waited on
+CLOSED_PORT_PERIOD = 0.005  # s between polls of a port that no client has open, which cannot be waited on
 CLOCKS_TOGETHER = 50e-6  # s within which both clocks must be read to be compared; it takes 1e-6
 
 
 class Port(Protocol):
-    """What the engine needs of a serial port; none of it blocks."""
+    """The engine's interface to a serial port; no method blocks."""
 
     def fileno(self) -> int:
         """Return the file descriptor to wait on."""
@@ -30,17 +30,17 @@ class Port(Protocol):
         """Return whether a client has the port open."""
 
     def read(self) -> bytes:
-        """Return what the client has sent."""
+        """Return the bytes that the client has sent."""
 
     def write(self, data: bytes) -> None:
         """Send to the client."""
 
 
 class Engine:
-    """Runs a robot in real time in a thread of its own; use it as a context manager.
+    """Runs a robot in real time in a thread of its own; a context manager.
 
-    The plant is moved to the exact time of each event (a request's last byte has arrived, a sample is due), so
-    nothing depends on how punctually the thread runs. `on_pose` is called from that thread.
+    The plant is moved to the exact time of each event (a request's last byte has arrived, a sample is due), so timing
+    does not depend on the thread's punctuality. `on_pose` is called from that thread.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Engine:
         os.close(self._stop_writer)
 
     def check(self) -> None:
-        """Raise what ended the thread, if anything did."""
+        """Raise the exception that ended the thread, if any."""
         if self.failure is not None:
             raise self.failure
 
@@ -94,7 +94,7 @@ class Engine:
         """Return a time of the robot in microseconds since the Unix epoch."""
         while True:
             before, utime, now = self.now(), time.time_ns() // 1000, self.now()
-            if now - before < CLOCKS_TOGETHER:  # else the thread was held up between the two clocks
+            if now - before < CLOCKS_TOGETHER:  # else the thread was interrupted between the two clock readings
                 return utime - round((now - moment) * 1e6)
 
     def _run(self) -> None:
@@ -103,20 +103,20 @@ class Engine:
             while not self._stopping:
                 due, before = self._robot.next_due(), self.now()
                 for name, data in self._arrived(due - before):
-                    # If this thread was held up, the bytes came before what it should have done meanwhile.
+                    # If this thread was delayed, the bytes arrived before events that are overdue.
                     self._robot.bring(name, data, min(self.now(), due))
-                # Of what is due since then, nothing: bytes may be waiting that came before.
+                # Overdue events since then are not processed yet: bytes may be waiting that arrived before them.
                 self._robot.let_happen(before)
         except BaseException as failure:  # handed to the main thread by check()
             self.failure = failure
 
     def _arrived(self, timeout: float) -> list[tuple[str, bytes]]:
-        """Wait for bytes of clients up to `timeout` (s); return them by the name of their port."""
+        """Wait for bytes of clients up to `timeout` (s); return them by port name."""
         is_open = {name: port.is_open for name, port in self._ports.items()}
         longest = LONGEST_WAIT if all(is_open.values()) else CLOSED_PORT_PERIOD
         waited_on = [port.fileno() for name, port in self._ports.items() if is_open[name]]
         ready, _, _ = select.select([*waited_on, self._stop_reader], [], [], min(max(timeout, 0.0), longest))
-        # A client may have written and closed the port since the last look; that is not lost.
+        # A client may have written and closed the port since the last poll; those bytes are not lost.
         return [
             (name, port.read()) for name, port in self._ports.items() if not is_open[name] or port.fileno() in ready
         ]

@@ -1,4 +1,4 @@
-"""A line that is worse than it should be: slow adapters, noise, lost packets, and a device that says nothing."""
+"""A line with faults: slow adapters, noise, lost packets, a silent device."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -6,16 +6,16 @@ from random import Random
 
 from robot_driver.emulator.device import Device, Transmission
 
-DELAY = 0.030  # s; longer than anybody should wait for an answer
+DELAY = 0.030  # s; longer than a client should wait for an answer
 
 
 @dataclass
 class Faults:
-    """What is wrong with a line; may be changed at any time.
+    """The faults of a line; may be changed at any time.
 
-    `latency` (s) is added to every answer, `byte_gap` (s) stands between the bytes of an answer. Then come shares of
+    `latency` (s) is added to every answer, `byte_gap` (s) separates the bytes of an answer. Then follow shares of
     answers: lost whole, late by DELAY; and shares of packets, either way: lost whole, with one bit flipped, one byte
-    dropped, one byte inserted. `silent`: nothing comes back at all. `deaf`: bytes reach the device, but make no sense.
+    dropped, one byte inserted. `silent`: nothing comes back at all. `deaf`: bytes reach the device, but are corrupted.
     """
 
     latency: float = 0.0
@@ -33,7 +33,7 @@ class Faults:
 class FaultyLine:
     """`device` at the end of a line with `faults`.
 
-    `truth` holds what was asked and what the device answered, before any damage; `damaged` counts by kind of fault.
+    `truth` holds the requests and the device's answers before any damage; `damaged` counts faults by kind.
     """
 
     def __init__(self, device: Device, faults: Faults, seed: int = 0) -> None:
@@ -46,18 +46,18 @@ class FaultyLine:
 
     @property
     def wake_time(self) -> float:
-        """When the device next acts of its own accord."""
+        """When the device next acts on its own."""
         return self.device.wake_time
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes, perhaps damaged on their way."""
+        """Process bytes, possibly damaged in transmission."""
         arriving = bytes(len(data)) if self.faults.deaf else self._damage(data)
         answers = self.device.receive(arriving, time)
         self.truth += [(data, answer.data) for answer in answers]
         return self._back(answers)
 
     def wake(self, time: float) -> list[Transmission]:
-        """Act; what is sent may be damaged on its way."""
+        """Act; bytes sent may be damaged in transmission."""
         return self._back(self.device.wake(time))
 
     def _back(self, answers: list[Transmission]) -> list[Transmission]:

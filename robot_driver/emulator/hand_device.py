@@ -1,8 +1,7 @@
-"""The hands of a person at the emulated robot: they lift it, turn its wheels and turn it round.
+"""A person's hands at the emulated robot: they lift it, turn its wheels and turn it round.
 
-Lines on a port of their own command them: `lift`, `lower`, `left 10`, `right -1` and `robot 1` (turns; a
-wheel forward, the robot counter-clockwise), and `look`, which is answered with how far all of them have turned:
-`left 10.00 right 0.00 robot 0.25`.
+Lines on a port of their own command them: `lift`, `lower`, `left 10`, `right -1` and `robot 1` (turns; a wheel forward,
+the robot counter-clockwise), and `look`, which is answered with all angles turned: `left 10.00 right 0.00 robot 0.25`.
 """
 
 import math
@@ -32,11 +31,11 @@ class HandDevice:
 
     @property
     def busy(self) -> bool:
-        """Whether something is still to be turned."""
+        """Whether a turn is still in progress."""
         return any((self._left, self._right, self._robot))
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes; do what lines that are complete say."""
+        """Process bytes; execute complete lines."""
         *lines, self._line = (self._line + data).split(b"\n")
         said = b"".join(self._do(line.decode("ascii", "replace").split()) for line in lines)
         active = self._lifted or self.busy
@@ -59,7 +58,7 @@ class HandDevice:
         return []
 
     def _do(self, words: list[str]) -> bytes:
-        """Do what a line says; return the answer."""
+        """Execute a line; return the answer."""
         if not self._lifted and not self._robot:
             self._pose = self._where()
         if words in (["lift"], ["lower"]):
@@ -77,6 +76,6 @@ class HandDevice:
 
 
 def _stepped(left: float, speed: float) -> tuple[float, float]:
-    """Return what is left to be turned after one period, and what was turned in it."""
+    """Return the remaining turn after one period, and the turn made in it."""
     step = math.copysign(min(abs(left), speed * PERIOD), left)
     return left - step, step

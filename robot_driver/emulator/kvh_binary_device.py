@@ -1,7 +1,7 @@
 """The device's side of the KVH 1725, 1750 and 1775 IMUs and the DSP-1760 gyro, data format A.
 
-The z axis points up; the robot does not tilt. Source: KVH 1775 IMU technical manual 56-0298 Rev. B: messages in
-section 5, commands in sections 7 and 8, among them that settings are kept in non-volatile memory.
+The z axis points up; the robot does not tilt. Source: KVH 1775 IMU technical manual 56-0298 Rev. B: messages in section
+5, commands in sections 7 and 8, including which settings are kept in non-volatile memory.
 """
 
 import math
@@ -30,8 +30,8 @@ CHOICES = {
 class KvhBinaryDevice:
     """A device bolted upright to the robot of `plant`, powered up at `time` (s).
 
-    `kept` is the non-volatile memory: the settings, by the command that changes them. `writes` is how often it was
-    written. With MSYNC EXT nothing is sent: no cable is on that input.
+    `kept` is the non-volatile memory: the settings, by the command that changes them. `writes` counts writes to it.
+    With MSYNC EXT nothing is sent, since that input is not connected.
     """
 
     def __init__(self, settings: Settings, plant: Plant, time: float = 0.0) -> None:
@@ -53,11 +53,11 @@ class KvhBinaryDevice:
         self._line = b""
         self._sequence = 0
         self._invalid_messages = 0
-        self._period = 1.0 / own.rate  # what the device takes for the time between two messages (s)
+        self._period = 1.0 / own.rate  # nominal time between two messages (s)
         self.wake_time = time + self._period / self._pace
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes of which the last has arrived at `time`; answer every command that they complete."""
+        """Process bytes, the last of which arrived at `time`; answer every completed command."""
         *lines, self._line = (self._line + data).replace(b"\r", b"\n").split(b"\n")
         sent = []
         for line in lines:
@@ -90,7 +90,7 @@ class KvhBinaryDevice:
         return data + checksum(data)
 
     def _obey(self, command: str) -> str:
-        """Carry out one command; return the answer without its line end, "" where there is none."""
+        """Carry out one command; return the answer without its line end, "" if there is none."""
         if command == "=CONFIG,1":
             self._configuring = True
             return "CONFIG,1"

@@ -1,4 +1,4 @@
-"""cmr-emulate: a robot that is not there, behind serial ports that are, or with a velocity controller on the bus."""
+"""cmr-emulate: an emulated robot behind real serial ports, or with a velocity controller on the bus."""
 
 import signal
 import tempfile
@@ -27,17 +27,17 @@ from robot_driver.emulator.settings import Settings, SettingsError, load_setting
 from robot_driver.emulator.speed_robot import COMMANDS, SpeedRobot
 from robot_driver.terminals.pseudo_terminal import DEFAULT_FOLDER, Ports, PortsError
 
-LOOP_RATE = 200.0  # Hz; a measurement waits 5 ms at most before it is published, and is stamped when it was made
+LOOP_RATE = 200.0  # Hz; a measurement is published within 5 ms, with the time at which it was made
 HANDS = "hands"
-CHECK_PERIOD = 0.2  # s between looks at whether the emulated robot still runs
-MOST_NAMED = 10  # kinds of what was not understood
+CHECK_PERIOD = 0.2  # s between checks whether the emulated robot still runs
+MOST_NAMED = 10  # kinds of input not understood
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def main(arguments: list[str]) -> int:
-    """Emulate a robot until a signal comes; return the exit code.
+    """Emulate a robot until a signal arrives; return the exit code.
 
-    Raises CommandError when settings or ports cannot be used, BusError when there is no bus.
+    Raises CommandError if settings or ports cannot be used, BusError if there is no bus.
     """
     options, emulation = _options(arguments)
     try:
@@ -93,7 +93,7 @@ def _default_folder(robot_id: int) -> Path:
 
 
 def _devices(options: Namespace, settings: Settings, plant: Plant) -> dict[str, Device]:
-    """Return what is at the end of each port."""
+    """Return the device at each port."""
     controller, gyro = CONTROLLER_DEVICES[options.controller], GYRO_DEVICES[options.gyro]
     devices = {"motor": controller(settings, plant), "gyro": gyro(settings, plant)}
     return {**devices, HANDS: HandDevice(settings, plant)} if options.hands else devices
@@ -139,7 +139,7 @@ def _run_speed_robot(options: Namespace, settings: Settings) -> int:
 
 def _run_without_bus(options: Namespace, settings: Settings, ports: Ports) -> int:
     plant = Plant(settings)
-    # Blocked, the signals wait until they are asked for, also while the ports are being made and removed.
+    # Blocked signals stay pending until they are polled, also while the ports are created and removed.
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     devices = _devices(options, settings, plant)
     with ports, Engine(plant, devices, ports.terminals) as engine:
@@ -151,7 +151,7 @@ def _run_without_bus(options: Namespace, settings: Settings, ports: Ports) -> in
 
 
 def _name_what_was_not_understood(devices: Mapping[str, Device]) -> None:
-    """Name what clients sent and devices do not know, the most frequent first."""
+    """Print the input of clients that devices did not understand, the most frequent first."""
     for port, device in devices.items():
         counted = not_understood(device).most_common(MOST_NAMED)
         if counted:

@@ -1,8 +1,8 @@
 """The device's side of the MBot control board: motors, encoders, gyro and battery behind one USB port.
 
 Index 0 is the left wheel, 1 the right one, which turns the other way: forward is + and -. Speeds of wheels and of the
-body are driven in open loop, by the calibration of the motors that the board keeps. Sources:
-mbot-project/mbot_firmware, src/mbot_classic.c, src/mbot_comms.c and comms/src/listener.c.
+body are driven in open loop, with the motor calibration stored on the board. Sources: mbot-project/mbot_firmware,
+src/mbot_classic.c, src/mbot_comms.c and comms/src/listener.c.
 """
 
 import math
@@ -39,13 +39,13 @@ NO_FIELD, UPRIGHT = (0.0,) * 3, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # magnetome
 LONGEST_STEP = 2**31 - 1  # us
 BATTERY_DIVIDER = 5.0
 RAW_PER_VOLT = 4096 / 3.3
-LARGEST_DUTY = 0.995  # beyond it the firmware gives the motors no more
+LARGEST_DUTY = 0.995  # limit of the firmware
 
 
 class MBotDevice:
     """A board of the classic kind that drives `plant`.
 
-    `not_understood` counts frames of topics that it does not take, by number, and damaged ones.
+    `not_understood` counts frames of unknown topics, by number, and damaged ones.
     """
 
     def __init__(self, settings: Settings, plant: Plant) -> None:
@@ -76,7 +76,7 @@ class MBotDevice:
         }
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes; carry out the commands that are complete. Nothing is answered at once."""
+        """Process bytes; execute complete commands. Nothing is answered at once."""
         self._waiting += data
         while (start := self._waiting.find(START)) >= 0:
             self._waiting = self._waiting[start:]
@@ -94,11 +94,11 @@ class MBotDevice:
             else:
                 self.not_understood.note("wrong checksum")
             self._waiting = self._waiting[FRAME_BYTES + length :]
-        self._waiting = self._waiting[-1:]  # what may be the beginning of a start
+        self._waiting = self._waiting[-1:]  # possibly the first start byte of a frame
         return []
 
     def wake(self, time: float) -> list[Transmission]:
-        """Go through the board's loop once: measure, drive and say everything while the time is known."""
+        """Run the board's loop once: measure, drive and, while the time is known, send everything."""
         self.wake_time += self._period
         rate = self._gyro.rate(self._period)
         forward, turning = self._body()
@@ -113,7 +113,7 @@ class MBotDevice:
         return [Transmission(time, said)] if said else []
 
     def _is_known(self, topic: int, length: int) -> bool:
-        """Tell whether a topic is taken, with a payload of so many bytes; count what is not."""
+        """Return whether a topic is known, with a payload of this length; count those that are not."""
         known = topic in TAKEN and struct.calcsize(TAKEN[topic].layout) == length
         if not known:
             self.not_understood.note(f"topic {topic}" if topic in TAKEN or topic in SAID else "unknown topic")
@@ -150,7 +150,7 @@ class MBotDevice:
         self._take_wheel_speeds(left, right, 0.0)
 
     def _calibrated(self, speed: float) -> float:
-        """Return the duty for a speed of a wheel (rad/s), as the board's calibration has it; none for no number."""
+        """Return the duty for a wheel speed (rad/s) by the board's calibration; 0 for NaN."""
         if not abs(speed) > 0.0:
             return 0.0
         return c_float(self._settings.robot.k1 * speed + math.copysign(self._against_friction, speed)).value
@@ -173,7 +173,7 @@ class MBotDevice:
         return robot.wheel_radius * (left - right) / 2.0, robot.wheel_radius * (-left - right) / robot.base_width
 
     def _everything(self, utime: int, rate: float) -> bytes:
-        """Return what one turn of the loop says, in the firmware's order."""
+        """Return the frames that one cycle of the loop sends, in the firmware's order."""
         imu = (0.0, 0.0, rate, 0.0, 0.0, GRAVITY, *NO_FIELD, *UPRIGHT, 25.0)
         battery = self._plant.battery_voltage()
         raw = round(battery / BATTERY_DIVIDER * RAW_PER_VOLT)
@@ -191,7 +191,7 @@ class MBotDevice:
         )
 
     def _turned(self) -> tuple[int, int]:
-        """Return what both encoders have counted since power-up."""
+        """Return the counts of both encoders since power-up."""
         left, right = self._plant.encoder_counts()
         return math.floor(left), -math.floor(right)
 
@@ -220,12 +220,12 @@ def checksum(data: bytes) -> int:
 
 
 def _for_motor(duty: float) -> float:
-    """Return the duty that the motor gets; none where it is not a number."""
+    """Return the duty for the motor; 0 if it is not a number."""
     return 0.0 if math.isnan(duty) else max(-LARGEST_DUTY, min(LARGEST_DUTY, duty))
 
 
 def _moved(odometry: tuple[float, float, float], way: float, turned: float) -> tuple[float, float, float]:
-    """Return x, y (m) and heading (rad) after a way (m) and a turn (rad); one that is not finite leads nowhere."""
+    """Return x, y (m) and heading (rad) after a way (m) and a turn (rad); motion that is not finite is ignored."""
     x, y, theta = odometry
     if not math.isfinite(theta):
         return odometry

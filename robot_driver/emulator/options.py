@@ -1,4 +1,4 @@
-"""How a robot is emulated: the options of cmr-emulate, and `emulator:` in a scenario."""
+"""Options for emulating a robot: those of cmr-emulate, and `emulator:` in a scenario."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,9 +34,9 @@ PoseRate = Annotated[float, Between(SLOWEST_POSES, FASTEST_POSES)]
 
 @dataclass(frozen=True)
 class Emulation:
-    """How a robot is emulated.
+    """Options for emulating a robot.
 
-    Raises ValueError for a rate of poses that is out of bounds, naming the option as on the command line.
+    Raises ValueError for a pose rate out of bounds, naming the option as on the command line.
     """
 
     command: Annotated[CommandKind, Option("what the robot takes: see above")] = DUTY

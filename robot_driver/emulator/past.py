@@ -1,4 +1,4 @@
-"""What a late sensor reports: values of the last moments."""
+"""Recent values, for sensors with latency."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -7,20 +7,22 @@ Values = tuple[float, ...]
 
 
 class Past:
-    """Values of a robot in the last `seconds` (s), linear between the moments at which they were kept."""
+    """Values of a robot over the last `seconds` (s), interpolated linearly between the times at which they were
+    stored.
+    """
 
     def __init__(self, seconds: float, values: Sequence[float]) -> None:
         self._seconds = seconds
         self._kept: deque[tuple[float, Values]] = deque([(0.0, tuple(values))])
 
     def keep(self, time: float, values: Sequence[float]) -> None:
-        """Keep the values at `time` (s), which never goes back; what is older than twice the time asked for goes."""
+        """Store the values at `time` (s), which never decreases; values older than twice the `seconds` are dropped."""
         self._kept.append((time, tuple(values)))
         while len(self._kept) > 2 and self._kept[1][0] <= time - 2.0 * self._seconds:
             self._kept.popleft()
 
     def at(self, time: float) -> Values:
-        """Return the values at a time (s) up to `seconds` ago; before the first moment they were as there."""
+        """Return the values at a time (s) up to `seconds` ago; before the first stored time, those of that time."""
         kept = self._kept
         while len(kept) > 2 and kept[1][0] <= time:
             kept.popleft()

@@ -1,7 +1,7 @@
-"""The emulated robot's plant: cmr.plant as the settings want it, as controllers and sensors see it.
+"""The emulated robot's plant: cmr.plant with the settings' parameters, as controllers and sensors see it.
 
-Every effect and all physics are in cmr.plant; here is what a settings file says, and what the battery and the encoders
-show.
+Every effect and all physics are in cmr.plant; this module applies the settings, and computes battery and encoder
+values.
 """
 
 import math
@@ -23,7 +23,7 @@ Pair = tuple[float, float]
 
 
 class Wheel:
-    """The wheels of one side: what its shaft has turned and how fast it turns, forward positive."""
+    """The wheels of one side: angle of their shaft and its velocity, forward positive."""
 
     def __init__(self, robot: RunningRobot, side: str) -> None:
         self._carried = robot.carried
@@ -57,7 +57,7 @@ class Plant:
     """The whole robot at `time` (s since it was switched on).
 
     `x`, `y` (m) and `theta` (rad, counter-clockwise, never wrapped) are the true pose in the world frame. It moves by
-    `parameters`, else as the settings say of a robot that takes duties.
+    `parameters`, else by those in the settings for a robot that takes duties.
     """
 
     def __init__(self, settings: Settings, parameters: PlantParameters | None = None) -> None:
@@ -124,11 +124,13 @@ class Plant:
         return self.theta if self._headings is None or time >= self.time else self._headings.at(time)[0]
 
     def command(self, first: float, second: float) -> None:
-        """Drive the wheels of each channel with this duty, -1 to 1, from now on; later, or never, where it is lost."""
+        """Drive the wheels of each channel with this duty, -1 to 1, from now on; later with a delay, never if it is
+        lost.
+        """
         self._commanded.command(*_driven(self._mounting, first, second))
 
     def advance(self, time: float) -> None:
-        """Let the world go on until `time` (s); a time that has passed changes nothing."""
+        """Advance to `time` (s); a time in the past changes nothing."""
         self._commanded.advance(time)
         if self._headings is not None:
             self._headings.keep(self.time, [self.theta])
@@ -136,7 +138,7 @@ class Plant:
             self._wheels.keep(self.time, self._of_wheels())
 
     def encoder_counts(self) -> tuple[float, float]:
-        """Return the counts at both channels since the start; whole numbers of the disc's positions."""
+        """Return the counts at both channels since the start; whole positions of the disc."""
         self._count()
         p, nominal, (left, right) = self.parameters, self._robot.ticks_per_turn, self._counted
         counts = ticks(p, 1.0, left, NO_DISC, nominal), ticks(p, -1.0, right, NO_DISC, nominal)
@@ -163,7 +165,7 @@ class Plant:
         return self.left.angle, self.right.angle, self.left.velocity, self.right.velocity
 
     def _wheels_told(self) -> Values:
-        """Return what the encoders know of the wheels now: as they were wheel_speed_latency ago."""
+        """Return the wheels' state that the encoders report now: that of wheel_speed_latency ago."""
         if self._wheels is None:
             return self._of_wheels()
         return self._wheels.at(self.time - self.parameters.wheel_speed_latency)
@@ -175,7 +177,7 @@ class Plant:
         return velocity * counts * (1.0 - missed(p, velocity) if misses(p) else 1.0)
 
     def _count(self) -> None:
-        """Have the encoders count what the shafts have turned; some miss a share of it at speed."""
+        """Add the shafts' motion to the encoder counts; some encoders miss a share of it at speed."""
         turned = list(self._wheels_told()[:2])
         seconds = self.time - self._counted_at
         if not misses(self.parameters):
@@ -188,19 +190,19 @@ class Plant:
 
 
 def _driven(mounting: Mounting, first: float, second: float) -> Pair:
-    """Return the duties of the left and the right motor, positive forward, of those of both channels."""
+    """Return the duties of the left and the right motor, positive forward, from those of both channels."""
     left, right = (second, first) if mounting.motors_swapped else (first, second)
     return -left if mounting.left_motor_inverted else left, -right if mounting.right_motor_inverted else right
 
 
 def _channels(mounting: Mounting, left: float, right: float) -> Pair:
-    """Return what both channels see of what drives the motors, the inverse of `_driven`."""
+    """Return the values of both channels for those of the left and right motor, the inverse of `_driven`."""
     left, right = -left if mounting.left_motor_inverted else left, -right if mounting.right_motor_inverted else right
     return (right, left) if mounting.motors_swapped else (left, right)
 
 
 def _counted(mounting: Mounting, forward: Pair) -> Pair:
-    """Return what both channels see of what the encoders of both sides would, each counting forward."""
+    """Return the counts of both channels for those of both sides' encoders, each counting forward."""
     left, right = forward
     left = 0.0 if mounting.left_encoder_dead else -left if mounting.left_encoder_inverted else left
     right = 0.0 if mounting.right_encoder_dead else -right if mounting.right_encoder_inverted else right

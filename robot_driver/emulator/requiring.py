@@ -1,4 +1,4 @@
-"""What settings of the emulated robot must fulfil."""
+"""Requirements on the settings of the emulated robot."""
 
 import math
 
@@ -16,13 +16,13 @@ class SettingsError(DocumentError, ValueError):
 
 
 def require(holds: bool, expected: str, *keys: str) -> None:
-    """Raise SettingsError, naming the section's key, unless what is expected of it holds."""
+    """Raise SettingsError, naming the section's key, unless the requirement holds."""
     if not holds:
         raise SettingsError(f"must be {expected}.", *keys)
 
 
 def require_possible(parameter: str, value: float, *keys: str) -> None:
-    """Raise SettingsError unless the plant can have this value of a parameter."""
+    """Raise SettingsError unless the value is within the plant's range for a parameter."""
     least, largest = RANGES[parameter]
     if not least <= value <= largest:
         limit = f"{least:g} to {largest:g}" if math.isfinite(largest) else f"{least:g} or more"

@@ -1,8 +1,8 @@
 """The device's side of RoboClaw packet serial: packets, their timing and their checksums.
 
-Source: RoboClaw user manual, "Packet Serial Commands". Requests to read carry no CRC; requests to write and all
-answers to reads end with CRC-16/XMODEM, high byte first. There is no negative answer: what is not understood
-is met with silence. The commands are in `boards.roboclaw_commands`.
+Source: RoboClaw user manual, "Packet Serial Commands". Requests to read carry no CRC; requests to write and all answers
+to reads end with CRC-16/XMODEM, high byte first. There is no negative answer: a request that is not understood is not
+answered. The commands are in `boards.roboclaw_commands`.
 """
 
 import binascii
@@ -23,10 +23,11 @@ CRC_BYTES = 2
 
 
 class RoboclawDevice:
-    """A RoboClaw that drives `plant`, by `command` if that is given; it answers one address and ignores the others.
+    """A RoboClaw that drives `plant`, through `command` if that is given; it answers one address and ignores the
+    others.
 
-    `commands` are those that it knows. `not_understood` counts what it met with silence: commands that it does not know
-    or whose values it refused, by number, and packets with a wrong checksum.
+    `commands` are those that it knows. `not_understood` counts packets that it did not answer: unknown commands and
+    refused values, by number, and packets with a wrong checksum.
     """
 
     def __init__(self, settings: Settings, plant: Plant, command: Callable[[float, float], None] | None = None) -> None:
@@ -41,7 +42,7 @@ class RoboclawDevice:
 
     @property
     def duty(self) -> list[int]:
-        """What the motors get."""
+        """The duties applied to the motors."""
         return self.board.duty
 
     @property
@@ -50,7 +51,7 @@ class RoboclawDevice:
         return min(self.board.average_due, self.board.loop_due, self._motor_deadline())
 
     def wake(self, time: float) -> list[Transmission]:
-        """Stop the motors if the line has been silent too long; do what else is due."""
+        """Stop the motors if the line has been silent too long; do everything else that is due."""
         self.board.time = time
         if time >= self._motor_deadline():
             self.board.stop()
@@ -58,7 +59,7 @@ class RoboclawDevice:
         return []
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes of which the last has arrived at `time`; carry out every packet that is complete."""
+        """Process bytes, the last of which arrived at `time`; execute every complete packet."""
         self.board.time = time
         first_byte_start = time - len(data) * self.byte_time
         if first_byte_start - self._last_byte_time > PACKET_GAP:
@@ -78,13 +79,13 @@ class RoboclawDevice:
         return self._last_byte_time + timeout if timeout and self.board.drives else math.inf
 
     def _take(self, byte: int) -> bytes:
-        """Add one byte to the packet; return the answer if that completes it, else nothing."""
+        """Add one byte to the packet; return the answer if that completes it, else no bytes."""
         if self._deaf:
             return b""
         self._packet += bytes([byte])
         packet = self._packet
         if packet[0] not in ADDRESSES:
-            self._deaf = True  # noise: where it ends cannot be known, so wait for silence
+            self._deaf = True  # noise: its end is unknown, so wait for silence
         elif len(packet) >= 2:
             command = self.commands.get(packet[1])
             if command is None:
@@ -96,7 +97,7 @@ class RoboclawDevice:
         return b""
 
     def _answer(self, packet: bytes, command: Read | Write) -> bytes:
-        """Return the answer to a whole packet, nothing to that of another unit."""
+        """Return the answer to a whole packet, no bytes for a packet to another unit."""
         if packet[0] != self._address:
             return b""
         if isinstance(command, Read):
@@ -113,7 +114,7 @@ class RoboclawDevice:
         return ACKNOWLEDGED
 
     def _note(self, packet: bytes, what: str) -> None:
-        """Count what was not understood, unless it was for another unit."""
+        """Count a packet that was not understood, unless it was for another unit."""
         if packet[0] == self._address:
             self.not_understood.note(what)
 
@@ -124,5 +125,5 @@ def checksum(data: bytes) -> int:
 
 
 def _bytes_after(command: Read | Write) -> int:
-    """Return how many bytes of a request follow the number of a command."""
+    """Return the number of bytes that follow the number of a command in a request."""
     return 0 if isinstance(command, Read) else struct.calcsize(command.layout) + CRC_BYTES

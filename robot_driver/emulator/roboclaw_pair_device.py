@@ -30,20 +30,20 @@ class RoboclawPairDevice:
 
     @property
     def not_understood(self) -> Counter[str]:
-        """What either did not understand."""
+        """Counts of packets that either did not understand."""
         return self.units[0].not_understood + self.units[1].not_understood
 
     @property
     def wake_time(self) -> float:
-        """When the first of both next acts."""
+        """The earlier of both wake times."""
         return min(unit.wake_time for unit in self.units)
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Let both hear it; the one that is meant answers."""
+        """Pass bytes to both; the addressed one answers."""
         return [answer for unit in self.units for answer in unit.receive(data, time)]
 
     def wake(self, time: float) -> list[Transmission]:
-        """Let those act for whom it is time."""
+        """Wake the units that are due."""
         return [answer for unit in self.units if unit.wake_time <= time for answer in unit.wake(time)]
 
     def _command(self, unit: int, left: float, right: float) -> None:

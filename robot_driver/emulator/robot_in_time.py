@@ -1,4 +1,4 @@
-"""An emulated robot in time, whoever keeps the time: bytes and poses happen at their moments, and the plant with them.
+"""An emulated robot over time, independent of the clock used: bytes, poses and the plant advance event by event.
 
 It does no I/O and reads no clock. Times are s since the robot was switched on.
 """
@@ -18,14 +18,14 @@ LONGEST_HOLD = 0.008  # s; clients of RoboClaws wait 10 ms for the next byte, th
 
 
 class Adapter(Protocol):
-    """What stands between a device's wire and its client."""
+    """The adapter between a device's wire and its client."""
 
     def pieces(self, begin: float, end: float, data: bytes) -> Iterable[tuple[float, bytes]]:
-        """Return in which pieces the client gets bytes that are on the wire from `begin` to `end`, and when."""
+        """Return the pieces in which the client receives bytes that are on the wire from `begin` to `end`, and when."""
 
 
 class NoAdapter:
-    """A client that gets what a device sends when the last byte has left the wire."""
+    """The client receives everything when the last byte has left the wire."""
 
     def pieces(self, begin: float, end: float, data: bytes) -> Iterable[tuple[float, bytes]]:
         """Return one piece, at the end."""
@@ -34,7 +34,7 @@ class NoAdapter:
 
 
 class StreamingAdapter:
-    """A client that gets long answers in parts, as from any real adapter: it never waits LONGEST_HOLD for the next."""
+    """A client that gets long answers in parts, as from real adapters, with gaps below LONGEST_HOLD."""
 
     def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
         """Return equal pieces, each when its last byte has left the wire."""
@@ -49,38 +49,38 @@ class StreamingAdapter:
 
 
 class WireLine:
-    """A device, what it is seen through, and until when (s) the wire is busy in each direction.
+    """A device, its adapter, and until when (s) the wire is busy in each direction.
 
-    `arriving` are the bytes that reach the client at the moment `arrives` (s), which is infinity for none.
+    `arriving` are the bytes that reach the client at `arrives` (s), which is infinity for none.
     """
 
     def __init__(self, name: str, device: Device, adapter: Adapter) -> None:
         self.name = name
         self.device = device
         self.adapter = adapter
-        self.wake_time = device.wake_time  # changes only by what the device is given, or does
+        self.wake_time = device.wake_time  # changes only when the device receives or acts
         self.busy_to_device = 0.0
         self.busy_to_client = 0.0
         self.arriving, self.arrives = bytearray(), math.inf
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Have the device take bytes of which the last has arrived at `time`."""
+        """Pass bytes to the device, the last of which arrived at `time`."""
         sent = self.device.receive(data, time)
         self.wake_time = self.device.wake_time
         return sent
 
     def wake(self, time: float) -> list[Transmission]:
-        """Have the device act of its own accord."""
+        """Let the device act on its own."""
         sent = self.device.wake(time)
         self.wake_time = self.device.wake_time
         return sent
 
 
 class RobotInTime:
-    """The plant, the devices and cameras that look at it, and all that is on its way between them.
+    """The plant, its devices and cameras, and all data in transit between them.
 
-    The plant is moved to the exact time at which somebody looks: a request's last byte has arrived, a sample is
-    due. What a device sends goes to `deliver(name, data)`, what the cameras see to `on_pose`, each when it is there.
+    The plant is advanced to the exact time of each event: a request's last byte has arrived, a sample is due. Bytes of
+    a device go to `deliver(name, data)`, poses of the cameras to `on_pose`, each when due.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class RobotInTime:
         on_pose: Callable[[Pose], None] = lambda _pose: None,
     ) -> None:
         self.plant = plant
-        self.now = 0.0  # the time of what happened last
+        self.now = 0.0  # time of the last event
         self.until = 0.0
         adapters = adapters or {}
         self._lines = {
@@ -106,10 +106,10 @@ class RobotInTime:
         self._on_pose = on_pose
         self._events: list[tuple[float, int, Callable[[], object]]] = []
         self._next_wake = self._earliest_wake()
-        self._order = itertools.count()  # events of the same time happen in the order they were scheduled
+        self._order = itertools.count()  # events of equal time are processed in the order in which they were scheduled
 
     def bring(self, name: str, data: bytes, start: float) -> None:
-        """Send bytes of a client down the wire to a device, at `start` or after those that are still on it."""
+        """Send a client's bytes to a device, at `start` or after those still on the wire."""
         if data:
             line = self._lines[name]
             arrival = max(start, line.busy_to_device) + len(data) * line.device.byte_time
@@ -117,13 +117,13 @@ class RobotInTime:
             self._schedule(arrival, partial(self._receive, line, data, arrival))
 
     def next_due(self) -> float:
-        """Return the time of the earliest event or of the first device to act."""
+        """Return the time of the earliest event, or at which the first device acts."""
         return min(self._events[0][0], self._next_wake) if self._events else self._next_wake
 
     def let_happen(self, until: float) -> float:
-        """Do everything that is due by `until`, in order of time; return when the next is due.
+        """Process everything due by `until`, in order of time; return when the next is due.
 
-        What happens may set `until` to an earlier time.
+        Events may set `until` to an earlier time.
         """
         self.until = until
         events = self._events
@@ -140,7 +140,7 @@ class RobotInTime:
                 self._look(due)
 
     def _look(self, due: float) -> None:
-        """Have the cameras, or the device whose turn it is, look at the robot."""
+        """Let the cameras, or the device that is due, sample the robot."""
         if self._motion_capture is not None and self._motion_capture.wake_time <= due:
             pose = self._motion_capture.wake(due)
             self._schedule(pose.ready, partial(self._on_pose, pose))
@@ -153,7 +153,7 @@ class RobotInTime:
         self._next_wake = self._earliest_wake()
 
     def _earliest_wake(self) -> float:
-        """Return when a device or the cameras next act of their own accord."""
+        """Return when a device or the cameras next act on their own."""
         earliest = math.inf if self._motion_capture is None else self._motion_capture.wake_time
         for line in self._in_order:
             if line.wake_time < earliest:
@@ -166,7 +166,7 @@ class RobotInTime:
         self._next_wake = self._earliest_wake()
 
     def _send(self, line: WireLine, transmissions: list[Transmission]) -> None:
-        """Hand bytes to the client when they have come up the wire, after those that are still on it."""
+        """Deliver bytes to the client after their time on the wire, and after those still on it."""
         for time, data in transmissions:
             on_wire = len(data) * line.device.byte_time
             line.busy_to_client = end = max(time, line.busy_to_client + on_wire)

@@ -1,9 +1,9 @@
 """The device's side of Roboteq's serial commands: lines, their echo and their answers.
 
-Source: Roboteq "Advanced Digital Motor Controller User Manual", serial commands. A line ends with a carriage return
-or "_". Every character is echoed unless that is switched off; those below a space have no effect. Names may be in small
-letters. Actions (!) and settings (^) are answered with "+", queries (? and ~) with NAME=value:value, and what is not
-understood with "-". Real devices also bear what the client PyRoboteq, proven on them, sends: numbers in square
+Source: Roboteq "Advanced Digital Motor Controller User Manual", serial commands. A line ends with a carriage return or
+"_". Every character is echoed unless that is switched off; those below a space have no effect. Names may be in small
+letters. Actions (!) and settings (^) are answered with "+", queries (? and ~) with NAME=value:value, and unknown
+commands with "-". Real devices also accept what the client PyRoboteq, which works with them, sends: numbers in square
 brackets, empty brackets, and a "+" at the end. The commands are in `boards.roboteq_commands`.
 """
 
@@ -36,14 +36,14 @@ class RoboteqDevice(RoboteqBoard):
         super().__init__(settings, plant)
 
     def switch_on(self) -> None:
-        """Begin again with what is kept in the flash, as after power-off."""
+        """Restart from the flash, as after power-off."""
         self._line = b""
         self._last_action = -math.inf
         super().switch_on()
 
     @property
     def watchdog(self) -> int:
-        """How long the motors go on without an action (ms); 0: for ever."""
+        """Time for which the motors run without an action (ms); 0: unlimited."""
         return self.configuration["RWD"][0]
 
     @property
@@ -52,7 +52,7 @@ class RoboteqDevice(RoboteqBoard):
         return min(self.loop_due, self._deadline())
 
     def wake(self, time: float) -> list[Transmission]:
-        """Stop the motors if no action has come for too long; they go on as before at the next one."""
+        """Stop the motors if no action has arrived for too long; they resume at the next one."""
         self.time = time
         if time >= self._deadline():
             self.stop()
@@ -60,7 +60,7 @@ class RoboteqDevice(RoboteqBoard):
         return []
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes of which the last has arrived at `time`; echo them, and answer every line that is complete."""
+        """Process bytes, the last of which arrived at `time`; echo them, and answer every line that is complete."""
         self.time = time
         sent: list[Transmission] = []
         while data:
@@ -81,7 +81,7 @@ class RoboteqDevice(RoboteqBoard):
         return self._last_action + self.watchdog / 1000 if self.watchdog and self.drives else math.inf
 
     def _take(self, data: bytes) -> bytes:
-        """Add bytes to the line, the last of which may end it; return the answer if it does, else nothing."""
+        """Add bytes to the line, the last of which may end it; return the answer if it does, else no bytes."""
         if data[-1] not in ENDS:
             self._line = (self._line + data)[-LONGEST_LINE:]
             return b""
@@ -106,7 +106,7 @@ class RoboteqDevice(RoboteqBoard):
 
     def _act(self, line: str, name: str, values: list[int]) -> str:
         ACTIONS[name].do(self, *values)
-        self._apply(self._wanted)  # any action has a channel that it does not set go on as before the watchdog
+        self._apply(self._wanted)  # after a watchdog stop, an action also resumes a channel that it does not set
         self._last_action = self.time
         self.actions.append(line)
         return DONE

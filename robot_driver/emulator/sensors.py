@@ -1,4 +1,4 @@
-"""What the emulated robot's yaw gyro and an external motion capture measure, with their errors, before any wire."""
+"""Measurements of the emulated robot's yaw gyro and of external motion capture, with their errors, before any wire."""
 
 import math
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Pose:
 
 
 class MotionCapture:
-    """Cameras that see the robot `rate` times a second. `wake_time` (s) is the moment of the next look."""
+    """Cameras that see the robot `rate` times a second. `wake_time` (s) is the time of the next sample."""
 
     def __init__(self, settings: Settings, plant: Plant, rate: float) -> None:
         noise = settings.imperfections.pose_noise
@@ -58,7 +58,7 @@ class MotionCapture:
         self._filter = PoseFilter()
 
     def wake(self, time: float) -> Pose:
-        """Measure now, at `time`; with a latency the pose is ready, and stamped, later than that."""
+        """Measure now, at `time`; with a latency, the pose is ready, and stamped, later."""
         self.wake_time += self._period
         p, gauss = self._plant.parameters, self._random.gauss
         plant = self._plant
@@ -73,9 +73,9 @@ class MotionCapture:
 
 
 def _shown(cameras: Cameras, x: float, y: float, theta: float) -> Values:
-    """Return a pose as it is shown, with what is wrong in how the cameras are set up."""
+    """Return a pose as reported, with the errors of the cameras' set-up."""
     if cameras.mirrored:
         y, theta = -y, -theta
     theta = math.remainder(theta + cameras.heading_offset, 2.0 * math.pi)
-    height = 0.1  # m, of the body; somewhere
+    height = 0.1  # m, of the body; arbitrary
     return cameras.metre * x, cameras.metre * (height if cameras.vertical_y else y), cameras.radian * theta

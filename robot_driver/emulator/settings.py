@@ -1,4 +1,4 @@
-"""What the emulated robot is like: read from YAML, checked once, never changed."""
+"""Settings of the emulated robot: read from YAML, checked once, immutable."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -46,10 +46,10 @@ class Robot:
 
 @dataclass(frozen=True)
 class Mounting:
-    """How motors, encoders and gyro are built in and plugged in.
+    """How motors, encoders and gyro are mounted and connected.
 
-    Motors swapped: the first channel drives the right wheels. Encoders swapped: each channel counts the wheels that
-    the other one drives. A dead encoder never counts. `gyro_factor`: what the gyro says of a turn of 1.
+    Motors swapped: the first channel drives the right wheels. Encoders swapped: each channel counts the wheels that the
+    other one drives. A dead encoder never counts. `gyro_factor`: reading of the gyro for a turn of 1.
     """
 
     motors_swapped: bool
@@ -65,10 +65,10 @@ class Mounting:
 
 @dataclass(frozen=True)
 class Cameras:
-    """What whoever set the cameras up has got wrong: a frame of the other hand, axes, units, and the body.
+    """Errors in the set-up of the cameras: handedness of the frame, axes, units, and the body.
 
-    The heading is shown `heading_offset` (rad) too far; a metre and a radian are shown as so many. Vertical y: what is
-    shown as y is the height. Of another `body` it is not the robot that is seen but something that stands still.
+    Headings are reported `heading_offset` (rad) too large; a metre and a radian are reported as these numbers. Vertical
+    y: the reported y is the height. With another `body`, a stationary object is tracked instead of the robot.
     """
 
     mirrored: bool
@@ -111,7 +111,7 @@ class Roboclaw:
 
 @dataclass(frozen=True)
 class Roboteq:
-    """The other motor controller: its serial line, and what is in its flash: watchdog in ms, echo."""
+    """The other motor controller: its serial line, and the settings in its flash: watchdog in ms, echo."""
 
     baud: int
     watchdog: int
@@ -125,9 +125,9 @@ class Roboteq:
 
 @dataclass(frozen=True)
 class Mbot:
-    """The board with wheels and gyro on one port: turns of its loop in Hz, watchdog in s.
+    """The board with wheels and gyro on one port: rate of its loop in Hz, watchdog in s.
 
-    `topics_from` is added to the numbers of all topics that it says.
+    `topics_from` is added to the numbers of all topics that it sends.
     """
 
     rate: float
@@ -188,9 +188,9 @@ class Dsp3000:
 
 @dataclass(frozen=True)
 class KvhBinary:
-    """The other gyro on its serial line: rate in Hz, start-up in s; angles in rad unless said otherwise.
+    """The other gyro on its serial line: rate in Hz, start-up in s; angles in rad unless set otherwise.
 
-    `clock_error` is the share by which its clock is fast.
+    `clock_error` is the relative error of its clock, positive if fast.
     """
 
     rate: int
@@ -217,7 +217,7 @@ class Imperfection:
 
     @property
     def effective(self) -> float:
-        """The size, or 0 where it is switched off."""
+        """The size, or 0 if it is switched off."""
         return self.size if self.enabled else 0.0
 
 
@@ -272,7 +272,7 @@ class Imperfections:
     pose_noise: PoseNoise
     pose_latency: Imperfection
 
-    # What a sensor does to a measurement. All others falsify the model of the motion, or the mean of a measurement.
+    # Noise of the sensors. All others violate the model of the motion, or bias a measurement.
     MEASUREMENT = ("encoder_quantisation", "gyro_noise", "pose_noise")
 
     def __post_init__(self) -> None:
@@ -282,7 +282,7 @@ class Imperfections:
                 require(imperfection.size >= 0, "0 or more", field.name, "size")
 
     def ideal(self) -> "Imperfections":
-        """Return a copy in which only the imperfections of measurement remain as they are."""
+        """Return a copy in which only the noise of the sensors is left."""
         model_errors = (field.name for field in dataclasses.fields(self) if field.name not in self.MEASUREMENT)
         off = {name: dataclasses.replace(getattr(self, name), enabled=False) for name in model_errors}
         return dataclasses.replace(self, **off)
@@ -317,14 +317,14 @@ class Settings:
 
     @property
     def plant(self) -> PlantParameters:
-        """The true robot as the plant has it: what is named among the effects, else the imperfections."""
+        """The plant of the true robot: with the effects named, else with the imperfections."""
         return self._plant_with({})
 
     @property
     def plant_of_speeds(self) -> PlantParameters:
-        """The same robot with its velocity controller in place of motors that take duties; k1 stands for its top speed.
+        """The same robot with its velocity controller in place of motors that take duties; k1 is set by its top speed.
 
-        Speeds in rad/s times k1 are what the plant takes for duties.
+        Commanded speeds in rad/s times k1 take the place of duties in the plant.
         """
         controller = self.velocity_controller
         return self._plant_with(
@@ -350,15 +350,15 @@ class Settings:
         return {name: getattr(self.robot, name) for name in ("k2_over_k3", "k1", "base_width")}
 
     def ideal(self) -> "Settings":
-        """Return a copy without effects and imperfections that the paper's model does not know; sensor noise stays."""
+        """Return a copy without effects and imperfections that the paper's model lacks; sensor noise stays."""
         return dataclasses.replace(self, imperfections=self.imperfections.ideal(), effects={})
 
 
 def load_settings(path: Path | None = None, *, seed: int | None = None, ideal: bool = False) -> Settings:
-    """Read settings: those of default.yaml, replaced where the file at `path` or `seed` says otherwise.
+    """Read settings: those of default.yaml, overridden by the file at `path` and by `seed`.
 
-    `ideal`: those of default.yaml without its effects and imperfections; what the file says counts all the same.
-    Raises SettingsError when the file cannot be read, is not YAML, or holds an unknown key or an impossible value.
+    `ideal`: those of default.yaml without its effects and imperfections; the file still overrides them. Raises
+    SettingsError when the file cannot be read, is not YAML, or holds an unknown key or an impossible value.
     """
     document = read_file(DEFAULT_FILE, SettingsError)
     if ideal:

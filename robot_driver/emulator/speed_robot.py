@@ -1,6 +1,6 @@
-"""An emulated robot with a velocity controller inside: on the bus itself, as a bridge to its own software shows it.
+"""An emulated robot with a velocity controller inside: directly on the bus, as through a bridge to its own software.
 
-What may move it is decided as in cmr-driver, by the same code.
+The code of cmr-driver decides which commands may move it.
 """
 
 import math
@@ -41,7 +41,7 @@ COMMANDS: dict[str, Stream[Command]] = {
 
 
 class SpeedRobot:
-    """The robot, switched on now; it takes commands of one kind, a name of COMMANDS. It knows no bus.
+    """The robot, switched on now; it takes commands of one kind, a name of COMMANDS. It is independent of the bus.
 
     `pose_rate` (Hz) is that of an external localisation; None for none.
     """
@@ -49,8 +49,8 @@ class SpeedRobot:
     def __init__(
         self, settings: Settings, robot_id: int, commands: str, pose_rate: float | None, host: Host = THIS_COMPUTER
     ) -> None:
-        self.gate = CommandGate(largest=math.inf)  # too fast is as fast as it can
-        self._bus_stop = BusStop(self.gate, robot_id)  # a robot that ends with its process needs no file of it
+        self.gate = CommandGate(largest=math.inf)  # larger speeds are clipped by the robot
+        self._bus_stop = BusStop(self.gate, robot_id)  # no file: the robot ends with its process
         self._ownership = Ownership(robot_id, host)
         self.plant = Plant(settings, settings.plant_of_speeds)
         self._robot_id, self._command_type, self._host = robot_id, COMMANDS[commands].message_type, host
@@ -59,7 +59,7 @@ class SpeedRobot:
         self._encoders = WheelEncoders(round(settings.robot.ticks_per_turn))
         self._stamps = Stamps(host.utime_at), Stamps(host.utime_at)
         self._capture = None if pose_rate is None else MotionCapture(settings, self.plant, pose_rate)
-        self._poses: list[Pose] = []  # seen, and not ready yet
+        self._poses: list[Pose] = []  # measured, but not ready yet
         self._period = 1.0 / settings.velocity_controller.rate
         self._readings = 0
         self._outgoing: list[Outgoing] = []
@@ -67,11 +67,11 @@ class SpeedRobot:
         self._read(0.0)
 
     def turn(self) -> None:
-        """Note that the process is alive; to be called before messages are handled."""
+        """Record that the process is alive; to be called before messages are handled."""
         self.gate.note_turn(self._host.seconds_since_boot())
 
     def handle(self, utime: int, channel: str, message: Message, sender: int | None = None) -> None:
-        """Take a message from the bus; a command takes effect when it was decided, unless that has passed."""
+        """Take a message from the bus; a command takes effect at its time, or at once if that has passed."""
         now = self._host.utime()
         if isinstance(message, estop_t):
             self._bus_stop.handle(message, utime, utime=now)
@@ -86,7 +86,7 @@ class SpeedRobot:
                 self._drive()
 
     def outgoing(self) -> list[Outgoing]:
-        """Let the world go on until now; return what was measured since the last call."""
+        """Advance to the current time; return the measurements since the last call."""
         if self._status():
             self._drive()
         self._go_on(self._now())
@@ -94,19 +94,19 @@ class SpeedRobot:
         return outgoing
 
     def owner_reports(self) -> list[command_owner_t]:
-        """Return what COMMAND_OWNER_N has to report now, on whose commands are taken."""
+        """Return the messages of COMMAND_OWNER_N to publish now: whose commands are accepted."""
         return self._ownership.reports()
 
     def stop_reports(self) -> list[estop_latch_t]:
-        """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
+        """Return the messages of ESTOP_LATCH_N to publish now: whether the emergency stop is engaged."""
         return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
 
     def remarks(self) -> str:
-        """Return, in sentences, what holds the robot and what was not taken."""
+        """Return, in sentences, what holds the robot and which commands were refused."""
         return " ".join(filter(None, (self._ownership.problem(), *self._bus_stop.remarks(), *self.gate.remarks())))
 
     def _wheel_speeds(self, command: Command) -> tuple[float, float]:
-        """Return the wheel speeds (left, right) that a command asks for (rad/s)."""
+        """Return the wheel speeds (left, right) of a command (rad/s)."""
         if isinstance(command, wheel_speed_command_t):
             return command.psi_left, command.psi_right
         return wheel_speeds_of(self.plant.parameters, command.v, command.omega)
@@ -115,7 +115,7 @@ class SpeedRobot:
         return self.gate.drive(self._host.seconds_since_boot()).status
 
     def _drive(self) -> None:
-        """Have the wheels follow what is in force now."""
+        """Apply the command in force to the wheels."""
         drive, k1 = self.gate.drive(self._host.seconds_since_boot()), self.plant.parameters.k1
         self.plant.command(k1 * drive.left, k1 * drive.right)
 
@@ -127,7 +127,7 @@ class SpeedRobot:
         return self._start + round(time * 1e9)
 
     def _go_on(self, until: float) -> None:
-        """Let the world go on until a time (s), and have the sensors look at it at theirs."""
+        """Advance to a time (s), with the sensors sampling at their times."""
         while True:
             reading = self._readings * self._period
             look = math.inf if self._capture is None else self._capture.wake_time
@@ -168,7 +168,7 @@ class SpeedRobot:
                 applied_utime=0,
             ),
         )
-        # What turned since the last reading is the rate half-way.
+        # The mean rate since the last reading is that at half-time.
         turned = self._stamps[1].next(self._monotonic(time - 0.5 * self._period))
         rate = self._gyro.rate(self._period)
         self._tell(

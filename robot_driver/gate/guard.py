@@ -1,4 +1,6 @@
-"""What the last gate lets pass to the motors, and when it has to stop them by itself. It does nothing else."""
+"""Rules of the last gate: which requests may pass to the motors, and when the gate must stop them itself. Nothing
+else.
+"""
 
 import math
 from collections import deque
@@ -11,14 +13,14 @@ from robot_driver.gate.wire import Wire
 Channels = tuple[float, float]  # duty of the first and of the second channel of the controller
 
 LIFETIME = SECOND // 2  # ns for which a command is in force, at most
-LATE = SECOND // 10  # ns after which what was sent is not what is wanted any more
+LATE = SECOND // 10  # ns after which a message is out of date
 FUTURE = SECOND // 1000  # ns
-SILENCE = SECOND // 4  # ns without a word of the driver, while the motors turn
+SILENCE = SECOND // 4  # ns without a message of the driver, while the motors turn
 UNSERVED = 2 * SECOND // 5  # ns without a duty, while the motors turn
-SLACK = 3 * SECOND // 100  # ns beyond a cycle, in which the driver would stop the motors itself
-ATTENDED = SECOND // 20  # ns since a word of the driver, in which it is there to send zero itself
-CONFIRMING = SECOND // 10  # ns that it has for that
-ROUNDING = 0.00051  # duty; half of the coarsest step of a controller, and a little
+SLACK = 3 * SECOND // 100  # ns beyond a cycle, within which the driver would stop the motors itself
+ATTENDED = SECOND // 20  # ns since a message of the driver, within which it is able to send zero itself
+CONFIRMING = SECOND // 10  # ns that it has to do so
+ROUNDING = 0.00051  # duty; half of the coarsest step of a controller, plus a margin
 STANDSTILL = 0.0, 0.0
 
 
@@ -30,33 +32,33 @@ class Mounting(NamedTuple):
     invert_right: bool = False
 
     def channels(self, left: float, right: float) -> Channels:
-        """Return the duties of the channels that drive the sides with these."""
+        """Return the duties of the channels for these duties of the sides."""
         left, right = -left if self.invert_left else left, -right if self.invert_right else right
         return (right, left) if self.swap else (left, right)
 
 
 class Guard:
-    """Judges each word of the driver; times are ns on one steady clock.
+    """Judges each message of the driver; times are ns on one steady clock.
 
-    `cycle` (ns) is how often the driver serves the motors. `is_latched` says whether the disk holds an emergency stop:
-    then the motors are held until it does so no more, or until the driver has first confirmed it and then released it.
+    `cycle` (ns) is the driver's period of serving the motors. `is_latched` tells whether the disk holds an emergency
+    stop: then the motors are held until that has gone, or until the driver has first confirmed and then released it.
     """
 
     def __init__(self, wire: Wire, mounting: Mounting, cycle: int, is_latched: Callable[[], bool]) -> None:
         self.interventions = 0
         self._wire, self._mounting, self._cycle, self._is_latched = wire, mounting, cycle, is_latched
         self.latched = is_latched()
-        self._engaged = False  # the emergency stop, by a word of the driver
+        self._engaged = False  # the emergency stop, by a message of the driver
         self._held = True
-        self._heard = self._served = 0  # when there was a word, and a duty
+        self._heard = self._served = 0  # times of the last message and the last duty
         self._expires = 0  # when the command in force ends, or ended
-        self._recent: deque[tuple[int, Channels]] = deque(maxlen=64)  # commands, and when each was heard first
+        self._recent: deque[tuple[int, Channels]] = deque(maxlen=64)  # commands, and when each was first received
         self._zero_first = False
-        self._confirm_by: int | None = None  # when the driver has to have sent zero itself
+        self._confirm_by: int | None = None  # deadline for the driver to send zero itself
         self.opened()
 
     def opened(self) -> None:
-        """Begin with a port behind which nothing is known but that the driver sends zero first."""
+        """Reset for a newly opened port: its state is unknown, so the driver must send zero first."""
         self._armed = 0
         self._duty: Channels = STANDSTILL
         self._confirm_by = None
@@ -67,7 +69,7 @@ class Guard:
         return self._duty != STANDSTILL
 
     def take(self, word: Word, now: int) -> Reason | None:
-        """Take the command in force from a word; return why not."""
+        """Store the command in force of a message; return the reason if it is refused."""
         if not 0 <= now + FUTURE - word.sent <= LATE + FUTURE:
             return Reason.LATE
         held = word.held or word.engaged
@@ -92,7 +94,9 @@ class Guard:
         return None
 
     def judge(self, word: Word, now: int) -> Reason | None:
-        """Return why what a word wants written must not be; None where it may, which then counts as written."""
+        """Return the reason for refusing a message's write request; None if it is permitted, and then counts as
+        written.
+        """
         requests = self._wire.read(word.data)
         if requests is None:
             return Reason.FOREIGN
@@ -109,7 +113,7 @@ class Guard:
         return None
 
     def _objection(self, duty: Channels, word: Word, now: int) -> Reason | None:
-        """Return why the motors must not be driven like this."""
+        """Return the objection to driving the motors with a duty, None if there is none."""
         if self._held:
             return Reason.HELD
         if now - word.sent > LATE:
@@ -123,7 +127,7 @@ class Guard:
         return None if self._is_on_its_way(duty) else Reason.BEYOND
 
     def _is_on_its_way(self, duty: Channels) -> bool:
-        """Return whether each channel's duty is between the last one, zero and the commands of the last moment."""
+        """Return whether each channel's duty is between the last one, zero and the recent commands."""
         for channel, value in enumerate(duty):
             ends = [0.0, self._duty[channel], *(command[channel] for _, command in self._recent)]
             if not min(ends) - ROUNDING <= value <= max(ends) + ROUNDING:
@@ -131,17 +135,19 @@ class Guard:
         return True
 
     def stop_due(self) -> int | None:
-        """Return when the gate has to stop the motors, if nothing changes; None when they stand."""
+        """Return when the gate must stop the motors, if nothing changes; None when they stand."""
         if self._confirm_by is not None or not self.moving:
             return self._confirm_by
         return min(self._heard + SILENCE, self._served + UNSERVED, self._expires + self._cycle + SLACK)
 
     def is_attended(self, now: int) -> bool:
-        """Whether it is enough to send zero once: the driver is there to do so, too, and to see it acknowledged."""
+        """Return whether one zero suffices, because the driver is alive to send zero as well, and to see it
+        acknowledged.
+        """
         return self._confirm_by is None and now - self._heard < ATTENDED
 
     def note_intervention(self, confirm_by: int | None = None) -> None:
-        """Note that the gate stopped the motors itself: the driver has to send zero first, where given by then."""
+        """Record that the gate stopped the motors: the driver must send zero first, by the time given, if any."""
         self.interventions += 1
         self._duty = STANDSTILL
         self._zero_first, self._confirm_by = True, confirm_by

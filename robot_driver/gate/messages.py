@@ -1,4 +1,4 @@
-"""What the driver and the last gate send one another: two messages of fixed length, each checked by a CRC-32."""
+"""Messages between driver and last gate: two messages of fixed length, each checked by a CRC-32."""
 
 import struct
 from enum import IntEnum
@@ -9,12 +9,12 @@ MOST_DATA = 240  # bytes that are written to a controller in one go
 SECOND = 10**9  # ns; all times here are ns since the computer was started, also while it was suspended
 
 
-class Malformed(ValueError):  # noqa: N818 - as the reason is called
-    """Bytes that are no message."""
+class Malformed(ValueError):  # noqa: N818 - the name of the reason
+    """Bytes that are not a valid message."""
 
 
 class Kind(IntEnum):
-    """What the driver wants of the gate besides knowing the command in force."""
+    """Request of a driver's message, besides the command in force."""
 
     FEED = 0  # nothing
     WRITE = 1  # write `data` to the controller
@@ -26,23 +26,23 @@ class Kind(IntEnum):
 class Reason(IntEnum):
     """Why something was refused; reports count them in this order."""
 
-    MALFORMED = 0  # no message, or a message that is not newer than the last one
-    LATE = 1  # sent too long ago: a command that has waited is not the one wanted any more
+    MALFORMED = 0  # not a message, or not newer than the last one
+    LATE = 1  # sent too long ago: a delayed command is out of date
     INSANE = 2  # a command that is not finite, beyond full duty, or in force for too long
     NO_PORT = 3  # there is no port to write to
-    FOREIGN = 4  # bytes that are no request that the driver makes
+    FOREIGN = 4  # bytes that are none of the driver's requests
     UNARMED = 5  # the controller has not been given its watchdog
-    HELD = 6  # something holds the motors
+    HELD = 6  # the motors are held
     STALE = 7  # no command is in force
     BEYOND = 8  # not on the way from the last duty to the one commanded
-    ZERO_FIRST = 9  # after the gate stopped the motors, the driver has to send zero before anything else
+    ZERO_FIRST = 9  # after the gate stopped the motors, the driver must send zero before anything else
 
 
 class Word(NamedTuple):
-    """A message of the driver: its command in force, and what it wants written.
+    """A message of the driver: its command in force, and the data to write.
 
-    `sequence` grows by one or more. `held`: something holds the motors; `engaged`: the emergency stop does. The command
-    (duty of each side) is in force until `expires`; `sent` is when this was sent [ns since the start of the computer].
+    `sequence` grows by one or more. `held`: the motors are held; `engaged`: by the emergency stop. The command (duty of
+    each side) is in force until `expires`; `sent` is when this was sent [ns since the start of the computer].
     """
 
     kind: Kind
@@ -57,10 +57,10 @@ class Word(NamedTuple):
 
 
 class Report(NamedTuple):
-    """A message of the gate: what it does, and what it refused since it was started.
+    """A message of the gate: its state, and counts of refusals since it was started.
 
-    `sequence` is that of the last message it took. `interventions` counts how often it stopped the motors itself;
-    `acknowledged`: the controller acknowledged zero, the last time. `latched`: an emergency stop on the disk holds.
+    `sequence` is that of the last accepted message. `interventions` counts how often it stopped the motors itself;
+    `acknowledged`: the controller acknowledged zero the last time. `latched`: an emergency stop is stored on the disk.
     """
 
     sequence: int
@@ -81,7 +81,7 @@ _FLAGS = 3  # bits in use
 
 
 def packed_word(word: Word) -> bytes:
-    """Return the bytes of a message to the gate. Raises struct.error for what does not fit."""
+    """Return the bytes of a message to the gate. Raises struct.error for values out of range."""
     flags = word.held | word.engaged << 1
     if len(word.data) > MOST_DATA:
         raise struct.error(f"{len(word.data)} bytes are too many.")
@@ -90,7 +90,7 @@ def packed_word(word: Word) -> bytes:
 
 
 def word_in(message: bytes) -> Word:
-    """Return what the driver has sent. Raises Malformed."""
+    """Decode a message of the driver. Raises Malformed."""
     magic, kind, flags, length, sequence, sent, left, right, expires, data = _WORD.unpack(_content(message, _WORD))
     if magic != _MAGIC[0] or kind > Kind.END or flags > _FLAGS or length > MOST_DATA or data[length:].strip(b"\0"):
         raise Malformed
@@ -105,7 +105,7 @@ def packed_report(report: Report) -> bytes:
 
 
 def report_in(message: bytes) -> Report:
-    """Return what the gate has reported. Raises Malformed."""
+    """Decode a message of the gate. Raises Malformed."""
     magic, flags, sequence, interventions, *refused = _REPORT.unpack(_content(message, _REPORT))
     if magic != _MAGIC[1]:
         raise Malformed
@@ -117,7 +117,7 @@ def _checked(content: bytes) -> bytes:
 
 
 def _content(message: bytes, layout: struct.Struct) -> bytes:
-    """Return a message without its check. Raises Malformed where that or the length is wrong."""
+    """Return a message without its check. Raises Malformed if that or the length is wrong."""
     content, check = message[: layout.size], message[layout.size :]
     if len(content) != layout.size or check != _CHECK.pack(crc32(content)):
         raise Malformed

@@ -1,6 +1,6 @@
-"""The process of the last gate: takes words of the driver from a socket, writes to the port, stops the motors.
+"""The process of the last gate: receives messages of the driver, writes to the port, stops the motors.
 
-It ends when the driver asks for it or is gone; then it stops the motors first.
+It ends when the driver requests it or has ended; then it stops the motors first.
 """
 
 import os
@@ -28,20 +28,20 @@ from robot_driver.gate.wire_mbot import MBotWire
 from robot_driver.gate.wire_roboclaw import RoboClawWire
 from robot_driver.gate.wire_roboteq import RoboteqWire
 
-REPORT_PERIOD = SECOND // 5  # ns; also how often is looked whether the parent lives
-# ns for attempts to stop the motors; after that the controller has to do it, which needs silence.
+REPORT_PERIOD = SECOND // 5  # ns; also the period of checks that the parent lives
+# ns for attempts to stop the motors; after that the controller's watchdog must do it, which needs silence.
 STOPPING = SECOND // 2
 QUIET = 0.010  # s of silence after which a device drops a half-received packet
-LONGEST_QUIET = SECOND // 20  # ns; a device that never stops talking is not waited for
+LONGEST_QUIET = SECOND // 20  # ns; limit, for a device that never stops sending
 ANSWER = SECOND // 10  # ns that the controller has for acknowledging zero
-WRITING = 0.1  # s that the port may take
+WRITING = 0.1  # s allowed for the port to take the data
 DESCRIPTOR = 4  # bytes of a descriptor that comes with a message
 NONE = -1  # descriptor of no port
-LOCK_CURRENT = 1  # of mlockall(2): the memory that there is; no more is needed
+LOCK_CURRENT = 1  # of mlockall(2): only current memory; no more is needed
 
 
 def wire_of(controller: str) -> Wire:
-    """Return what is known of a kind of controller, by its name on the command line of cmr-driver."""
+    """Return the protocol of a controller, by its name on the command line of cmr-driver."""
     wires: dict[str, Wire] = {
         "mbot": MBotWire(),
         "roboclaw": RoboClawWire(),
@@ -63,7 +63,7 @@ class Gate:
         self._link, self._guard, self._wire, self._parent = link, guard, wire, parent
         self._port = NONE
         self._sequence = 0
-        self._gone = False  # the device behind the port
+        self._gone = False  # whether the device behind the port is gone
         self._acknowledged = False
         self._refused = [0] * len(Reason)
         self._ended = False
@@ -72,7 +72,7 @@ class Gate:
         self._events.register(link, select.POLLIN)
 
     def run(self) -> None:
-        """Serve the driver until it is gone or wants an end; stop the motors then, and if this program fails."""
+        """Serve the driver until it has ended or requests the end; then, and if this program fails, stop the motors."""
         try:
             while not self._ended:
                 self._turn()
@@ -81,7 +81,7 @@ class Gate:
                 self._stop_motors()
 
     def _turn(self) -> None:
-        """Wait for a message, for the time to stop the motors or for that to report; do what is due."""
+        """Wait for a message, or for the time to stop the motors or to report; do what is due."""
         due = self._guard.stop_due()
         until = self._report_due if due is None else min(due, self._report_due)
         events = self._events.poll(max(until - now(), 0) / 1e6)
@@ -121,7 +121,7 @@ class Gate:
         self._obey(word, descriptors[0] if descriptors else NONE)
 
     def _obey(self, word: Word, descriptor: int) -> None:
-        """Do what a message wants, as far as it may be done."""
+        """Execute the request of a message, as far as it is permitted."""
         moment = now()
         if (reason := self._guard.take(word, moment)) is not None:
             self._refuse(reason)
@@ -139,7 +139,7 @@ class Gate:
             self._report(moment)
 
     def _change_port(self, descriptor: int) -> None:
-        """Write to another port from now on, or to none."""
+        """Use another port from now on, or none."""
         if self._port != NONE:
             os.close(self._port)
         self._port, self._gone = descriptor, False
@@ -150,7 +150,7 @@ class Gate:
         self._report_due = 0
 
     def _report(self, moment: int) -> None:
-        """Say how things are; a driver that does not listen misses it."""
+        """Send a report; a driver that does not read misses it."""
         self._report_due = moment + REPORT_PERIOD
         report = Report(
             self._sequence,
@@ -164,7 +164,7 @@ class Gate:
             self._link.send(packed_report(report), socket.MSG_DONTWAIT)
 
     def _write(self, data: bytes) -> bool:
-        """Write all of it; return whether the port took it. That the device is gone the driver sees as it reads."""
+        """Write all of it; return whether the port took it. The driver detects a lost device when it reads."""
         while data:
             try:
                 data = data[os.write(self._port, data) :]
@@ -177,13 +177,13 @@ class Gate:
         return True
 
     def _send_zero(self, moment: int) -> None:
-        """Stop the motors in the midst of what the driver does, which has to see for itself that they stand."""
+        """Send zero once while the driver is active, which must check itself that the motors stand."""
         for stop in self._wire.stops(time.monotonic_ns()):
             self._write(stop.data)
         self._note_intervention(moment + CONFIRMING)
 
     def _stop_motors(self) -> None:
-        """Send zero until it is acknowledged, twice: the first answer may be one to what was sent before."""
+        """Send zero until it is acknowledged, twice: the first answer may belong to an earlier request."""
         give_up = now() + STOPPING
         wanted = 2 * self._wire.stops(time.monotonic_ns())
         while wanted and not self._gone and now() < give_up:
@@ -193,7 +193,7 @@ class Gate:
         self._note_intervention()
 
     def _note_intervention(self, confirm_by: int | None = None) -> None:
-        """Note that the motors were stopped, unless there are none any more."""
+        """Note that the motors were stopped, unless the device is gone."""
         if self._gone:
             self._guard.opened()
         else:
@@ -216,7 +216,7 @@ class Gate:
         return True
 
     def _read(self, timeout: float) -> bytes:
-        """Return what has come from the controller, after `timeout` (s) at the latest."""
+        """Return the bytes received from the controller, after `timeout` (s) at the latest."""
         with suppress(OSError):
             if select.select([self._port], [], [], max(timeout, 0.0))[0]:
                 return os.read(self._port, 4096)
@@ -224,7 +224,7 @@ class Gate:
 
 
 def keep_its_promises() -> None:
-    """Outlive what ends or stops the driver; go before all that is not urgent, in memory, as far as is permitted."""
+    """Ignore signals that end or stop the driver; get high priority and locked memory, as far as permitted."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal.SIGQUIT, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)
     with suppress(OSError):
@@ -236,7 +236,7 @@ def keep_its_promises() -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Be the last gate: socket, controller, three flags of its mounting, cycle (ns), path of the latch, parent."""
+    """Run the last gate: socket, controller, three flags of its mounting, cycle (ns), path of the latch, parent."""
     link, controller, flags, cycle, latch, parent = arguments
     keep_its_promises()
     wire = wire_of(controller)

@@ -1,4 +1,4 @@
-"""The MBot board, as the last gate knows it: two kinds of frames that the driver sends, and one that the board says.
+"""The MBot board's protocol for the last gate: two kinds of frames that the driver sends, and one that the board sends.
 
 A frame is `FF FE length check topic payload check`: length and topic in 16 bits, low byte first; each check is 255
 minus the sum of the bytes before it modulo 256, the first over the length, the second over topic and payload. Payloads
@@ -13,13 +13,13 @@ from robot_driver.gate.wire import Request, Stop
 START = b"\xff\xfe"
 HEADER_BYTES = 7  # start, length, check, topic
 OVERHEAD_BYTES = HEADER_BYTES + 1
-NOTHING = bytes(40)  # more than the rest of a frame of duties, and no beginning of another
-REPEATED = 3  # times that a silent board is sent duties
+NOTHING = bytes(40)  # more than the rest of a frame of duties, and not the beginning of another
+REPEATED = 3  # times that duties are sent to a silent board
 DUTIES, MOMENT = struct.Struct("<q3f"), struct.Struct("<q")  # us; duties of the left and right motor and of none
 
 
 class Topic(IntEnum):
-    """What a frame is about."""
+    """Topic of a frame."""
 
     TIMESYNC = 201
     IMU = 220
@@ -50,7 +50,7 @@ class MBotWire:
     streams = True
 
     def read(self, data: bytes) -> list[Request] | None:
-        """Return a request for each frame; in front of all there may be NOTHING."""
+        """Return a request for each frame; the data may begin with NOTHING."""
         rest, requests = data.removeprefix(NOTHING), []
         while rest:
             for topic, layout in ((Topic.MOTOR_PWM_COMMAND, DUTIES), (Topic.TIMESYNC, MOMENT)):
@@ -69,14 +69,14 @@ class MBotWire:
         return requests
 
     def stops(self, now: int) -> list[Stop]:
-        """Send zero as to a silent board, and the time last: with it, a board that fell silent goes on with zero."""
+        """Send zero as to a silent board, and finally the time: with it, a silent board resumes with zero."""
         utime = now // 1000
         zero = packed(Topic.MOTOR_PWM_COMMAND, DUTIES.pack(utime, 0.0, 0.0, 0.0))
         return [Stop(NOTHING + REPEATED * zero + packed(Topic.TIMESYNC, MOMENT.pack(utime)), _reports_zero)]
 
 
 def _reports_zero(reply: bytes) -> bool:
-    """Return whether the last two frames on the duties in force say zero; the first of them may be of before."""
+    """Return whether the last two frames on the duties in force say zero; the first of them may be older."""
     length = struct.pack("<H", DUTIES.size)
     begin = START + length + check_of(length) + struct.pack("<H", Topic.MOTOR_PWM)
     frames = [begin + piece[: DUTIES.size + 1] for piece in reply.split(begin)[1:]]

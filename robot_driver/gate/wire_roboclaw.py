@@ -1,4 +1,4 @@
-"""RoboClaw and MCP controllers by Basicmicro, as the last gate knows them: the packets that the driver sends.
+"""RoboClaw and MCP controllers by Basicmicro, for the last gate: the packets that the driver sends.
 
 `address command data... crc`, answered with one byte 0xFF; or `address command`, which reads something.
 """
@@ -58,7 +58,7 @@ class RoboClawWire:
         return None
 
     def stops(self, now: int) -> list[Stop]:
-        """Stop each unit for itself: if one is dead, the other must hear it all the more."""
+        """Stop each unit for itself: if one is dead, the other must still be stopped."""
         del now
         zero = _DUTIES.pack(0, 0)
         return [Stop(packet(bytes((address, DRIVE_BOTH)), zero), ACKNOWLEDGED.__eq__) for address in self._addresses]

@@ -1,4 +1,4 @@
-"""Roboteq controllers, as the last gate knows them: the lines that the driver sends, each with a carriage return."""
+"""Roboteq controllers, for the last gate: the lines that the driver sends, each with a carriage return."""
 
 import re
 

@@ -1,7 +1,7 @@
 """Guides a person through a procedure step by step: announcements, questions without a default, motions any key ends.
 
-The procedure speaks to a `Guide`. What shows the steps and brings the answers is a `Front`: a terminal, a web page, or
-a script in tests. None of them knows the procedure, so the same steps can be answered anywhere.
+The procedure calls a `Guide`. A `Front` shows the steps and returns the answers: a terminal, a web page, or a script in
+tests. Fronts are independent of the procedure, so the same steps can be answered anywhere.
 """
 
 from robot_driver.guided.guide import Front, Guide, Left, Motion

@@ -1,44 +1,44 @@
-"""What a procedure says to a person, asks, and announces; no answer is ever assumed."""
+"""Notes, questions and announcements of a procedure to a person; no answer is ever assumed."""
 
 from collections.abc import Callable
 from typing import Protocol
 
 from robot_driver.guided.steps import Choice, Kind, Step
 
-LOOK = 0.02  # s between looks at whether somebody has answered
+LOOK = 0.02  # s between polls for an answer
 
 
-class Left(Exception):  # noqa: N818 - no fault: the person has gone
-    """The person is not there any more: the terminal hung up, the input ended. Nothing may move from here on."""
+class Left(Exception):  # noqa: N818 - not an error: the person has left
+    """The person has left: the terminal was closed, or the input ended. Nothing may move from here on."""
 
 
 class Front(Protocol):
-    """Shows steps to a person and brings answers. None of its methods waits.
+    """Shows steps to a person and returns answers. None of its methods blocks.
 
     Any of them may raise Left.
     """
 
     def show(self, step: Step) -> None:
-        """Show a step in place of the one before; what was typed until now answers nothing."""
+        """Show a step in place of the one before; earlier input is not an answer to it."""
 
     def progress(self, fraction: float, text: str) -> None:
-        """Show how far (0 to 1) the step is, and a few words."""
+        """Show the progress of the step (0 to 1), and a few words."""
 
     def answer(self) -> str | None:
-        """Return what the person has answered to the step that is shown, None when nothing yet."""
+        """Return the person's answer to the current step, None if there is none yet."""
 
     def refuse(self, problem: str) -> None:
-        """Say why the last answer was not taken; the step is still shown."""
+        """Say why the last answer was refused; the step is still shown."""
 
     def dismiss(self, answer: str) -> None:
-        """Show the step as over; `answer` is what it was answered with, or how it ended."""
+        """Show the step as over; `answer` is the answer to it, or how it ended."""
 
 
 class Guide:
     """Leads a person through steps.
 
-    `wait` does whatever has to go on meanwhile, for so many seconds: the driver of a robot serves its motors there, in
-    simulated time the clock advances. It may raise, which ends the procedure.
+    `wait` does everything that must continue meanwhile, for this many seconds: a driver serves its motors, a simulation
+    advances its clock. It may raise, which ends the procedure.
     """
 
     def __init__(self, front: Front, wait: Callable[[float], None]) -> None:
@@ -46,15 +46,15 @@ class Guide:
         self._wait = wait
 
     def say(self, name: str, text: str) -> None:
-        """Say something that needs no answer."""
+        """Show a text that needs no answer."""
         self._front.show(Step(name, Kind.NOTE, text))
 
     def progress(self, fraction: float, text: str = "") -> None:
-        """Show how far the step is that is shown."""
+        """Show the progress of the current step."""
         self._front.progress(min(max(fraction, 0.0), 1.0), text)
 
     def ask(self, name: str, text: str, choices: tuple[Choice, ...]) -> str:
-        """Ask a question, wait for as long as it takes, and return the key of what was chosen."""
+        """Ask a question, wait for as long as it takes, and return the key of the choice."""
         return self._answer_to(Step(name, Kind.QUESTION, text, choices))
 
     def number(self, name: str, text: str, unit: str, lowest: float, highest: float) -> float:
@@ -62,7 +62,7 @@ class Guide:
         return float(self._answer_to(Step(name, Kind.NUMBER, text, unit=unit, lowest=lowest, highest=highest)))
 
     def motion(self, name: str, text: str, seconds: float) -> "Motion":
-        """Announce a motion of at most so many seconds, and return what says when it has to end."""
+        """Announce a motion of at most so many seconds, and return an object that tells when it must end."""
         return Motion(self._front, Step(name, Kind.MOTION, text, seconds=seconds))
 
     def wait(self, seconds: float) -> None:
@@ -83,7 +83,7 @@ class Guide:
 
 
 class Motion:
-    """A motion that was announced, as a context manager; inside, `ended` is to be asked in each cycle.
+    """A motion that was announced, as a context manager; inside, call `ended` in each cycle.
 
     `by_person` says whether a key, and not its time, has ended it.
     """
@@ -102,7 +102,7 @@ class Motion:
             self._front.dismiss("ended by you" if self.by_person else "done")
 
     def ended(self, elapsed: float) -> bool:
-        """Return whether it has to end now, `elapsed` seconds after it began: its time is over, or a key was pressed.
+        """Return whether it must end now, `elapsed` seconds after it began: its time is over, or a key was pressed.
 
         Once ended by a key it stays so. Raises Left.
         """

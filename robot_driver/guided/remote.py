@@ -1,9 +1,9 @@
-"""Steps on a page: lines of JSON to the server of the page, and from it.
+"""Steps on a page: lines of JSON to and from the page's server.
 
 Out: `{"step": 3, "kind": "question", "text": "...", "choices": [["yes", "..."]], "unit": "", "seconds": 0}`, then
 `{"progress": 0.5, "text": "..."}`, `{"refused": "..."}`, `{"over": "..."}`, and during a motion `{"beat": 7}`. In:
-`{"step": 3, "answer": "yes"}` and `{"beat": 7}`, which a page repeats at once. A page that has not repeated a beat for
-SILENCE ends the motion, as any answer does.
+`{"step": 3, "answer": "yes"}` and `{"beat": 7}`, which a page echoes at once. If a page has not echoed a beat for
+SILENCE, the motion ends, as with any answer.
 """
 
 import json
@@ -17,15 +17,15 @@ from robot_driver.guided.steps import Kind, Step
 SILENCE, BEAT_PERIOD = 0.5, 0.1  # s
 PROGRESS_PERIOD = 0.1  # s
 MOST_READ = 65_536  # bytes at once
-MOST_BEATS = 100  # that are remembered
-LONGEST_LINE = 2000  # bytes of what a page says
-MOST_WAITING = 1_000_000  # bytes that nobody has taken
+MOST_BEATS = 100  # kept
+LONGEST_LINE = 2000  # bytes of a message of the page
+MOST_WAITING = 1_000_000  # bytes not yet written
 GONE = "The page is closed: nobody can answer or stop a motion any more."
 SILENT = "the page does not answer"
 
 
 class Remote:
-    """A front on a page, behind two file descriptors that never wait; a page may be silent for `silence` seconds."""
+    """A front on a page, behind two non-blocking file descriptors; a page may be silent for `silence` seconds."""
 
     def __init__(
         self, source: int = 0, output: int = 1, clock: Callable[[], float] = time.monotonic, silence: float = SILENCE
@@ -41,7 +41,7 @@ class Remote:
             os.set_blocking(file, False)
 
     def show(self, step: Step) -> None:
-        """Send a step; what was answered to others is no answer to it."""
+        """Send a step; answers to earlier steps are ignored."""
         self._step, self._is_answered = step, False
         self._number += 1
         self._heard = self._clock()
@@ -55,13 +55,13 @@ class Remote:
         )
 
     def progress(self, fraction: float, text: str) -> None:
-        """Send how far the step is, now and then."""
+        """Send the progress of the step, now and then."""
         if self._clock() >= self._progress_due:
             self._progress_due = self._clock() + PROGRESS_PERIOD
             self._say(progress=round(fraction, 3), text=text)
 
     def answer(self) -> str | None:
-        """Return what was answered on the page, or that it is silent during a motion. Raises Left."""
+        """Return the answer given on the page, or that it is silent during a motion. Raises Left."""
         self._take()
         if self._step is None or self._step.kind is Kind.NOTE:
             return None
@@ -77,7 +77,7 @@ class Remote:
         return self._answer
 
     def refuse(self, problem: str) -> None:
-        """Send why the answer was not taken."""
+        """Send why the answer was refused."""
         self._say(refused=problem)
 
     def dismiss(self, answer: str) -> None:
@@ -93,7 +93,7 @@ class Remote:
         self._say(beat=number)
 
     def _take(self) -> None:
-        """Take what the page said. Raises Left where it is closed."""
+        """Process the messages of the page. Raises Left if it is closed."""
         self._flush()
         try:
             data = os.read(self._source, MOST_READ)
@@ -126,7 +126,7 @@ class Remote:
         self._flush()
 
     def _flush(self) -> None:
-        """Write what can be written. Raises Left where nobody reads."""
+        """Write as much as possible. Raises Left if the reader is gone."""
         try:
             if self._waiting:
                 self._waiting = self._waiting[os.write(self._output, self._waiting) :]

@@ -1,4 +1,4 @@
-"""A person for tests: answers by the name of the step."""
+"""A scripted person for tests: answers by the name of the step."""
 
 from collections.abc import Callable, Mapping
 
@@ -7,16 +7,16 @@ from robot_driver.guided.steps import Kind, Step
 Reply = str | Callable[[Step], str | None]
 
 
-class NotInTheScript(AssertionError):  # noqa: N818 - reads as what has happened
-    """A step wants an answer that the script does not have."""
+class NotInTheScript(AssertionError):  # noqa: N818 - named for the event
+    """A step needs an answer that the script lacks."""
 
 
 class Scripted:
-    """A front whose answers are known beforehand.
+    """A front with prepared answers.
 
-    `replies` has, for the name of a step, the answer, or a function that is asked at each look and returns None while
-    there is no answer yet. A motion without a reply is not interrupted. `shown` are the steps in their order,
-    `answers` what the questions were answered with.
+    `replies` has, for the name of a step, the answer, or a function that is called at each poll and returns None while
+    there is no answer yet. A motion without a reply is not interrupted. `shown` are the steps in order, `answers` the
+    answers given.
     """
 
     def __init__(self, replies: Mapping[str, Reply]) -> None:
@@ -31,7 +31,7 @@ class Scripted:
         return "\n\n".join(step.text for step in self.shown)
 
     def show(self, step: Step) -> None:
-        """Note the step."""
+        """Record the step."""
         self._step = step
         self.shown.append(step)
 
@@ -39,7 +39,7 @@ class Scripted:
         """Show nothing."""
 
     def answer(self) -> str | None:
-        """Answer the step that is shown."""
+        """Answer the current step."""
         step = self._step
         if step is None:
             return None
@@ -49,11 +49,11 @@ class Scripted:
         return reply(step) if callable(reply) else reply
 
     def refuse(self, problem: str) -> None:
-        """Fail: what is in the script has to be possible."""
+        """Fail: answers of the script must be valid."""
         raise NotInTheScript(f"{self._step.name if self._step else ''}: {problem}")
 
     def dismiss(self, answer: str) -> None:
-        """Note the answer."""
+        """Record the answer."""
         assert self._step is not None
         self.answers.append((self._step.name, answer))
         self._step = None

@@ -1,4 +1,4 @@
-"""The steps of a guided procedure, as data that any front can show and a message can hold."""
+"""The steps of a guided procedure, as data for any front and for messages."""
 
 import math
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from enum import IntEnum
 
 
 class Kind(IntEnum):
-    """What a step wants of the person."""
+    """What a step requires of the person."""
 
-    NOTE = 0  # nothing: it only says something
+    NOTE = 0  # nothing: information only
     QUESTION = 1  # one of the choices; there is no default
     NUMBER = 2  # a number within bounds
     MOTION = 3  # nothing, but any answer ends the motion
@@ -26,7 +26,7 @@ class Choice:
 class Step:
     """One step of a procedure.
 
-    `name` is what scripts answer by; it is unique within the procedure, but a step may be repeated. `seconds` is how
+    `name` identifies it in scripts; it is unique within the procedure, but a step may be repeated. `seconds` is how
     long a motion lasts at most. A number is asked for in `unit`, from `lowest` to `highest`.
     """
 
@@ -40,7 +40,7 @@ class Step:
     seconds: float = 0.0
 
     def problem_with(self, answer: str) -> str:
-        """Return why this answer cannot be taken, as a sentence that says what can; "" when it can."""
+        """Return why this answer is invalid, as a sentence that says what is valid; "" if it is valid."""
         if self.kind is Kind.QUESTION:
             keys = [choice.key for choice in self.choices]
             return "" if answer in keys else f"Please answer {', '.join(keys[:-1])} or {keys[-1]}."

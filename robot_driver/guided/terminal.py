@@ -22,9 +22,9 @@ GONE = "The terminal is closed: nobody can answer or stop a motion any more."
 
 
 class Terminal:
-    """A front in a terminal, as a context manager that leaves the terminal as it was, also after Ctrl-C.
+    """A front in a terminal, as a context manager that restores the terminal, also after Ctrl-C.
 
-    Where the input is no terminal, lines are read from it, and the progress of steps is not shown.
+    If the input is not a terminal, lines are read from it, and progress is not shown.
     """
 
     def __init__(self, source: int | None = None, output: TextIO | None = None) -> None:
@@ -33,8 +33,8 @@ class Terminal:
         self._is_terminal = os.isatty(self._source)
         self._settings: list[int | list[bytes | int]] | None = None
         self._step: Step | None = None
-        self._waiting = ""  # characters that have come, but were not looked at yet
-        self._typed = ""  # of a line, so far
+        self._waiting = ""  # characters received, but not processed yet
+        self._typed = ""  # of the current line
         self._bar = ""
 
     def __enter__(self) -> "Terminal":
@@ -48,11 +48,11 @@ class Terminal:
     ) -> None:
         self._end_line()
         if self._settings is not None:
-            with suppress(termios.error):  # the terminal may be gone
+            with suppress(termios.error):  # the terminal may be closed
                 termios.tcsetattr(self._source, termios.TCSADRAIN, self._settings)
 
     def show(self, step: Step) -> None:
-        """Write a step, and forget what was typed before: it was meant for another one."""
+        """Write a step, and discard earlier input, which was meant for another one."""
         self._end_line()
         self._step = step
         self._forget_typed_ahead()
@@ -71,7 +71,7 @@ class Terminal:
             self._write(f"{ERASE}{bar}")
 
     def answer(self) -> str | None:
-        """Return what was typed: a line, for a motion any key. Raises Left where the terminal has gone."""
+        """Return the input: a line, or for a motion any key. Raises Left if the terminal is closed."""
         if self._step is None or self._step.kind is Kind.NOTE:
             return None
         pressed = self._pressed()
@@ -85,19 +85,19 @@ class Terminal:
         return None
 
     def refuse(self, problem: str) -> None:
-        """Write why the answer was not taken, and ask again."""
+        """Write why the answer was refused, and ask again."""
         self._write(f"{problem}\n")
         self._prompt()
 
     def dismiss(self, answer: str) -> None:
-        """Close the step; how a motion ended is written, an answer is there already."""
+        """Close the step; write how a motion ended (an answer is on the screen already)."""
         if self._step is not None and self._step.kind is Kind.MOTION:
             self._write(f"{ERASE if self._is_terminal else ''}{answer}\n")
             self._bar = ""
         self._step = None
 
     def _pressed(self) -> str:
-        """Return the characters that have come, without waiting."""
+        """Return the characters received, without blocking."""
         try:
             if not select.select([self._source], [], [], 0.0)[0]:
                 return ""
@@ -109,7 +109,7 @@ class Terminal:
         return data.decode("utf-8", "ignore")
 
     def _line_with(self, character: str) -> str | None:
-        """Take one character; return the line when that ends it."""
+        """Add one character; return the line when that ends it."""
         if character in ("\n", "\r"):
             line, self._typed = self._typed.strip(), ""
             self._write("\n")
@@ -128,13 +128,13 @@ class Terminal:
             self._write(f"{self._step.unit}> ")
 
     def _end_line(self) -> None:
-        """Go to a new line, if a bar or what was typed stands on this one."""
+        """Go to a new line, if this one holds a bar or input."""
         if self._bar or self._typed:
             self._write("\n")
         self._bar = ""
 
     def _forget_typed_ahead(self) -> None:
-        """Forget what was typed before; lines that do not come from a terminal are kept for the questions to come."""
+        """Discard earlier input; lines that do not come from a terminal are kept for the questions to come."""
         self._typed = ""
         if self._is_terminal:
             self._waiting = ""

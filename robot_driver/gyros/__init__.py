@@ -1,4 +1,4 @@
-"""Yaw gyros: one module per protocol, bytes in and readings out, and the table of those we know.
+"""Yaw gyros: one module per protocol, which converts bytes to readings, and the table of known gyros.
 
 A new gyro is one module with a subclass of `Gyro` and one entry in `GYROS`.
 """

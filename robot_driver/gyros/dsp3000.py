@@ -12,12 +12,13 @@ from dataclasses import replace
 from robot_driver.gyros.gyro import Gyro, GyroReading
 
 LARGEST_RATE = 500.0  # deg/s; beyond it the output is unreliable whatever the validity digit says
-SETTLING = 10  # readings after a mode letter that may still be in another mode
-ASKING = (10, 8, 6)  # of them still to come when the letter is sent: any one may be lost
-LONGEST_LINE = 64  # bytes; real lines have 21, a run of more without an LF is another protocol or noise
+SETTLING = 10  # readings after a mode letter that may still be of another mode
+ASKING = (10, 8, 6)  # remaining readings at which the letter is sent: any one may be lost
+LONGEST_LINE = 64  # bytes; real lines have 21, longer ones are another protocol or noise
 RATE_MODE = b"R"
 LARGEST_LEAP = 50.0  # deg/s from one reading to the next; 5000 deg/s^2 is more than wheels give
-CLEAR_RATE = 2.0  # deg/s from which a fall to a fiftieth, from one reading to the next, is hardly a robot that stops
+# deg/s from which a fall to a fiftieth, from one reading to the next, is hardly due to a robot that stops
+CLEAR_RATE = 2.0
 FALL = 50.0
 SMOOTHEST = 0.001  # deg/s; see Doubts
 SMOOTH_READINGS = 8
@@ -39,7 +40,7 @@ class Dsp3000(Gyro):
 
     def __init__(self) -> None:
         self._line = b""
-        self._at_line_start = False  # what comes first is the rest of a line that began before we listened
+        self._at_line_start = False  # the first bytes may be the rest of a line
         self._damaged = 0  # lines since the last reading
         self._was_valid = False
         self._doubts = Doubts()
@@ -76,7 +77,7 @@ class Dsp3000(Gyro):
         return request
 
     def _settled(self, reading: GyroReading) -> GyroReading:
-        """Return the reading, as not valid where it may be something else than a rate."""
+        """Return the reading, marked invalid if it may not be a rate."""
         doubtful = self._doubts.raised_by(reading)
         if reading.valid and (doubtful or not self._was_valid):
             self._unsettled = SETTLING
@@ -90,7 +91,7 @@ class Dsp3000(Gyro):
 
 
 class Doubts:
-    """Sees in the values where they may have begun to be angles; a false alarm costs SETTLING readings.
+    """Detects in the values that they may have become angles; a false alarm costs SETTLING readings.
 
     The angle turned since the last reading (mode A) is a hundredth of the rate: values fall. The angle turned since
     the beginning (mode P) may be any: values leap. When the robot hardly turns they may do neither, but then angles are
@@ -102,10 +103,12 @@ class Doubts:
 
     def __init__(self) -> None:
         self._rates: deque[float] = deque(maxlen=3)  # deg/s
-        self._smooth = 0  # readings in turn
+        self._smooth = 0  # consecutive readings
 
     def raised_by(self, reading: GyroReading) -> bool:
-        """Take the next reading; return whether it raises doubts: at once, or once at the end of a smooth stretch."""
+        """Process the next reading; return whether it raises doubts: at once, or once at the end of a smooth
+        stretch.
+        """
         if not reading.valid:
             self._rates.clear()
             return False

@@ -1,10 +1,10 @@
-"""What the driver asks of a gyro that sends readings by itself."""
+"""Interface to gyros that send readings on their own."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 
-@dataclass(slots=True)  # not frozen: a thousand a second are made
+@dataclass(slots=True)  # not frozen: a thousand a second are created
 class GyroReading:
     """One reading.
 
@@ -41,22 +41,22 @@ class Gyro(ABC):
     @property
     @abstractmethod
     def wake_up(self) -> bytes:
-        """What to send after connecting, and after a silence, to have readings come in the mode we understand."""
+        """What to send after connecting, and after a silence, to receive readings in the supported mode."""
 
     @abstractmethod
     def feed(self, data: bytes) -> list[GyroReading]:
-        """Take the next bytes of the stream, in pieces of any size; return the readings completed by them."""
+        """Process the next bytes of the stream, in pieces of any size; return the readings completed by them."""
 
     @property
     def farewell(self) -> bytes:
-        """What to send before the port is closed, so that readings go on coming; b"" if they surely do."""
+        """What to send before the port is closed, so that readings continue; b"" if nothing is needed."""
         return b""
 
     @property
     def unanswered(self) -> bytes:
-        """What to send again when nothing has come of it for a while; b"" if no answer is waited for."""
+        """What to send again after a while without an answer; b"" if no answer is expected."""
         return b""
 
     def next_request(self) -> bytes:
-        """Return what is to be sent after what has been fed, once; b"" if there is nothing to say."""
+        """Return, once, what to send after the bytes fed; b"" if there is nothing to send."""
         return b""

@@ -1,4 +1,4 @@
-"""KVH 1725, 1750 and 1775 IMUs and DSP-1760 gyros, of whose three axes one is the yaw axis of the robot.
+"""KVH 1725, 1750 and 1775 IMUs and DSP-1760 gyros, with one of their three axes as the robot's yaw axis.
 
 What a device is set to (rate or angle, unit, messages a second) is not visible in its messages, and every change of it
 is kept in the device's non-volatile memory, which a driver must not wear out or surprise other users with. So the
@@ -15,7 +15,7 @@ from robot_driver.gyros.gyro import Gyro, GyroReading
 from robot_driver.gyros.kvh_messages import Answer, Sample, SelfTest, Stream
 
 LARGEST_RATE = math.radians(1000.0)  # rad/s; no device of the family measures more
-LEAST_RATE = 5  # messages a second; with fewer, a device that works looks like a silent one
+LEAST_RATE = 5  # messages a second; with fewer, a working device looks silent
 SEQUENCE = 128  # messages after which the sequence numbers begin again
 # A line end first: it finishes what noise may have left in the device. In configuration mode a device sends no data.
 ENTER_CONFIGURATION, LEAVE_CONFIGURATION = b"\r\n=CONFIG,1\r\n", b"=CONFIG,0\r\n"
@@ -25,8 +25,8 @@ DATA_RATES = ("1", "5", "10", "25", "50", "100", "250", "500", "750", "1000", "3
 X, Y, Z = range(3)
 
 
-class Unreadable(Exception):  # noqa: N818 - a device may be set to whatever its owner likes
-    """Rates cannot be read from what the device sends as it is set; the text says why and what to do."""
+class Unreadable(Exception):  # noqa: N818 - not an error: the owner may choose such settings
+    """The device's settings do not allow rates to be read; the text says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Interview:
 
     @property
     def is_complete(self) -> bool:
-        """Return whether there is nothing left to ask."""
+        """Return whether all questions are answered."""
         return len(self._answers) == 2 * len(QUERIES)
 
     @property
@@ -60,11 +60,11 @@ class Interview:
 
     @property
     def question(self) -> bytes:
-        """What to send next."""
+        """The next question to send."""
         return f"?{self._asked}\r\n".encode()
 
     def hear(self, answer: Answer) -> bool:
-        """Take an answer; return whether it was one to the question."""
+        """Process an answer; return whether it belongs to the question."""
         unknown = answer == Answer("INVALID", f"?{self._asked}")
         if answer.name != self._asked and not unknown:
             return False
@@ -102,7 +102,7 @@ class KvhBinary(Gyro):
 
     @property
     def unanswered(self) -> bytes:
-        """The step of the interview at which the device is, after a line end that finishes what is left of a line."""
+        """The current step of the interview, after a line end that terminates what is left of a line."""
         if self._interview is not None:
             return b"\r\n" + self._interview.question
         if self._reading is None:
@@ -110,7 +110,7 @@ class KvhBinary(Gyro):
         return self.farewell
 
     def feed(self, data: bytes) -> list[GyroReading]:
-        """Take the next bytes; return the readings completed by them. Damaged messages are skipped."""
+        """Process the next bytes; return the readings completed by them. Damaged messages are skipped."""
         readings = []
         for said in self._stream.feed(data):
             if isinstance(said, Sample):
@@ -139,7 +139,7 @@ class KvhBinary(Gyro):
                 self._request = self._interview.question
 
     def _conclude(self, settings: Mapping[str, str] | None) -> None:
-        """Let the device send data if its settings are known; else ask again."""
+        """Make the device send data if its settings are known; else ask again."""
         if settings is None:
             self._ask_all()
             return
@@ -155,7 +155,7 @@ class KvhBinary(Gyro):
         self._request = self._interview.question
 
     def _forget(self) -> None:
-        """Take the device for one of which nothing is known."""
+        """Treat the device as unknown."""
         self._interview, self._reading, self._sequence, self.nominal_rate = None, None, None, 0.0
 
     def _lost_before(self, sequence: int) -> int:
@@ -178,14 +178,14 @@ class KvhBinaryY(KvhBinary):
 
 def _reading(sample: Sample, axis: int, how: Reading, lost_before: int) -> GyroReading:
     rate = sample.rotation[axis] * how.scale
-    # Not valid either is NaN, which is never smaller than anything.
+    # NaN is also invalid: the comparison is false for it.
     valid = sample.status & how.vouching == how.vouching and abs(rate) <= LARGEST_RATE
     rate = rate if valid else math.nan
     return GyroReading(rate, valid, sample.bytes_since, None, lost_before, how.per_period)
 
 
 def _scale(settings: Mapping[str, str]) -> float:
-    """Return how many rad/s one unit of a message is.
+    """Return the number of rad/s per unit of a message.
 
     Raises Unreadable.
     """
@@ -205,7 +205,7 @@ def _scale(settings: Mapping[str, str]) -> float:
 
 
 def _vouching(settings: Mapping[str, str], axis: int) -> int:
-    """Return the status bits of the sensors that make up an axis, which the matrix of =AXES may turn.
+    """Return the status bits of the sensors that contribute to an axis, which the matrix of =AXES may rotate.
 
     Raises Unreadable.
     """

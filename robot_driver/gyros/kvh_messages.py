@@ -1,4 +1,4 @@
-"""What KVH 1725, 1750 and 1775 IMUs and DSP-1760 gyros send: binary messages in normal mode, lines of text otherwise.
+"""Messages of KVH 1725, 1750 and 1775 IMUs and DSP-1760 gyros: binary in normal mode, lines of text otherwise.
 
 All numbers are big-endian. Data messages end with CRC-32/MPEG-2 over all their bytes, answers to commands have no
 checksum. Source: KVH 1775 IMU technical manual 56-0298 Rev. B, tables 5-1 to 5-12 and section 7.
@@ -31,7 +31,7 @@ LAYOUTS = {
     b"\xfe\x81\xff\x57": Layout(38, 32),  # format C, with a magnetometer
 }
 SELF_TESTS = {b"\xfe\x81\x00\xaa": 11, b"\xfe\x81\x00\xab": 13}  # header: length in bytes, the last a sum of the others
-# A header, or at the end what may be the beginning of one; no text has its first byte.
+# A header, or at the end possibly the beginning of one; its first byte does not occur in text.
 _BEGINNING = re.compile(rb"\xfe(?:\Z|\x81(?:\Z|\xff(?:\Z|[\x55-\x57])|\x00(?:\Z|[\xaa\xab])))")
 _LENGTHS = SELF_TESTS | {header: layout.length for header, layout in LAYOUTS.items()}
 _LONGEST_MESSAGE = max(_LENGTHS.values())  # bytes
@@ -40,9 +40,9 @@ _LONGEST_MESSAGE = max(_LENGTHS.values())  # bytes
 class Sample(NamedTuple):
     """One data message.
 
-    `rotation` is about the axes x, y, z in the unit that the device is set to, counter-clockwise positive seen from
-    the end of the axis. Bits 0, 1, 2 of `status` vouch for the sensors of x, y, z. `sequence` counts to 127.
-    `bytes_since` is as in GyroReading.
+    `rotation` is about the axes x, y, z, in the unit set in the device, counter-clockwise positive seen from the end of
+    the axis. Bits 0, 1, 2 of `status` vouch for the sensors of x, y, z. `sequence` counts to 127. `bytes_since` is as
+    in GyroReading.
     """
 
     rotation: tuple[float, float, float]
@@ -53,12 +53,12 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class SelfTest:
-    """The result of a self-test, which a device sends when it has been switched on."""
+    """The result of a self-test, which a device sends after power-up."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a device says to a command or query: its name, and the value as text."""
+    """Answer of a device to a command or query: its name, and the value as text."""
 
     name: str
     value: str
@@ -68,26 +68,26 @@ class Stream:
     """Splits the bytes of a device, in pieces of any size, into messages and answers; damaged ones are skipped."""
 
     def __init__(self) -> None:
-        self._waiting = b""  # at its front may be the beginning of a message
+        self._waiting = b""  # possibly beginning with the start of a message
         self._line = b""
 
     def feed(self, data: bytes) -> list[Sample | SelfTest | Answer]:
-        """Take the next bytes; return what is completed by them."""
+        """Process the next bytes; return the items completed by them."""
         complete: list[Sample | SelfTest | Answer] = []
         data = self._waiting + data
-        text = position = 0  # where what is no message begins, and where a message may begin
+        text = position = 0  # start of bytes outside messages, and of a possible message
         while (beginning := _BEGINNING.search(data, position)) is not None:
             start = beginning.start()
             end = start + _LENGTHS.get(beginning[0], _LONGEST_MESSAGE)
             if end > len(data):
                 break
             message = _message(data[start:end], len(data) - start)
-            position = start + 1  # within a damaged message the next whole one may begin
+            position = start + 1  # a complete message may begin within a damaged one
             if message is not None:
                 if text < start:
                     complete += self._answers(data[text:start])
                 complete.append(message)
-                self._line = b""  # what stood before a message is not the beginning of an answer
+                self._line = b""  # text before a message is not the beginning of an answer
                 text = position = end
         end = len(data) if beginning is None else beginning.start()
         if text < end:
@@ -117,7 +117,7 @@ def ends_with_checksum(data: bytes) -> bool:
 
 
 def _message(data: bytes, bytes_since: int) -> Sample | SelfTest | None:
-    """Return what a message of the right length says, None if it is damaged."""
+    """Return the content of a message of the right length, None if it is damaged."""
     header = data[:4]
     layout = LAYOUTS.get(header)
     if layout is None:

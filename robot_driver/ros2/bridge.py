@@ -1,8 +1,8 @@
-"""The bridge of one real robot: what a driver promises, for a robot that is commanded over ROS 2. It knows no rclpy.
+"""Bridge of one real robot: the guarantees of a driver, for a robot commanded over ROS 2. Independent of rclpy.
 
-Stale commands, the emergency stop, who may command, and how fast a command may grow are decided by the code of
-cmr-driver. What cannot be promised is what happens when this process is killed or its connection to the robot is cut:
-then the robot's own timeout stops it, if it has one (`Base.command_timeout` of the profile).
+The code of cmr-driver handles stale commands, the emergency stop, ownership, and ramps. It gives no guarantee if this
+process is killed or its connection to the robot is cut: then the robot's own timeout stops it, if it has one
+(`Base.command_timeout` of the profile).
 """
 
 import math
@@ -30,18 +30,18 @@ STANDSTILL = Velocity(0.0, 0.0)
 
 
 class RobotBridge:
-    """The robot, as a context manager: inside, an emergency stop that is engaged outlives the process.
+    """The robot, as a context manager: inside, an engaged emergency stop is stored, so that it outlives the process.
 
-    `handle` takes messages of the bus; `readings` those of ROS 2. `velocity` is what the robot is to be sent now.
+    `handle` takes messages of the bus; `readings` those of ROS 2. `velocity` is the command to send to the robot now.
     """
 
     def __init__(
         self, robot_id: int, profile: Profile, host: Host = THIS_COMPUTER, stop_file: StopFile | None = None
     ) -> None:
         self.robot_id, self.profile = robot_id, profile
-        self.gate = CommandGate(largest=math.inf)  # too fast is as fast as it can
+        self.gate = CommandGate(largest=math.inf)  # larger speeds are clipped
         self.readings = Readings(robot_id, profile, lambda: self.gate.drive(host.seconds_since_boot()).status)
-        self.graph_problem = ""  # what is wrong with the robot's topics, as the node sees it
+        self.graph_problem = ""  # problem with the robot's topics, found by the node
         self._host = host
         self._keeper = StopKeeper(stop_file) if stop_file is not None else None
         self._bus_stop = BusStop(self.gate, robot_id, self._keeper)
@@ -62,11 +62,11 @@ class RobotBridge:
         self._inside.close()
 
     def turn(self) -> None:
-        """Note that the process is alive; to be called before messages are handled."""
+        """Record that the process is alive; to be called before messages are handled."""
         self.gate.note_turn(self._host.seconds_since_boot())
 
     def handle(self, utime: int, channel: str, message: Message, sender: int | None = None) -> bool:
-        """Take a message of the bus; return whether it changes at once what the robot is to be sent."""
+        """Process a message of the bus; return whether it changes the velocity to send at once."""
         now = self._host.utime()
         if isinstance(message, velocity_command_t) and channel == self._commanded_on:
             if not self._ownership.takes(sender):
@@ -81,7 +81,7 @@ class RobotBridge:
         return False
 
     def velocity(self) -> Velocity:
-        """Return what the robot is to be sent now: on a ramp to what is commanded, at once zero where it must stop."""
+        """Return the velocity to send now: on a ramp to the command, at once zero if it must stop."""
         now, command = self._host.seconds_since_boot(), self.profile.command
         drive = self.gate.drive(now)
         if drive.status:
@@ -92,50 +92,50 @@ class RobotBridge:
         return Velocity(v * command.speed, omega * command.turn_rate)
 
     def stop(self) -> Velocity:
-        """Forget the command in force; return what the robot is to be sent at the end."""
+        """Discard the command in force; return the last velocity to send."""
         self.gate.clear()
         return self.velocity()
 
     def owner_reports(self) -> list[command_owner_t]:
-        """Return what COMMAND_OWNER_N has to report now, on whose commands are taken."""
+        """Return the messages of COMMAND_OWNER_N to publish now: whose commands are accepted."""
         return self._ownership.reports()
 
     def stop_reports(self) -> list[estop_latch_t]:
-        """Return what ESTOP_LATCH_N has to report now, on whether the emergency stop holds the robot."""
+        """Return the messages of ESTOP_LATCH_N to publish now: whether the emergency stop is engaged."""
         return self._bus_stop.reports(self._host.monotonic(), self._host.utime())
 
     def reports(self) -> Iterator[Outgoing]:
-        """Yield both kinds of reports, as the bus takes them."""
+        """Yield both kinds of reports with their streams."""
         yield from ((COMMAND_OWNER, self.robot_id, report) for report in self.owner_reports())
         yield from ((ESTOP_LATCH, self.robot_id, report) for report in self.stop_reports())
 
     def news(self) -> Iterator[str]:
-        """Yield what happened since the last call, as a person wants to read it."""
+        """Yield events since the last call, as text for the user."""
         for news in (self._bus_stop.news, self._ownership.news):
             while news:
                 yield f"robot {self.robot_id}: {news.pop(0)}"
 
     def problems(self) -> str:
-        """Return what keeps the robot from full service, in sentences; "" when nothing does."""
+        """Return what limits the robot's function, in sentences; "" if nothing does."""
         owners = self._ownership.problem() or self._commanders.problem(self._host.utime())
         found = [self.graph_problem, self._missing(), self._bus_stop.problem, owners]
         return " ".join(filter(None, found))
 
     def remarks(self) -> str:
-        """Return what else a person might want to know, in sentences."""
+        """Return further remarks for the user, in sentences."""
         remarks = [*self._bus_stop.remarks(), self.readings.clock.remark(), *self.gate.remarks()]
         refused = ", ".join(f"{why} {count}" for why, count in sorted(self.readings.refused.items()))
         remarks.append(f"Messages of the robot not used: {refused}." if refused else "")
         return " ".join(filter(None, remarks))
 
     def _shares(self, velocity: Velocity) -> tuple[float, float]:
-        """Return a velocity in shares of the largest, cut off there."""
+        """Return a velocity as shares of the largest, clipped there."""
         command = self.profile.command
         v, omega = velocity.v / command.speed, velocity.omega / command.turn_rate
         return max(-1.0, min(1.0, v)), max(-1.0, min(1.0, omega))
 
     def _missing(self) -> str:
-        """Return which topics are silent, in a sentence."""
+        """Return a sentence that names the silent topics."""
         profile, now = self.profile, self._host.utime()
         topics = {"wheels": profile.wheels.topic}
         if profile.gyro is not None:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from robot_driver.ros2.stage import ReplayClock, Stage
 
 NAME = "cmr-ros2"
-LEAST_RATE = 100.0  # Hz of the loop; what comes on either bus is handled at once
+LEAST_RATE = 100.0  # Hz of the loop; messages on either bus are handled at once
 ROBOT = re.compile(rf"(\d+)=([^@]+)(?:@({NAMESPACE}))?")
 NOTHING = "Nothing to do: --robot names a real robot, --virtual and --show robots of the world, --probe looks around."
 NO_ROS = (
@@ -119,7 +119,7 @@ class _Work:
         self._rate = max([LEAST_RATE, *(profile.command.rate for profile in profiles.values())])
 
     def run(self) -> int:
-        """Bridge until a signal comes; return the exit code."""
+        """Bridge until a signal arrives; return the exit code."""
         from robot_driver.ros2.real import RealRobot
 
         process = self._process
@@ -161,7 +161,7 @@ class _Work:
 
     def _listen(self, robot_id: int, *streams: Stream[Message]) -> None:
         for stream in streams:
-            if (stream.name, robot_id) not in self._listened:  # else each message would come twice
+            if (stream.name, robot_id) not in self._listened:  # else each message would be received twice
                 self._listened.add((stream.name, robot_id))
                 self._process.subscribe(stream, robot_id, every=True)
 
@@ -182,7 +182,7 @@ class _Work:
         self._report(utime)
 
     def _take_bus(self) -> None:
-        """Handle what the bus has brought; what changes a command goes out at once."""
+        """Handle the messages of the bus; send changed commands at once."""
         self._process.dispatch_named(self._handle)
 
     def _handle(self, utime: int, channel: str, message: Message, sender: int | None) -> None:
@@ -194,7 +194,7 @@ class _Work:
                 other.handle(utime, channel, message)
 
     def _take_ros(self) -> None:
-        """Handle what has arrived from ROS 2."""
+        """Handle the messages of ROS 2."""
         for take, message, arrival in self._node.arrived():
             take(message, arrival)
 
@@ -212,7 +212,7 @@ class _Work:
             self._process.farewell = f"no node took zero for robot {missing}" if unheard else "zero sent"
 
     def _report(self, utime: int) -> None:
-        """Have the next PROCESS_STATUS say how things are; when something was lost or came back, at once."""
+        """Update the next PROCESS_STATUS; publish at once when something was lost or came back."""
         process = self._process
         problems = [real.bridge.problems() for real in self._real]
         problems += [self._stage.problem(utime)] if self._stage is not None else []
@@ -287,7 +287,7 @@ def _add_network(options: argparse.ArgumentParser) -> None:
 
 
 def _profiles(robots: Sequence[Robot], shown: Sequence[int], *, allowed: bool) -> dict[Robot, Profile]:
-    """Return the profiles of real robots. Raises CommandError for what must not or cannot be driven."""
+    """Return the profiles of real robots. Raises CommandError for robots that must not or cannot be driven."""
     ids = [robot.robot_id for robot in robots] + list(shown)
     twice = sorted({robot_id for robot_id in ids if ids.count(robot_id) > 1})
     if twice:

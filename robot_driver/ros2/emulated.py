@@ -1,4 +1,4 @@
-"""An emulated robot that speaks ROS 2: the independent plant behind cmd_vel, as its own software would show it.
+"""An emulated robot that speaks ROS 2: the independent plant behind cmd_vel, with the interface of its own software.
 
     python -m robot_driver.ros2.emulated --namespace /turtle
 
@@ -51,15 +51,15 @@ if TYPE_CHECKING:
     from robot_driver.ros2.node import Node, Publisher
 
 JOINTS = ("wheel_left_joint", "wheel_right_joint")
-TURN = 0.002  # s between two looks at what has come
+TURN = 0.002  # s between two polls of input
 TWO_PI = 2.0 * math.pi
 Reading: TypeAlias = Joints | tuple[int, float] | Odometry | Placed  # the pair is an Imu: time [us], turn rate [rad/s]
 
 
 class EmulatedRobot:
-    """The robot, switched on now. It knows no node: `command` takes velocities, `readings` hands over what it says.
+    """The robot, switched on now. Independent of the node: `command` takes velocities, `readings` returns measurements.
 
-    `ahead` [s] is how far its clock is ahead of this computer's.
+    `ahead` [s] is the offset of its clock from this computer's.
     """
 
     def __init__(
@@ -72,12 +72,12 @@ class EmulatedRobot:
         self._place, self._last = Place(0.0, 0.0, 0.0), 0
 
     def command(self, velocity: Velocity) -> None:
-        """Take a velocity; it holds for 0.5 s."""
+        """Set a velocity, which is in force for 0.5 s."""
         message = make(velocity_command_t, utime=self._host.utime(), robot_id=0, v=velocity.v, omega=velocity.omega)
         self.robot.handle(message.utime, VELOCITY_COMMAND.channel(0), message)
 
     def readings(self) -> list[Reading]:
-        """Let the world go on until now; return what was measured since the last call."""
+        """Advance to the current time; return the measurements since the last call."""
         self.robot.turn()
         return [reading for outgoing in self.robot.outgoing() for reading in self._said(outgoing)]
 
@@ -94,7 +94,7 @@ class EmulatedRobot:
         return [Placed(stamp, "map", "", message.x, message.y, message.theta)]
 
     def _odometry(self, stamp: int, left: float, right: float) -> Odometry:
-        """Return dead reckoning from the wheels, by the geometry that the robot itself counts with."""
+        """Return dead reckoning from the wheels, with the robot's own nominal geometry."""
         v, omega = self._radius * (left + right) / 2.0, self._radius * (right - left) / self._width
         seconds, self._last = (stamp - self._last) / 1e6 if self._last else 0.0, stamp
         x, y, theta = self._place
@@ -106,7 +106,7 @@ class EmulatedRobot:
 
 
 class Publishing:
-    """Publishes what a robot says under its namespace, and gives it what comes on cmd_vel."""
+    """Publishes a robot's readings under its namespace, and passes cmd_vel to it."""
 
     def __init__(self, robot: EmulatedRobot, namespace: str, node: "Node", *, reliable: bool) -> None:
         self._robot = robot
@@ -117,7 +117,7 @@ class Publishing:
         node.hear(f"{namespace}/cmd_vel", TWIST, self._take, reliable=True)
 
     def publish(self) -> None:
-        """Publish what was measured since the last call."""
+        """Publish the measurements since the last call."""
         for reading in self._robot.readings():
             if isinstance(reading, Joints):
                 self._send(self._joints, partial(write_joints, joints=reading))
@@ -139,7 +139,7 @@ class Publishing:
 
 
 def main(arguments: list[str]) -> int:
-    """Emulate robots until a signal comes; return the exit code."""
+    """Emulate robots until a signal arrives; return the exit code."""
     options = command_parser().parse_args(arguments)
     try:
         settings = load_settings(options.settings, seed=options.seed, ideal=options.ideal)

@@ -1,4 +1,4 @@
-"""What the topics of a robot let guess: the text of a profile, in which what must be checked is marked."""
+"""Draft a profile from the topics of a robot, with marks where it must be checked."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,11 +18,11 @@ from robot_driver.ros2.profile import Profile, shipped
 
 SIDES = {"left": re.compile("left|_l_|_l$|^l_", re.IGNORECASE), "right": re.compile("right|_r_|_r$|^r_", re.IGNORECASE)}
 WHEEL = re.compile("wheel", re.IGNORECASE)
-MULTIPLE = ("cmd_vel", "joint_states", "odom", "imu", "pose")  # what is taken first of several topics of a type
+MULTIPLE = ("cmd_vel", "joint_states", "odom", "imu", "pose")  # preferred names among several topics of a type
 
 
 class Topic(NamedTuple):
-    """A topic: its name and type, whether anybody publishes it or takes it, and whether all publish it reliably."""
+    """A topic: its name and type, whether it has publishers and subscribers, and whether all publish it reliably."""
 
     name: str
     kind: str
@@ -40,7 +40,9 @@ class Found(NamedTuple):
 
 
 def guessed(found: Found) -> tuple[str, list[str]]:
-    """Return the text of a profile, and remarks. Raises CommandError where nothing can be driven, or no wheels seen."""
+    """Return the text of a profile, and remarks. Raises CommandError if there is nothing to drive, or no source of the
+    wheels' motion.
+    """
     command = _first(found, (TWIST, TWIST_STAMPED), taken=True)
     if command is None:
         raise CommandError("No node takes a Twist or a TwistStamped: there is nothing that could be driven.")
@@ -62,7 +64,7 @@ def guessed(found: Found) -> tuple[str, list[str]]:
 
 
 def _first(found: Found, kinds: Sequence[str], *, taken: bool = False) -> Topic | None:
-    """Return the topic of some types that is usually meant: by its name, then the shortest."""
+    """Return the usual topic of some types: by preferred name, then the shortest."""
     fitting = [one for one in found.topics if one.kind in kinds and (one.is_taken if taken else one.is_published)]
 
     def rank(topic: Topic) -> tuple[bool, int, str]:
@@ -72,7 +74,7 @@ def _first(found: Found, kinds: Sequence[str], *, taken: bool = False) -> Topic 
 
 
 def _below(found: Found, name: str) -> str:
-    """Return the name of a topic as a profile has it: without the robot's namespace."""
+    """Return the name of a topic as in a profile: without the robot's namespace."""
     return name[len(found.namespace) + 1 :]
 
 
@@ -104,7 +106,7 @@ def _wheel_joints(found: Found) -> tuple[Topic, list[str], list[str]] | None:
 
 
 def _alike(found: Found) -> Profile | None:
-    """Return the shipped profile of the robot that has the same joints and the same topics."""
+    """Return the shipped profile whose robot has the same joints and topics."""
     joints = _wheel_joints(found)
     here = {_below(found, topic.name) for topic in found.topics}
     for name in shipped():

@@ -1,4 +1,4 @@
-"""Both buses in one loop: whatever comes on either is handled at once."""
+"""Both buses in one loop: messages on either are handled at once."""
 
 import os
 import select
@@ -9,7 +9,7 @@ from cmr.bus.process import Process
 
 
 class Wake:
-    """Wakes up, from any thread, the thread that waits for its descriptor."""
+    """Wakes, from any thread, the thread that waits on its descriptor."""
 
     def __init__(self) -> None:
         self._read, self._write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
@@ -19,19 +19,19 @@ class Wake:
         return self._read
 
     def __call__(self) -> None:
-        """Wake up the thread that waits."""
+        """Wake the waiting thread."""
         with suppress(BlockingIOError):  # full: that thread wakes up anyway
             os.write(self._write, b"!")
 
     def has_come(self) -> bool:
-        """Return whether anything has come since the last call."""
+        """Return whether it was called since the last time."""
         try:
             return bool(os.read(self._read, 65536))
         except BlockingIOError:
             return False
 
     def close(self) -> None:
-        """Give the descriptors up."""
+        """Close the descriptors."""
         os.close(self._read)
         os.close(self._write)
 
@@ -39,9 +39,9 @@ class Wake:
 def waiting_for_both(
     process: Process, wake: Wake, take_bus: Callable[[], object], take_ros: Callable[[], object]
 ) -> Callable[[float], None]:
-    """Return what `Process.loop` waits with: it returns when anything has come on either bus.
+    """Return the wait function for `Process.loop`: it returns when a message has arrived on either bus.
 
-    `take_bus` handles what the bus has brought, `take_ros` what has arrived from ROS 2.
+    `take_bus` handles messages of the bus, `take_ros` those of ROS 2.
     """
 
     def wait(seconds: float) -> None:

@@ -1,9 +1,9 @@
-"""ROS 2 messages as numbers of the plane, and back: eight types, and the time.
+"""Convert ROS 2 messages to planar quantities, and back: eight types, and the time.
 
-Each type has a tuple of what it says of a robot in the plane, a function that reads it from a message, and one that
-fills a message in. A message is any object with the type's fields, such as those of rclpy or of rosbags. Everything
-else in a message (heights, covariances, other axes) is neither read nor written. Frames, units and signs are those of
-REP 103, which are the bus's: m, rad, s, x forward, y left, counter-clockwise positive.
+Each type has a tuple of its planar quantities, a function that reads them from a message, and one that fills in a
+message. A message is any object with the type's fields, such as those of rclpy or of rosbags. Everything else in a
+message (heights, covariances, other axes) is neither read nor written. Frames, units and signs are those of REP 103,
+which are the bus's: m, rad, s, x forward, y left, counter-clockwise positive.
 """
 
 from collections.abc import Sequence
@@ -24,18 +24,18 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"  # a list of TransformStamped
 CLOCK = "rosgraph_msgs/msg/Clock"
 
 SECOND = 1_000_000  # us
-EARLIEST, LATEST = -(2**31) * SECOND, 2**31 * SECOND - 1  # us; what a stamp can say
+EARLIEST, LATEST = -(2**31) * SECOND, 2**31 * SECOND - 1  # us; the range of a stamp
 
 
 class Velocity(NamedTuple):
-    """How fast a body moves [m/s] and turns [rad/s]."""
+    """Speed of a body [m/s] and its turn rate [rad/s]."""
 
     v: float
     omega: float
 
 
 class Odometry(NamedTuple):
-    """Where dead reckoning has a robot in the frame `parent` [m, rad], and how fast it is; time in us."""
+    """Pose by dead reckoning in the frame `parent` [m, rad], and velocity; time in us."""
 
     utime: int
     parent: str
@@ -57,7 +57,7 @@ class Joints(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Where the frame `child` is in the frame `parent` [m, rad]; a pose has no child. Time in us."""
+    """Pose of the frame `child` in the frame `parent` [m, rad]; a pose has no child. Time in us."""
 
     utime: int
     parent: str
@@ -68,18 +68,18 @@ class Placed(NamedTuple):
 
 
 def read_time(time: Ros) -> int:
-    """Return the time [us] of a builtin_interfaces Time; what is less than a microsecond is cut off."""
+    """Return the time [us] of a builtin_interfaces Time; rounded down."""
     return int(time.sec) * SECOND + int(time.nanosec) // 1000
 
 
 def write_time(time: Ros, utime: int) -> None:
-    """Fill in a builtin_interfaces Time [us]; what it cannot say is the nearest that it can."""
+    """Fill in a builtin_interfaces Time [us], clipped to its range."""
     seconds, microseconds = divmod(min(max(utime, EARLIEST), LATEST), SECOND)
     time.sec, time.nanosec = seconds, 1000 * microseconds
 
 
 def read_twist(twist: Ros) -> Velocity:
-    """Return what a Twist asks for."""
+    """Return the velocity in a Twist."""
     return Velocity(float(twist.linear.x), float(twist.angular.z))
 
 
@@ -89,7 +89,7 @@ def write_twist(twist: Ros, velocity: Velocity) -> None:
 
 
 def read_twist_stamped(message: Ros) -> tuple[int, Velocity]:
-    """Return when [us] a TwistStamped was decided, and what it asks for."""
+    """Return the time [us] and the velocity of a TwistStamped."""
     return read_time(message.header.stamp), read_twist(message.twist)
 
 
@@ -100,7 +100,7 @@ def write_twist_stamped(message: Ros, utime: int, frame: str, velocity: Velocity
 
 
 def read_odometry(message: Ros) -> Odometry:
-    """Return what an Odometry says."""
+    """Return the content of an Odometry."""
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     velocity = read_twist(message.twist.twist)
     place = float(position.x), float(position.y), _theta(orientation)
@@ -116,7 +116,7 @@ def write_odometry(message: Ros, odometry: Odometry) -> None:
 
 
 def read_joints(message: Ros) -> Joints:
-    """Return what a JointState says."""
+    """Return the content of a JointState."""
     return Joints(read_time(message.header.stamp), list(message.name), list(message.position), list(message.velocity))
 
 
@@ -127,12 +127,12 @@ def write_joints(message: Ros, joints: Joints) -> None:
 
 
 def read_imu(message: Ros) -> tuple[int, float]:
-    """Return when [us] an Imu measured, and the turn rate about its z axis [rad/s]."""
+    """Return the time [us] of an Imu, and its turn rate about the z axis [rad/s]."""
     return read_time(message.header.stamp), float(message.angular_velocity.z)
 
 
 def write_imu(message: Ros, utime: int, frame: str, yaw_rate: float) -> None:
-    """Fill in an Imu that measures the turn rate alone: it says of the rest, as the type asks for, that it is none."""
+    """Fill in an Imu that measures only the turn rate: the rest is marked as not available, as the type specifies."""
     _write_header(message, utime, frame)
     message.angular_velocity.z = yaw_rate
     message.orientation_covariance[0] = message.linear_acceleration_covariance[0] = -1.0
@@ -152,7 +152,7 @@ def write_pose(message: Ros, placed: Placed) -> None:
 
 
 def read_transform(message: Ros) -> Placed:
-    """Return what a TransformStamped says."""
+    """Return the content of a TransformStamped."""
     translation = message.transform.translation
     place = float(translation.x), float(translation.y), _theta(message.transform.rotation)
     return Placed(read_time(message.header.stamp), message.header.frame_id, message.child_frame_id, *place)
@@ -167,9 +167,9 @@ def write_transform(message: Ros, placed: Placed) -> None:
 
 
 def read_scan(message: Ros, robot_id: int) -> range_scan_t:
-    """Return a LaserScan as the scan of a robot that carries the sensor in its centre, pointing ahead.
+    """Return a LaserScan as the scan of a robot that carries the sensor at its centre, pointing ahead.
 
-    What the sensor calls no measurement, beyond `range_max` or below `range_min`, is inf: nothing within reach.
+    Invalid ranges, beyond `range_max` or below `range_min`, become inf: nothing within range.
     """
     least, most = float(message.range_min), float(message.range_max)
     ranges = [distance if least <= distance <= most else float("inf") for distance in message.ranges]

@@ -1,17 +1,17 @@
-"""How far ROS 2 looks for others, which it reads from the environment when a node is made."""
+"""Discovery range of ROS 2, which it reads from the environment when a node is created."""
 
 import os
 
 SUBNET = "subnet"
 LARGEST_DOMAIN = 232  # the ports of larger ones are beyond 65535
 RANGES = ("localhost", SUBNET, "off")
-WITH_LOCALHOST_ONLY = ("foxy", "galactic", "humble")  # distributions that know ROS_LOCALHOST_ONLY alone
+WITH_LOCALHOST_ONLY = ("foxy", "galactic", "humble")  # distributions that support only ROS_LOCALHOST_ONLY
 
 
 def choose_network(domain: int | None, reach: str) -> None:
-    """Set the environment by which ROS 2 finds others: the domain (None: as it is), and how far it looks.
+    """Set the environment for ROS 2's discovery: the domain (None: unchanged) and the range.
 
-    Whoever set ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY himself is overruled: the command line says it.
+    The command line overrides ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_LOCALHOST_ONLY of the environment.
     """
     if domain is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)

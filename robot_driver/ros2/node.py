@@ -1,4 +1,4 @@
-"""A node of ROS 2, as thin as it can be: topics in and out, what arrives with its time, and who else is there."""
+"""A minimal ROS 2 node: topics in and out, messages with their times of arrival, and other nodes."""
 
 import importlib
 import time
@@ -15,13 +15,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from robot_driver.ros2.messages import Ros
 
-DEPTH = 1000  # messages that wait for us while this computer is held up; those of one robot for some seconds
+DEPTH = 1000  # messages queued while this computer is busy; some seconds' worth for one robot
 MOST_WAITING = 100_000  # messages in all, after which the oldest are dropped
-LONGEST_WAIT = 0.1  # s between two looks whether it is over
+LONGEST_WAIT = 0.1  # s between two checks whether to end
 
 
 class Arrived(NamedTuple):
-    """A message of ROS 2: what it is given to, and when it arrived [us]."""
+    """A message of ROS 2: its handler, and its time of arrival [us]."""
 
     take: Callable[[Ros, int], object]
     message: Ros
@@ -46,7 +46,7 @@ def has_type(name: str) -> bool:
 class Node:
     """A node with this name, as a context manager; `wake` is called, in another thread, when something has arrived.
 
-    Messages are taken by `arrived`; `lost` counts those that waited too long in here.
+    `arrived` returns messages; `lost` counts those dropped because they waited too long.
     """
 
     def __init__(self, name: str, wake: Callable[[], object]) -> None:
@@ -78,7 +78,7 @@ class Node:
     def hear(
         self, topic: str, kind: str, take: Callable[[Ros, int], object], *, reliable: bool, latched: bool = False
     ) -> None:
-        """Have `take(message, arrival)` called for each message, by the thread that empties `arrived`."""
+        """Have `take(message, arrival)` called for each message, in the thread that calls `arrived`."""
 
         def arrived(message: Ros) -> None:
             if len(self._waiting) >= MOST_WAITING:
@@ -90,15 +90,15 @@ class Node:
         self.ros.create_subscription(type_of(kind), topic, arrived, _quality(reliable, latched))
 
     def publisher(self, topic: str, kind: str, *, reliable: bool = True, latched: bool = False) -> "Publisher":
-        """Return what publishes on a topic."""
+        """Return a publisher for a topic."""
         return Publisher(self.ros, topic, kind, _quality(reliable, latched))
 
     def arrived(self) -> list[Arrived]:
-        """Return what has arrived since the last call, oldest first."""
+        """Return the messages since the last call, oldest first."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def others_publish(self, topic: str, own: int) -> int:
-        """Return how many publishers a topic has beside our own."""
+        """Return how many publishers a topic has besides this node's own."""
         return max(int(self.ros.count_publishers(topic)) - own, 0)
 
     def _spin(self) -> None:
@@ -107,7 +107,7 @@ class Node:
 
 
 class Publisher:
-    """Publishes on one topic; `empty` makes a message to fill in."""
+    """Publishes on one topic; `empty` creates a message to fill in."""
 
     def __init__(self, node: Any, topic: str, kind: str, quality: QoSProfile) -> None:
         self.empty: Callable[[], Ros] = type_of(kind)
@@ -117,12 +117,12 @@ class Publisher:
 
     @property
     def heard_by(self) -> int:
-        """How many subscribe to it."""
+        """Number of subscribers."""
         return int(self._publisher.get_subscription_count())
 
 
 def _executor(context: Any) -> Any:
-    """Return what calls back; from ROS 2 Kilted on, one that needs no set of all topics for each message."""
+    """Return the executor; from ROS 2 Kilted on, one that does not rebuild its wait set for each message."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:

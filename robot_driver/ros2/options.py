@@ -1,4 +1,4 @@
-"""How cmr-ros2 reaches a robot: `ros2:` in a scenario."""
+"""Options of cmr-ros2 for a robot: `ros2:` in a scenario."""
 
 import re
 from dataclasses import dataclass, replace
@@ -15,9 +15,9 @@ NAMESPACE = "/[A-Za-z][A-Za-z0-9_/]*"
 
 @dataclass(frozen=True)
 class Bridging:
-    """The options of cmr-ros2 for one real robot: its `profile`, the `namespace` of its topics, where it is found.
+    """The options of cmr-ros2 for one real robot: its `profile`, the `namespace` of its topics, and its network.
 
-    Raises ValueError for a namespace that is none.
+    Raises ValueError for an invalid namespace.
     """
 
     profile: str
@@ -31,7 +31,7 @@ class Bridging:
             raise ValueError(f"namespace {self.namespace!r} is not like /turtle")
 
     def found_from(self, folder: Path) -> "Bridging":
-        """Return it with the profile's file named from `folder`; a profile that CMR ships keeps its name.
+        """Return it with the path of the profile resolved from `folder`; the name of a shipped profile is kept.
 
         Raises ProfileError for a profile that cannot be used, or of a base that must not be driven.
         """
@@ -41,7 +41,7 @@ class Bridging:
         return here
 
     def kept_in(self, path: Path) -> "Bridging":
-        """Return it with its profile copied to `path`; one that CMR ships stays where it is. Raises OSError."""
+        """Return it with its profile copied to `path`; a shipped one is not copied. Raises OSError."""
         if self.profile in shipped():
             return self
         write_atomically(read_text(Path(self.profile), ProfileError.bounds.size), path)
@@ -56,7 +56,7 @@ class Bridging:
 
 
 def check_base(profile: Profile, *, allowed: bool) -> None:
-    """Raise ProfileError where nothing but this process would stop the robot, unless that is `allowed`."""
+    """Raise ProfileError if only this process would stop the robot, unless that is `allowed`."""
     if profile.base.command_timeout is None and not allowed:
         raise ProfileError(
             f"{profile.name} has no command timeout of its own: it would drive on if cmr-ros2 were killed or cut off "

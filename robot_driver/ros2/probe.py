@@ -1,4 +1,4 @@
-"""cmr-ros2 --probe: look which topics there are, listen to them for a moment, and write a profile."""
+"""cmr-ros2 --probe: list the topics, read them for a moment, and write a profile."""
 
 import time
 from collections.abc import Sequence
@@ -12,26 +12,26 @@ from robot_driver.ros2.guessing import Found, Topic, guessed
 from robot_driver.ros2.messages import JOINT_STATE, Ros
 from robot_driver.ros2.node import Node
 
-LOOKING = 15.0  # s to find out who is there at most, and ...
+LOOKING = 15.0  # s at most to find topics, and ...
 LISTENING = 3.0  # ... to listen to their joints
-SETTLED = 3.0  # s without a new topic, after which nobody is waited for
+SETTLED = 3.0  # s without a new topic, after which the search ends
 
 
 @dataclass
 class _Heard:
-    """What came on the topic of joints."""
+    """The messages received on the topic of joints."""
 
     names: set[str] = field(default_factory=set)
     count: int = 0
 
     def take(self, message: Ros, _arrival: int) -> None:
-        """Take a JointState."""
+        """Store a JointState."""
         self.names |= {str(name) for name in message.name}
         self.count += 1
 
 
 def probe(path: Path, namespace: str) -> int:
-    """Write a profile of the robot whose topics are below `namespace`. Raises CommandError where there is none."""
+    """Write a profile of the robot whose topics are below `namespace`. Raises CommandError if there are none."""
     if path.exists():
         raise CommandError(f"{path} is there already; it is not written over.")
     with Node("cmr_probe", lambda: None) as node:
@@ -57,7 +57,7 @@ def probe(path: Path, namespace: str) -> int:
 
 
 def _topics(ros: Any, namespace: str) -> Sequence[Topic]:
-    """Return the topics below a namespace, once no new ones come."""
+    """Return the topics below a namespace, once no new ones appear."""
     known: list[Topic] = []
     began = changed = time.monotonic()
     while time.monotonic() - began < LOOKING and (not known or time.monotonic() - changed < SETTLED):

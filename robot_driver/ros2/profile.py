@@ -1,4 +1,4 @@
-"""The profile of a ROS 2 robot: which topic is what, how the robot stops by itself, and who says so."""
+"""The profile of a ROS 2 robot: its topics, its own command timeout, and the source of that."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -42,9 +42,9 @@ class ProfileError(DocumentError):
 
 @dataclass(frozen=True)
 class Base:
-    """What stops the robot when nobody tells it to: `command_timeout` [s] after the last command; None: nothing does.
+    """The robot's own stop when commands end: `command_timeout` [s] after the last command; None: it has none.
 
-    `source` says who says so.
+    `source` is the source of this information.
     """
 
     source: str
@@ -55,7 +55,7 @@ class Base:
 class Command:
     """How the robot is commanded: topic, type, and the largest speed [m/s] and turn rate [rad/s] that it is sent.
 
-    `rate` [Hz] is how often. The speed that is sent grows and shrinks by so many times the largest per second.
+    `rate` [Hz] is the rate of sending. The ramps are in multiples of the largest speed per second.
     """
 
     topic: str
@@ -69,20 +69,20 @@ class Command:
 
     def __post_init__(self) -> None:
         _check_topic(self.topic)
-        self.ramp  # noqa: B018 - raises ValueError where the ramp cannot be
+        self.ramp  # noqa: B018 - raises ValueError for an invalid ramp
 
     @property
     def ramp(self) -> Limits:
-        """How fast what is sent may change, in shares of the largest speed and turn rate per second."""
+        """Ramp of the velocity sent, in shares of the largest speed and turn rate per second."""
         return Limits(self.speeding_up, self.slowing_down)
 
 
 @dataclass(frozen=True)
 class Wheels:
-    """Where the wheels' angles and speeds come from: joints by name, or for a robot without them its odometry.
+    """Source of the wheels' angles and speeds: joints by name, or for a robot without them its odometry.
 
-    `speed` is the unit in which the joints' velocities are published; none: they are made of the angles. A sign of -1
-    is for joints that turn backward when the robot drives forward. `reliability` of a driver that publishes for
+    `speed` is the unit in which the joints' velocities are published; none: they are computed from the angles. A sign
+    of -1 is for joints that turn backward when the robot drives forward. `reliability` of a driver that publishes for
     sensors is best_effort.
     """
 
@@ -110,7 +110,7 @@ class Wheels:
 
 @dataclass(frozen=True)
 class Gyro:
-    """Where the turn rate comes from; a sign of -1 is for an IMU that is mounted upside down."""
+    """Source of the turn rate; a sign of -1 is for an IMU mounted upside down."""
 
     topic: str
     type: Annotated[str, Word(lambda: (IMU,))] = IMU
@@ -125,7 +125,7 @@ class Gyro:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the pose in the world comes from: a topic, or the chain of tf frames from the world's to the robot's."""
+    """Source of the pose in the world: a topic, or the chain of tf frames from the world's to the robot's."""
 
     topic: str = ""
     type: Annotated[str, Word(lambda: POSES)] = POSE_STAMPED
@@ -148,7 +148,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Nominal:
-    """What is known of the robot before it is calibrated, as in its parameter file."""
+    """Nominal values before calibration, as in the robot's parameter file."""
 
     wheel_radius: Annotated[float, Between(0.001, 2.0)]
     base_width: Annotated[float, Between(0.001, 10.0)]
@@ -159,7 +159,7 @@ class Nominal:
 
 @dataclass(frozen=True)
 class Profile:
-    """A kind of robot; `tried` says on which real robot the profile was, empty where on none."""
+    """A kind of robot; `tried` names the real robot on which the profile was tested, empty if none."""
 
     name: str
     base: Base
@@ -173,7 +173,7 @@ class Profile:
 
     @classmethod
     def load(cls, name: str) -> "Profile":
-        """Read a profile: one that CMR ships, by its name, or a file. Raises ProfileError."""
+        """Read a profile: a shipped one, by its name, or a file. Raises ProfileError."""
         path = shipped().get(name) or Path(name)
         if not path.exists():
             raise ProfileError(f"There is no profile {name}: shipped are {', '.join(shipped())}; else name a file.")
@@ -186,7 +186,7 @@ class Profile:
 
     @property
     def counted_width(self) -> float:
-        """The base width [m] by which the robot turns (v, omega) into wheel speeds."""
+        """The base width [m] with which the robot converts (v, omega) to wheel speeds."""
         return self.nominal.command_base_width or self.nominal.base_width
 
 

@@ -1,4 +1,4 @@
-"""What a ROS 2 robot says, as the messages that a driver publishes: feedback of its wheels, turn rate, pose."""
+"""Convert the readings of a ROS 2 robot to a driver's messages: feedback of its wheels, turn rate, pose."""
 
 import math
 from collections import Counter
@@ -33,22 +33,22 @@ UNKNOWN = dict.fromkeys(
 
 
 class Readings:
-    """Turns messages of one robot into those of the bus. Arrivals are in us.
+    """Converts messages of one robot to those of the bus. Arrivals are in us.
 
-    `status` returns the STATUS constants of the moment. `refused` counts by reason what could not be used.
+    `status` returns the current STATUS constants. `refused` counts unusable messages by reason.
     """
 
     def __init__(self, robot_id: int, profile: Profile, status: Callable[[], int]) -> None:
         self.refused: Counter[str] = Counter()
         self.clock = RobotClock()
-        self.heard: dict[str, int] = {}  # when [us] each of wheels, gyro and pose was heard last
+        self.heard: dict[str, int] = {}  # when [us] wheels, gyro and pose were last received
         self._robot_id, self._profile, self._status = robot_id, profile, status
         self._wheels = _OfOdometry(profile) if profile.wheels.type == ODOMETRY else _OfJoints(profile)
         self._chain = _Chain(profile.pose.chain) if profile.pose is not None and profile.pose.frames else None
-        self._last: dict[str, int] = {}  # stamps as the robot has them
+        self._last: dict[str, int] = {}  # stamps by the robot's clock
 
     def wheels(self, message: Ros, arrival: int) -> list[Outgoing]:
-        """Take a message with the wheels' angles and speeds, or with odometry in their place."""
+        """Process a message with the wheels' angles and speeds, or with odometry in their place."""
         if not self._wheels.concerns(message):
             return []
         turned = self._wheels.take(message)
@@ -74,7 +74,7 @@ class Readings:
         return [(MOTOR_FEEDBACK, self._robot_id, feedback)]
 
     def gyro(self, message: Ros, arrival: int) -> list[Outgoing]:
-        """Take an Imu."""
+        """Process an Imu."""
         stamp, rate = read_imu(message)
         utime = self._time("gyro", stamp, arrival)
         if utime is None or self._profile.gyro is None:
@@ -85,7 +85,7 @@ class Readings:
         return [(GYRO, self._robot_id, make(gyro_t, **about, yaw_rate=yaw_rate, valid=int(valid)))]
 
     def pose(self, message: Ros, arrival: int) -> list[Outgoing]:
-        """Take a message with the pose in the world."""
+        """Process a message with the pose in the world."""
         if self._profile.pose is not None and self._profile.pose.type == ODOMETRY:
             odometry = read_odometry(message)
             place = Place(odometry.x, odometry.y, odometry.theta)
@@ -94,7 +94,9 @@ class Readings:
         return self._placed(placed.utime, Place(placed.x, placed.y, placed.theta), arrival)
 
     def transforms(self, messages: Sequence[Ros], arrival: int) -> list[Outgoing]:
-        """Take transforms of tf; the robot's pose is that of the last frame of its chain, at the time of the last."""
+        """Process transforms of tf; the robot's pose is that of the last frame of its chain, at the time of the
+        last.
+        """
         outgoing: list[Outgoing] = []
         for message in messages if self._chain is not None else ():
             assert self._chain is not None
@@ -114,7 +116,7 @@ class Readings:
         return [(POSE, self._robot_id, make(pose_xyt_t, **about, x=place.x, y=place.y, theta=place.theta))]
 
     def _time(self, what: str, stamp: int, arrival: int) -> int | None:
-        """Return when something was measured; None where it is repeated, or the clock is not known yet."""
+        """Return when something was measured; None if it is repeated, or the robot's clock is not known yet."""
         if stamp > 0 and stamp == self._last.get(what):
             self.refused[f"{what} repeated"] += 1
             return None
@@ -133,7 +135,7 @@ Turned = tuple[tuple[float, float], tuple[float, float]]  # angles [rad] and spe
 
 
 class _OfJoints:
-    """Wheels by the joints of a JointState: the mean of those of a side, angles from where they were at first."""
+    """Wheels by the joints of a JointState: the mean over each side, with angles relative to the first ones."""
 
     def __init__(self, profile: Profile) -> None:
         self._joints, self._sign, self._unit = profile.wheels.joints, profile.wheels.sign, profile.wheels.speed
@@ -142,7 +144,7 @@ class _OfJoints:
         self._last: tuple[int, float, float] | None = None
 
     def concerns(self, message: Ros) -> bool:
-        """Return whether the message has the wheels: others publish joints on the same topic."""
+        """Return whether the message has the wheels: other joints may be published on the same topic."""
         return all(name in message.name for side in self._joints for name in side)
 
     def stamp(self, message: Ros) -> int:
@@ -150,7 +152,7 @@ class _OfJoints:
         return read_joints(message).utime
 
     def take(self, message: Ros) -> Turned | None:
-        """Return what the wheels have turned, and how fast; None where that is not known."""
+        """Return the wheels' angles and speeds; None if unknown."""
         joints = read_joints(message)
         angles = self._sides(joints, joints.positions)
         if angles is None:
@@ -177,7 +179,7 @@ class _OfJoints:
 
 
 class _OfOdometry:
-    """Wheels as odometry has them: what the speeds of the body ask of them, added up."""
+    """Wheels by odometry: the wheel speeds that correspond to the body's velocity, integrated."""
 
     def __init__(self, profile: Profile) -> None:
         nominal = profile.nominal
@@ -194,7 +196,7 @@ class _OfOdometry:
         return read_odometry(message).utime
 
     def take(self, message: Ros) -> Turned | None:
-        """Return what the wheels have turned, and how fast."""
+        """Return the wheels' angles and speeds."""
         odometry = read_odometry(message)
         psi = self._body.wheels_of_body(odometry.v, odometry.omega)
         passed = 0 if self._last is None else odometry.utime - self._last
@@ -205,14 +207,14 @@ class _OfOdometry:
 
 
 class _Chain:
-    """The chain of frames from the world's to the robot's, as tf had them last."""
+    """The chain of frames from the world's to the robot's, as last published on tf."""
 
     def __init__(self, frames: Sequence[str]) -> None:
         self._links = list(pairwise(frames))
         self._known: dict[tuple[str, str], Place] = {}
 
     def take(self, placed: Placed) -> Place | None:
-        """Take a transform; return where the robot is if it is the last link of the chain, and all others are known."""
+        """Store a transform; return the robot's pose if it is the last link of the chain and all others are known."""
         link = placed.parent.lstrip("/"), placed.child.lstrip("/")
         if link not in self._links:
             return None
@@ -226,7 +228,7 @@ class _Chain:
 
 
 def _beyond(frame: Place, place: Place) -> Place:
-    """Return a place that is given in a frame, in the frame in which that one is given."""
+    """Transform a pose given in a frame to the parent of that frame."""
     cosine, sine = math.cos(frame.theta), math.sin(frame.theta)
     x, y = frame.x + cosine * place.x - sine * place.y, frame.y + sine * place.x + cosine * place.y
     return Place(x, y, math.remainder(frame.theta + place.theta, TURN))

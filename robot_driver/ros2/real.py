@@ -1,4 +1,4 @@
-"""The topics of one real robot: what its bridge hears and sends over a node."""
+"""The topics of one real robot: those that its bridge receives and sends."""
 
 from cmr.bus.process import Process, Timer
 from robot_driver.ros2.bridge import RobotBridge
@@ -6,13 +6,14 @@ from robot_driver.ros2.messages import TRANSFORMS, TWIST_STAMPED, Ros, Velocity,
 from robot_driver.ros2.node import Node, has_type
 from robot_driver.ros2.profile import TF, TF_STATIC
 
-# At the end, as one can be lost. An acknowledgement may take 3 s, the period of Fast DDS's heartbeat: too long to wait.
+# Repeated at the end, as one can be lost. An acknowledgement may take 3 s, the period of Fast DDS's heartbeat: too long
+# to wait.
 LAST_ZEROS, BETWEEN_ZEROS = 5, 0.02  # and s
 NO_TF = "The pose is to come from tf, whose type tf2_msgs is not installed: source a ROS 2."
 
 
 class RealRobot:
-    """A bridge with its topics, in the namespace of its robot; `publish` sends the velocity of the moment."""
+    """A bridge with its topics, in the namespace of its robot; `publish` sends the current velocity."""
 
     def __init__(self, bridge: RobotBridge, namespace: str, node: Node, process: Process) -> None:
         self.bridge = bridge
@@ -26,16 +27,16 @@ class RealRobot:
         self._subscribe()
 
     def publish(self, utime: int) -> None:
-        """Send the robot what it is to do now."""
+        """Send the robot its current velocity."""
         self._send(self.bridge.velocity(), utime)
 
     def publish_if_due(self, utime: int) -> None:
-        """Send it where the robot's rate asks for it; the process turns at that of the fastest."""
+        """Send it if the robot's rate requires it; the process runs at the rate of the fastest."""
         if self._due.due():
             self.publish(utime)
 
     def look(self) -> None:
-        """See who else is on the robot's topics."""
+        """Check which other nodes use the robot's topics."""
         others = self._node.others_publish(self._publisher.topic, own=1)
         problems = [self._problem]
         if others:
@@ -48,7 +49,7 @@ class RealRobot:
         self.bridge.graph_problem = " ".join(filter(None, problems))
 
     def stop(self, utime: int) -> bool:
-        """Send the robot its last zero; return whether anybody takes it."""
+        """Send the robot its last zero; return whether there is a subscriber."""
         self._send(self.bridge.stop(), utime)
         return self._publisher.heard_by > 0
 

@@ -1,26 +1,26 @@
-"""The clock of a robot, from the stamps of its messages and when they arrived."""
+"""Estimate the clock of a robot, from the stamps of its messages and their times of arrival."""
 
 from cmr.bus.clock_map import ClockMap
 
 SECONDS = 1e-6  # in a microsecond
-# s; a smaller offset may be the time that messages take, which cannot be separated from it, and is left as it is.
+# s; a smaller offset cannot be distinguished from the messages' delay, and is not corrected.
 NOTICED = 0.02
 
 
 class RobotClock:
-    """Brings stamps of a robot's clock to this computer's; times in us.
+    """Converts stamps of a robot's clock to this computer's; times in us.
 
-    Stamps that agree with this computer's clock stay as they are. `offset` is how far [s] the robot's clock is behind.
+    Stamps that agree with this computer's clock are not changed. `offset` is how far [s] the robot's clock is behind.
     """
 
     def __init__(self) -> None:
         self.offset = 0.0
         self._map = ClockMap()
-        self._epoch: int | None = None  # us; times are counted from there, so that their doubles are exact
+        self._epoch: int | None = None  # us; origin of times, so that doubles are exact
         self._unstamped = 0
 
     def here(self, stamp: int, arrival: int) -> int | None:
-        """Return the time here of a stamp that arrived now; None as long as the robot's clock is not known."""
+        """Return the local time of a stamp that arrived now; None while the robot's clock is not known."""
         if stamp <= 0:
             self._unstamped += 1
             return arrival
@@ -34,7 +34,7 @@ class RobotClock:
         return stamp if abs(self.offset) < NOTICED else self._epoch + round(here / SECONDS)
 
     def remark(self) -> str:
-        """Return, in sentences, how far the clocks are apart; empty if they agree."""
+        """Return, in sentences, the difference of the clocks; empty if they agree."""
         sentences = []
         if abs(self.offset) >= NOTICED:
             direction = "behind" if self.offset > 0.0 else "ahead of"

@@ -1,7 +1,7 @@
-"""Robots of CMR's world as ROS 2 sees them: odometry, tf, joints and scans out, velocities in. It knows no rclpy.
+"""Robots of CMR's world in ROS 2: odometry, tf, joints and scans out, velocities in. Independent of rclpy.
 
-Only a virtual robot takes velocities. What moves it is what the bus has of it: a robot that the world calls real, or
-that has not been in the world for a second, is not commanded.
+Only a virtual robot takes velocities, according to the bus: a robot that WORLD_STATE calls real, or has not contained
+for a second, is not commanded.
 """
 
 import math
@@ -24,12 +24,12 @@ WORLD_FRAME = "map"
 JOINTS = ("wheel_left_joint", "wheel_right_joint")
 PRESENT = 1_000_000  # us since a robot was in the world
 COMMANDED = 1_000_000  # us since the last velocity for which a robot stays claimed
-LONGEST_STEP = 500_000  # us between two states over which wheels have turned steadily
+LONGEST_STEP = 500_000  # us between two states over which wheels are assumed to turn steadily
 NAMES = {robot_state_t.REAL: "real", robot_state_t.VIRTUAL: "virtual", robot_state_t.TWIN: "a twin"}
 
 
 class State(NamedTuple):
-    """What ROS 2 gets of a robot at a moment."""
+    """State of a robot to publish in ROS 2."""
 
     odometry: Odometry
     joints: Joints
@@ -37,9 +37,9 @@ class State(NamedTuple):
 
 
 class ShownRobot:
-    """A robot of the world in ROS 2; `parameters` say how wide it is and what duties its speeds take.
+    """A robot of the world in ROS 2; `parameters` give its base width and the duties for its speeds.
 
-    `sender` returns the name of this process under its commands. Where it `is_commanded`, velocities move it.
+    `sender` returns the name of this process under its commands. If it `is_commanded`, velocities move it.
     """
 
     def __init__(
@@ -51,19 +51,19 @@ class ShownRobot:
         self.refused: Counter[str] = Counter()
         self._parameters, self._is_commanded = parameters, is_commanded
         self._claim = Claim("cmr-ros2", robot_id, sender)
-        self._seen: tuple[int, int] | None = None  # when in the world at last [us by this host], and its origin
+        self._seen: tuple[int, int] | None = None  # when it was last in the world [us by this host], and its origin
         self._last: int | None = None  # us; of the last state
         self._angles = [0.0, 0.0]
-        self._velocity: tuple[int, Velocity] | None = None  # when it was asked for [us]
+        self._velocity: tuple[int, Velocity] | None = None  # with its time of arrival [us]
         self._is_claimed = False
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take parameters, and who commands the robot."""
+        """Process parameters, and the owner of the robot."""
         self._parameters.handle(utime, channel, message)
         self._claim.handle(utime, channel, message)
 
     def state(self, world: world_state_t, now: int) -> State | None:
-        """Return how the robot is in a message of the world; None if it is not in it, or without parameters."""
+        """Return the robot's state from a message of the world; None if it is not in it, or without parameters."""
         at = next((k for k, one in enumerate(world.robot_id) if one == self.robot_id and self._is_it(world, k)), None)
         if at is None:
             return None
@@ -88,11 +88,11 @@ class ShownRobot:
 
     @property
     def anchor(self) -> Placed:
-        """Where the frame of its odometry is in the world: its odometry is the world's truth, and never drifts."""
+        """Pose of its odometry frame in the world: its odometry is the world's truth, and never drifts."""
         return Placed(0, WORLD_FRAME, self.odometry_frame, 0.0, 0.0, 0.0)
 
     def drive(self, velocity: Velocity, now: int) -> list[Outgoing]:
-        """Take a velocity from ROS 2; return what it makes of it on the bus."""
+        """Process a velocity from ROS 2; return the messages for the bus."""
         if not all(map(math.isfinite, velocity)):
             self.refused["velocities that are not finite"] += 1
             return []
@@ -104,14 +104,14 @@ class ShownRobot:
         return [*self._claimed(now), command] if command is not None else []
 
     def turn(self, now: int) -> list[Outgoing]:
-        """Return what is due on the bus: the claim of a robot that is commanded, and its end."""
+        """Return the messages due on the bus: the claim of a commanded robot, and its end."""
         self._parameters.poll()
         if self._velocity is not None and now - self._velocity[0] <= COMMANDED:
             return [] if self._objection(now) else self._claimed(now)
         return self.end(now)
 
     def end(self, now: int) -> list[Outgoing]:
-        """Return what leaves the robot to others, standing."""
+        """Return the messages that stop the robot and release it."""
         if not self._is_claimed:
             return []
         self._is_claimed = False
@@ -119,7 +119,7 @@ class ShownRobot:
         return [*([command] if command else []), (COMMAND_CLAIM, self.robot_id, self._claim.end(now))]
 
     def problem(self, now: int) -> str:
-        """Return, in a sentence, why the robot is not shown or does not follow; empty if it does."""
+        """Return a sentence why the robot is not shown or does not follow; empty if it does."""
         if self._seen is None or now - self._seen[0] > PRESENT:
             return f"Robot {self.robot_id} is not in the world: cmr-sim publishes WORLD_STATE."
         if self._parameters.parameters is None:
@@ -132,7 +132,7 @@ class ShownRobot:
         return self._objection(now)
 
     def _is_it(self, world: world_state_t, at: int) -> bool:
-        """Return whether this entry is the robot itself: a real robot has its twin beside it."""
+        """Return whether this entry is the robot itself: a real robot's twin is listed beside it."""
         return int(world.origin[at]) != robot_state_t.TWIN
 
     def _objection(self, now: int) -> str:
@@ -146,7 +146,7 @@ class ShownRobot:
         return ""
 
     def _command(self, velocity: Velocity, now: int) -> Outgoing | None:
-        """Return the message that asks for a velocity: as such, or as the duties that it takes at a steady speed."""
+        """Return the command for a velocity: directly, or as the duties for it at steady speed."""
         file = self._parameters.parameters
         if file is None:
             return None
@@ -177,5 +177,5 @@ class ShownRobot:
 
 
 def _within(duty: float) -> float:
-    """Return the nearest duty that a motor can be given."""
+    """Return the duty clipped to its range."""
     return max(-1.0, min(1.0, duty))

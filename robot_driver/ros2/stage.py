@@ -1,4 +1,4 @@
-"""The topics of robots that ROS 2 is shown, and the clock of a log that is played again."""
+"""The topics of robots shown in ROS 2, and the clock of a replayed log."""
 
 from cmr.bus.message import Message
 from cmr.bus.messages import now_utime
@@ -49,7 +49,7 @@ class Stage:
             node.hear(f"/{robot.name}/cmd_vel", kind, _Taker(process, robot, stamped), reliable=False)
 
     def handle(self, utime: int, channel: str, message: Message) -> None:
-        """Take a message of the bus, and show what it says."""
+        """Process a message of the bus, and publish its content."""
         if isinstance(message, world_state_t):
             now = now_utime()
             states = [(robot, robot.state(message, now)) for robot in self._robots.values()]
@@ -62,17 +62,17 @@ class Stage:
                 robot.handle(utime, channel, message)
 
     def turn(self, now: int) -> None:
-        """Claim the robots that ROS 2 commands, and leave the others."""
+        """Claim the robots that ROS 2 commands, and release the others."""
         for robot in self._robots.values():
             self._process.publish_all(robot.turn(now))
 
     def leave(self, now: int) -> None:
-        """Have the robots that ROS 2 commands stand, and leave them."""
+        """Stop the robots that ROS 2 commands, and release them."""
         for robot in self._robots.values():
             self._process.publish_all(robot.end(now))
 
     def problem(self, now: int) -> str:
-        """Return what keeps robots from being shown or commanded, in sentences."""
+        """Return what prevents robots from being shown or commanded, in sentences."""
         return " ".join(filter(None, (robot.problem(now) for robot in self._robots.values())))
 
     def _show(self, states: list[tuple[ShownRobot, State]]) -> None:
@@ -83,21 +83,21 @@ class Stage:
 
 
 class ReplayClock:
-    """Serves /clock for nodes with use_sim_time: the newest time that a message of the world has."""
+    """Serves /clock for nodes with use_sim_time: the newest time of a message of the world."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.publisher("/clock", CLOCK)
         self._message = self._publisher.empty()
 
     def handle(self, utime: int, _channel: str, message: Message) -> None:
-        """Take a message of the bus."""
+        """Process a message of the bus."""
         if isinstance(message, world_state_t):
             write_time(self._message.clock, utime)
             self._publisher.publish(self._message)
 
 
 class _Topics:
-    """What one robot publishes."""
+    """The publishers of one robot."""
 
     def __init__(self, robot: ShownRobot, node: Node) -> None:
         self._robot = robot
@@ -120,7 +120,7 @@ class _Topics:
 
 
 class _Taker:
-    """Gives a robot the velocities that come for it."""
+    """Passes velocities from ROS 2 to the robot."""
 
     def __init__(self, process: Process, robot: ShownRobot, stamped: bool) -> None:
         self._process, self._robot, self._stamped = process, robot, stamped

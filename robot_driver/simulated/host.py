@@ -1,7 +1,7 @@
-"""A computer in simulated time: its clock goes on when all of its threads wait, to what happens next.
+"""A computer in simulated time: its clock jumps to the next event when all of its threads wait.
 
-The threads are real ones that take turns: only one runs at any time, and it hands over when it waits. What happens
-depends on times and seeds alone, so that the same drive gives the same bytes again.
+The threads are real ones that take turns: only one runs at any time, and it hands over when it waits. Events depend on
+times and seeds alone, so the same drive gives the same bytes again.
 """
 
 import errno
@@ -27,19 +27,19 @@ _DUE = attrgetter("due")
 
 
 class _Thread:
-    """A thread of the simulated computer; `turn` is held by everybody but the one who runs."""
+    """A thread of the simulated computer; it waits on `turn` unless it is the running one."""
 
     def __init__(self, name: str, seed: int) -> None:
         self.turn = threading.Lock()
         self.turn.acquire()
         self.random = Random(f"{seed} {name}")
-        self.due = (NEVER, 0)  # when it goes on (ns), and the order of those that go on at the same time
+        self.due = (NEVER, 0)  # when it resumes (ns), and the order among equal times
         self.waits_for: object = None
         self.ended = False
 
 
 class SimulatedHost(Host):
-    """The computer that an emulated robot is plugged into; the thread that makes it is its first.
+    """The computer that an emulated robot is plugged into; the thread that creates it is its first.
 
     The robot is given by `plug_in`, with what is at the other end of each port, by path.
     """
@@ -55,16 +55,16 @@ class SimulatedHost(Host):
         self._order = itertools.count(1)
         self._running = _Thread("main", seed)
         self._threads = [self._running]
-        self._following = self._running  # the threads that go on first, while time passes
+        self._following = self._running  # the threads that resume first, while time passes
         self._failures: list[BaseException] = []
 
     def plug_in(self, robot: RobotInTime, adapters: dict[str, UsbAdapter | OwnUsb]) -> None:
-        """Have the ports of `robot` at the paths that name them."""
+        """Provide the ports of `robot` at the paths that name them."""
         self._robot = robot
         self._lines = {name: SimulatedLine(self, name, adapter) for name, adapter in adapters.items()}
 
     def arrive(self, name: str, data: bytes) -> None:
-        """Have bytes of the robot arrive at a port."""
+        """Deliver bytes of the robot to a port."""
         self.follow_robot()
         line = self._lines[name]
         if line.is_open and not line.is_unplugged:
@@ -72,7 +72,7 @@ class SimulatedHost(Host):
             self.wake(line)
 
     def unplug(self, name: str) -> None:
-        """Pull the cable of a port; what uses it sees the device vanish."""
+        """Pull the cable of a port; its user sees the device vanish."""
         self._lines[name].is_unplugged = True
         self.wake(self._lines[name])
 
@@ -81,7 +81,7 @@ class SimulatedHost(Host):
         self._lines[name].is_unplugged = False
 
     def follow_robot(self) -> None:
-        """Let time pass until what the robot does just now; called before anybody here sees it."""
+        """Advance until the robot's current events are done; called before anything here observes it."""
         assert self._robot is not None
         now = SWITCHED_ON + math.ceil(self._robot.now * SECOND)
         if now > self._now:
@@ -92,44 +92,44 @@ class SimulatedHost(Host):
         return (self._now - SWITCHED_ON) / SECOND
 
     def bring(self, name: str, data: bytes, delay: float) -> None:
-        """Have a port put bytes on the wire `delay` (s) from now."""
+        """Put bytes of a port on the wire `delay` (s) from now."""
         assert self._robot is not None
         self._robot.bring(name, data, self.robot_time() + delay)
 
     def utime_of_robot(self, moment: float) -> int:
-        """Return the time of day (us) of a time of the robot (s)."""
+        """Return the wall-clock time (us) of a time of the robot (s)."""
         return START_UTIME + round(moment * 1e6)
 
     def monotonic_ns(self) -> int:
-        """Return the steady time (ns)."""
+        """Return the monotonic time (ns)."""
         return self._now
 
     def monotonic(self) -> float:
-        """Return the steady time (s)."""
+        """Return the monotonic time (s)."""
         return self._now / SECOND
 
     def seconds_since_boot(self) -> float:
-        """Return the steady time (s): this computer is never suspended."""
+        """Return the monotonic time (s): this computer is never suspended."""
         return self._now / SECOND
 
     def utime_at(self, monotonic_nanoseconds: int) -> int:
-        """Return the time of day (us) of a moment."""
+        """Return the wall-clock time (us) of a monotonic time."""
         return START_UTIME + (monotonic_nanoseconds - SWITCHED_ON) // 1000
 
     def utime(self) -> int:
-        """Return the time of day (us)."""
+        """Return the wall-clock time (us)."""
         return self.utime_at(self._now)
 
     def sleep(self, seconds: float) -> None:
-        """Let everybody else go on for so long."""
+        """Let the other threads run for this long."""
         self.wait(seconds, None)
 
     def event(self) -> threading.Event:
-        """Return an event that is waited for in simulated time."""
+        """Return an event with waits in simulated time."""
         return _Event(self)
 
     def mailbox(self, most: int) -> "_Mailbox":
-        """Return a mailbox that is waited for in simulated time."""
+        """Return a mailbox with waits in simulated time."""
         return _Mailbox(self, most)
 
     def open_line(self, path: str, baud_rate: int, *, lock_out: bool) -> "SimulatedLine":
@@ -140,11 +140,11 @@ class SimulatedHost(Host):
         return self._lines[path].opened()
 
     def thread(self, work: Callable[[], None], name: str) -> "SimulatedThread":
-        """Return a thread, not started yet; it runs when those that run already wait."""
+        """Return a thread, not started yet; it runs when the running ones wait."""
         return SimulatedThread(self, work, name)
 
     def begin(self, work: Callable[[], None], name: str) -> _Thread:
-        """Begin a thread."""
+        """Start a thread."""
         thread = _Thread(f"{name} {next(self._order)}", self._seed)
         thread.due = (self._now, next(self._order))
         self._threads.append(thread)
@@ -168,18 +168,18 @@ class SimulatedHost(Host):
         return thread
 
     def run(self, seconds: float) -> None:
-        """Let everybody else go on for so long, or until one of them fails."""
+        """Let the other threads run for this long, or until one of them fails."""
         if not self._failures:
             self.wait(seconds, self)
         self.check()
 
     def check(self) -> None:
-        """Raise what ended a thread, if it was a failure."""
+        """Raise the failure that ended a thread, if any."""
         if self._failures:
             raise self._failures[0]
 
     def wait(self, seconds: float, reason: object) -> None:
-        """Let the thread that calls wait for so long, or until somebody calls `wake` with the same reason."""
+        """Make the calling thread wait this long, or until `wake` is called with the same reason."""
         me = self._running
         due = NEVER
         if seconds < math.inf:
@@ -194,7 +194,7 @@ class SimulatedHost(Host):
             me.turn.acquire()
 
     def wake(self, reason: object) -> None:
-        """Have those that wait for this go on."""
+        """Resume the threads that wait for this reason."""
         for thread in self._threads:
             if thread.waits_for is reason:
                 due = self._now + self.lateness.of_waking(thread.random)
@@ -205,7 +205,7 @@ class SimulatedHost(Host):
                     self._robot.until = min(self._robot.until, (thread.due[0] - SWITCHED_ON) / SECOND)
 
     def _let_happen(self) -> _Thread:
-        """Let time pass until a thread goes on; return it."""
+        """Advance time until a thread resumes; return it."""
         robot = self._robot
         self._following = min(self._threads, key=_DUE)
         while True:
@@ -213,7 +213,7 @@ class SimulatedHost(Host):
             if robot is not None:
                 robot.let_happen((due - SWITCHED_ON) / SECOND)
             if self._following is not following or following.due[1] != order:
-                continue  # somebody was woken meanwhile
+                continue  # a thread was woken meanwhile
             assert due < NEVER, "all threads wait for ever"
             self._now = max(self._now, due)
             following.waits_for = None
@@ -221,14 +221,16 @@ class SimulatedHost(Host):
 
 
 def _let_others_finish() -> None:
-    """Have this thread not interrupt the one that wakes it, which goes on for a moment: saves every other switch."""
+    """Prevent this thread from interrupting the one that wakes it, which runs on for a moment: saves every other
+    switch.
+    """
     with suppress(OSError):
         if os.sched_getscheduler(0) == os.SCHED_OTHER:
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 class SimulatedLine:
-    """A port of the simulated computer; what has `arrived` waits to be read."""
+    """A port of the simulated computer; `arrived` holds bytes to be read."""
 
     def __init__(self, host: SimulatedHost, name: str, adapter: UsbAdapter | OwnUsb) -> None:
         self._host = host
@@ -239,13 +241,13 @@ class SimulatedLine:
         self.is_unplugged = False
 
     def opened(self) -> "SimulatedLine":
-        """Return this, open; it kept nothing from before."""
+        """Return this, open and empty."""
         self.arrived.clear()
         self.is_open = True
         return self
 
     def close(self) -> None:
-        """Give the port up; what comes from now on is lost."""
+        """Close the port; bytes that arrive from now on are lost."""
         self.is_open = False
 
     def write(self, data: bytes) -> None:
@@ -269,7 +271,7 @@ class SimulatedLine:
         return data
 
     def _check(self) -> None:
-        """Raise OSError where the cable is out."""
+        """Raise OSError if the cable is unplugged."""
         if self.is_unplugged:
             raise OSError(errno.ENODEV, "the device is gone")
 
@@ -311,7 +313,7 @@ class _Mailbox:
 
 
 class SimulatedThread:
-    """A thread of the simulated computer, as the one who starts it sees it."""
+    """A thread of the simulated computer, for the thread that starts it."""
 
     def __init__(self, host: SimulatedHost, work: Callable[[], None], name: str) -> None:
         self._host = host
@@ -320,7 +322,7 @@ class SimulatedThread:
         self._thread: _Thread | None = None
 
     def start(self) -> None:
-        """Begin."""
+        """Start it."""
         self._thread = self._host.begin(self._work, self._name)
 
     def join(self, timeout: float | None = None) -> None:

@@ -1,19 +1,19 @@
-"""What stands between an emulated device's wire and the driver: an adapter to USB that holds bytes back."""
+"""The USB adapter between an emulated device's wire and the driver, which delays bytes."""
 
 from dataclasses import dataclass
 from random import Random
 
-PACKET = 62  # bytes; what an adapter sends when it has so many, whatever its timer says
+PACKET = 62  # bytes that an adapter sends at once, regardless of its timer
 FRAME = 0.001  # s; USB sends once in a frame
 
 
 @dataclass(frozen=True)
 class Lateness:
-    """How late things are on the driver's computer.
+    """Delays on the driver's computer.
 
-    `usb_latency` (s) is how long an adapter holds bytes back to send them together; 0: none, as in devices with USB
-    of their own. A thread that has been waited for runs after `waking` (s) on average; a `busy` share of the times it
-    is `held_up` (s) on average on top of that.
+    `usb_latency` (s) is how long an adapter collects bytes before it sends them; 0: none, as in devices with their own
+    USB. A thread that has been waited for runs after `waking` (s) on average; a `busy` share of the times it is
+    `held_up` (s) on average on top of that.
     """
 
     usb_latency: float = 0.001
@@ -22,7 +22,7 @@ class Lateness:
     held_up: float = 0.004
 
     def of_waking(self, random: Random) -> int:
-        """Draw by how much a thread runs late (ns)."""
+        """Draw the delay of a thread (ns)."""
         draw = random.random
         late = self.waking * (0.5 + draw())
         if self.busy and draw() < self.busy:
@@ -31,17 +31,17 @@ class Lateness:
 
 
 class UsbAdapter:
-    """Sends what comes from the wire whenever its timer of `latency` (s) ends, and whenever a packet is full."""
+    """Sends the bytes of the wire whenever its timer of `latency` (s) ends, and whenever a packet is full."""
 
     def __init__(self, latency: float, random: Random) -> None:
         self._latency = latency
         self._phase = random.random() * latency
         self._random = random
-        self._tick = 0.0  # when the bytes that are held are sent
+        self._tick = 0.0  # when the collected bytes are sent
         self._held = 0
 
     def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
-        """Return when bytes that are on the wire from `begin` to `end` are with the computer, piece by piece."""
+        """Return when bytes that are on the wire from `begin` to `end` reach the computer, piece by piece."""
         pieces = []
         tick, held, left = self._tick, self._held, len(data)
         byte_time = (end - begin) / left
@@ -61,12 +61,12 @@ class UsbAdapter:
         return pieces
 
     def way_down(self) -> float:
-        """Draw how long it takes until bytes that are written are on the wire (s)."""
+        """Draw the delay until written bytes are on the wire (s)."""
         return self._random.random() * FRAME
 
 
 class OwnUsb:
-    """A device with USB of its own."""
+    """A device with its own USB."""
 
     def pieces(self, begin: float, end: float, data: bytes) -> list[tuple[float, bytes]]:
         """Return one piece, at the end."""

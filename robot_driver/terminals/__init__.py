@@ -1,1 +1,1 @@
-"""Pseudo-terminals that look like serial ports: of emulated devices, and of what stands before real ones."""
+"""Pseudo-terminals that look like serial ports: for emulated devices, and for proxies of real ones."""

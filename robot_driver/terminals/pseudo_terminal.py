@@ -1,4 +1,4 @@
-"""Pseudo-terminals that look like serial ports: a stable name in a folder, and bytes that nobody waits for."""
+"""Pseudo-terminals that look like serial ports: a stable name in a folder, and non-blocking I/O."""
 
 import contextlib
 import errno
@@ -15,21 +15,21 @@ DEFAULT_FOLDER = "cmr-robot-"  # and the number of the robot, among the temporar
 
 
 class PortsError(Exception):
-    """The ports cannot be offered; the text says why and what to do."""
+    """The ports cannot be created; the text says why and what to do."""
 
 
 class PseudoTerminal:
-    """One serial port, seen from the device, behind the symbolic link `path`. It never blocks.
+    """One serial port, from the device's side, behind the symbolic link `path`. It never blocks.
 
-    Like a real port it keeps nothing for a client that opens it later: bytes sent while it is closed are lost, and
-    so is one client's claim to have it alone (TIOCEXCL).
-    Raises PortsError when something that is not a symbolic link is at `path`, OSError when there can be no port.
+    Like a real port it keeps nothing for a client that opens it later: bytes sent while it is closed are lost, and so
+    is one client's claim to have it alone (TIOCEXCL). Raises PortsError if something that is not a symbolic link is at
+    `path`, OSError if no port can be created.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._was_open = False
-        self._kept = b""  # the last words of a client whose port had to be made again
+        self._kept = b""  # last bytes of a client whose port had to be created again
         self._make()
 
     def fileno(self) -> int:
@@ -57,13 +57,13 @@ class PseudoTerminal:
             raise
 
     def write(self, data: bytes) -> None:
-        """Send to the client. What does not fit, because it does not read, is lost, as on a real line."""
+        """Send to the client. Bytes that do not fit because it does not read are lost, as on a real line."""
         if self.is_open:
             with contextlib.suppress(BlockingIOError):
                 os.write(self._descriptor, data)
 
     def close(self) -> None:
-        """Take the port and its link away; a client that has it open sees the device vanish."""
+        """Remove the port and its link; a client that has it open sees the device vanish."""
         unlink(self._path, self._name)
         os.close(self._descriptor)
 
@@ -71,7 +71,7 @@ class PseudoTerminal:
         self._descriptor, client_side = os.openpty()
         self._name = os.ttyname(client_side)
         tty.setraw(client_side)
-        # With no open client side of our own, the kernel reports a hang-up whenever no client has the port open.
+        # Without a client side open in this process, the kernel reports a hang-up whenever no client has the port open.
         os.close(client_side)
         os.set_blocking(self._descriptor, False)
         self._poll = select.poll()
@@ -82,12 +82,12 @@ class PseudoTerminal:
         return not any(events & select.POLLHUP for _, events in self._poll.poll(0))
 
     def _forget_client(self) -> None:
-        """Discard what the last client did not read and its claim; only the client's side can do that."""
+        """Discard the last client's unread bytes and its claim; only the client's side can do that."""
         try:
             client_side = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError as error:
             if error.errno == errno.EBUSY and not self._has_client():
-                # The claim outlives the client on a pseudo-terminal, unlike on a real port: make a new one.
+                # The claim outlives the client on a pseudo-terminal, unlike on a real port: create a new one.
                 self._kept = self.read()
                 os.close(self._descriptor)
                 self._make()
@@ -98,10 +98,10 @@ class PseudoTerminal:
 
 
 class Ports:
-    """Pseudo-terminals by name, each behind a symbolic link `folder/name`; use it as a context manager.
+    """Pseudo-terminals by name, each behind a symbolic link `folder/name`; a context manager.
 
-    The links are removed at the end, and the folder too if it was made here and is empty.
-    Raises PortsError when the folder cannot be used or another emulator uses it.
+    The links are removed at the end, and the folder too if it was created here and is empty. Raises PortsError if the
+    folder cannot be used or another emulator uses it.
     """
 
     def __init__(self, folder: Path, names: tuple[str, ...]) -> None:
@@ -128,7 +128,7 @@ class Ports:
         self._resources.close()
 
     def _take_folder(self, resources: contextlib.ExitStack) -> None:
-        """Make the folder if need be and lock it: two emulators must not take each other's links."""
+        """Create the folder if needed and lock it: two emulators must not replace each other's links."""
         is_new = not self._folder.exists()
         self._folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -142,11 +142,11 @@ class Ports:
         left = self._left_behind()
         for path in left:
             path.unlink(missing_ok=True)
-        if left and not is_new and self._folder.name.startswith(DEFAULT_FOLDER):  # nobody else made it
+        if left and not is_new and self._folder.name.startswith(DEFAULT_FOLDER):  # created by an earlier emulator
             resources.callback(_remove_if_empty, self._folder)
 
     def _left_behind(self) -> list[Path]:
-        """Return the links of an emulator that was killed; none where the folder holds anything else."""
+        """Return the links of an emulator that was killed; none if the folder holds anything else."""
         paths = list(self._folder.iterdir())
         names = {path: path.name.removeprefix(".").partition(".")[0] for path in paths}
         are_ours = all(path.is_symlink() and name in self.paths for path, name in names.items())
@@ -156,7 +156,7 @@ class Ports:
 def link(path: Path, target: str) -> None:
     """Point the symbolic link `path` at `target` in one step, so that a client never finds half a link.
 
-    Raises PortsError when something that is not a symbolic link is in the way.
+    Raises PortsError if something that is not a symbolic link is in the way.
     """
     if path.exists() and not path.is_symlink():
         raise PortsError(f"{path} exists and is not a link of an emulator. Move it away or choose another --ports.")

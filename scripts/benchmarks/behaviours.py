@@ -1,4 +1,4 @@
-"""Rows of the behaviours: what a decision costs for each robot, neighbours and steering included."""
+"""Rows of the behaviours: the cost of a decision per robot, including neighbours and steering."""
 
 import math
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ SPACING = 0.7  # m between them
 
 
 class Chase(Behaviour):
-    """What a user may write for one robot: drive to the robot before it, and stop half a metre away."""
+    """An example of a user's behaviour for one robot: drive to the robot before it, and stop half a metre away."""
 
     def __init__(self, ahead: int) -> None:
         self.ahead = ahead
@@ -52,9 +52,9 @@ class Chase(Behaviour):
 
 
 class Moment:
-    """A world of robots at random places in which everybody is asked again and again, each time a step later.
+    """A world of robots at random places that decide again and again, each time a step later.
 
-    They drive to and fro, as fast as their wheels turn: who stands would cost less.
+    They drive to and fro, as fast as their wheels turn: robots at rest would cost less.
     """
 
     def __init__(self, team: TeamBehaviour) -> None:
@@ -73,7 +73,7 @@ class Moment:
             team.take_waypoints(robot_id, *random.uniform(-side, side, (2, 10)).tolist())
 
     def decide(self) -> None:
-        """Let everybody move on, and decide for everybody."""
+        """Advance by a step, and decide for all robots."""
         self._utime += STEP
         there = self._utime // LEG % 2 == 0
         for place, way in ((self._robots.state.x, self._dx), (self._robots.state.y, self._dy)):
@@ -103,7 +103,7 @@ def behaviours() -> Iterator[Row]:
 
 
 def _one_by_one() -> Row:
-    """Measure a whole world, without the bus, of robots that each run a user's own Python."""
+    """Measure a whole world, without the bus, of robots with a user's Python behaviour each."""
     side = math.isqrt(ONE_BY_ONE - 1) + 1
     robots = [
         VirtualRobot(robot_id, Chase(robot_id - 1), 0, robot_id % side * SPACING, robot_id // side * SPACING)

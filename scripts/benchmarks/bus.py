@@ -50,12 +50,12 @@ def _send_and_receive(url: str, robots: int) -> tuple[int, list[int]]:
             if ended is None and sender.poll() is not None:
                 ended = time.monotonic()
         if sender.returncode:
-            raise RuntimeError("the sender failed; what it said stands above")
+            raise RuntimeError("the sender failed; its output is above")
     return count, ages
 
 
 def send(url: str, robots: int, count: int) -> None:
-    """Send so many messages of so many robots at RATE, each stamped when it is sent."""
+    """Send this many messages of this many robots at RATE, stamped when sent."""
     os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the receiver is kept on one core; the sender is elsewhere
     bus = Bus(url)
     columns = np.random.default_rng(0).standard_normal((len(RobotState._fields), robots))

@@ -1,4 +1,4 @@
-"""The yardstick of the step: paper_step.c, built with gcc where there is one."""
+"""The reference for the step: paper_step.c, built with gcc if that is installed."""
 
 import ctypes
 import shutil
@@ -18,7 +18,7 @@ class NoCompilerError(Exception):
 
 
 def build() -> Callable[[Sequence[Floats]], Callable[[], object]]:
-    """Build the kernel; return what makes a step of it from the arrays to step: state, duties, coefficients.
+    """Build the kernel; return a function that makes its step from the arrays to step: state, duties, coefficients.
 
     Raises NoCompilerError.
     """

@@ -22,7 +22,7 @@ SAMPLES = 12_000
 SECONDS = SAMPLES / 100.0
 SMALL, LARGE = 50, 100  # grid points for each of three parameters
 GRID_RUNS = 3
-SPREAD = 1.5  # the grid spans the true values times and over this
+SPREAD = 1.5  # the grid spans the true values times and divided by this
 STARTS = 60
 FACTOR = 2.0  # random starts are off by up to this, each parameter its own
 SAME_OPTIMUM = 0.01  # standard deviations
@@ -30,7 +30,7 @@ LONGEST_GRID, LONGEST_MILLION, LONGEST_MINIMUM, LONGEST_REFINEMENT = 2.5, 20.0, 
 
 
 def drive() -> list[Segment]:
-    """Return the drive as calibration sees it."""
+    """Return the drive as a recording for calibration."""
     return segments_of(recording(SECONDS))
 
 
@@ -42,7 +42,7 @@ def axes(points: int) -> tuple[Floats, Floats, Floats]:
 
 
 def grid() -> Iterator[Row]:
-    """Measure the grid search over the whole path, and the search that stops where a candidate can no longer win."""
+    """Measure the grid search over the whole path, and the search that abandons candidates early."""
     segments = drive()
     small = [_timed(lambda: search(segments, TRUTH.wheel_radius, axes(SMALL)))[0] for _ in range(GRID_RUNS)]
     yield _grid_row("whole surface", SMALL, small, LONGEST_GRID)
@@ -89,7 +89,7 @@ def refinement() -> Iterator[Row]:
 
 
 def _timed(work: Callable[[], T]) -> tuple[float, T]:
-    """Return the CPU seconds of a work that is done once, and its result."""
+    """Return the CPU seconds of a function called once, and its result."""
     before = time.process_time()
     result = work()
     return time.process_time() - before, result

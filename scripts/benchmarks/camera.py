@@ -19,11 +19,11 @@ from tests.support.rendered_floor import FLOOR_TAGS, Scene
 LONGEST = 0.05  # s for a picture: 20 a second
 PICTURES = 4
 METHODS = ("SUBPIX", "CONTOUR", "APRILTAG")
-WITHOUT_TAGS = int(os.environ.get("CMR_PICTURES_WITHOUT_TAGS", "300"))  # 10,000 are promised, and take ten minutes
+WITHOUT_TAGS = int(os.environ.get("CMR_PICTURES_WITHOUT_TAGS", "300"))  # 10,000 are specified, and take ten minutes
 
 
 def camera() -> Iterator[Row]:
-    """Measure on one core what a picture of 1280 x 720 with five robots and four floor tags takes."""
+    """Measure on one core the time for a picture of 1280 x 720 with five robots and four floor tags."""
     cv2.setNumThreads(1)
     room = Scene(EYE, FLOOR_TAGS, blur=0.8)
     scenes = [robots(seed) for seed in range(PICTURES)]
@@ -61,7 +61,7 @@ def _ours(picture: Any) -> dict[int, Any]:
 
 
 def _opencv(name: str) -> Callable[[Any], dict[int, Any]]:
-    """Return what finds tags with one of OpenCV's own refinements."""
+    """Return a tag finder with one of OpenCV's own refinements."""
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = getattr(cv2.aruco, f"CORNER_REFINE_{name}")
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), settings)
@@ -76,14 +76,14 @@ def _opencv(name: str) -> Callable[[Any], dict[int, Any]]:
 
 
 def _off(found: dict[int, Any], scene: list[Any]) -> float:
-    """Return how far corners are from where the renderer put them (rms) [pixels]."""
+    """Return the rms error of corners against the renderer's [pixels]."""
     true = {sheet.number: sheet.corners for sheet in (*FLOOR_TAGS, *(robot.sheet for robot in scene))}
     gaps = [found[number] - lens_of(EYE).straight(EYE.pixels(true[number])) for number in found]
     return math.sqrt(float(np.mean(np.sum(np.square(gaps), axis=2))))
 
 
 def _turns(work: Callable[[Any], Any], pictures: list[Any]) -> Callable[[], object]:
-    """Return the work on one picture after another."""
+    """Return a function that works on one picture after another."""
     turn = iter(range(10**9))
     return lambda: work(pictures[next(turn) % len(pictures)])
 

@@ -22,7 +22,7 @@ LEAST = 10.0  # simulated seconds for each CPU second
 
 
 def chain() -> Iterator[Row]:
-    """Measure how many times as fast as in real time the whole chain is driven, in CPU time."""
+    """Measure the speed of the whole chain relative to real time, in CPU time."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "drive.lcm"
         SimulatedDrive(seconds=WARM_UP).write_log(path)

@@ -1,4 +1,4 @@
-"""Rows of WORLD_STATE as bytes: ours beside the generated class, byte for byte the same."""
+"""Rows of WORLD_STATE as bytes: CMR's encoder beside the generated class, with identical bytes."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -20,7 +20,7 @@ LONGEST = 15e-6  # s for UNIT robots, there and back
 
 
 def codec() -> Iterator[Row]:
-    """Measure from robots as arrays to bytes, and from bytes to arrays, as cmr-sim and those who listen to it do."""
+    """Measure encoding from arrays and decoding to arrays, as in cmr-sim and its receivers."""
     for count in ROBOTS:
         columns = np.random.default_rng(0).standard_normal((len(RobotState._fields), count))
         robots = Robots(Numbers(range(count)), Numbers([VIRTUAL] * count), RobotState(*columns))
@@ -51,7 +51,7 @@ def _encoded(robots: Robots) -> bytes:
 
 
 def _require_same(data: bytes, generated: world_state_t) -> None:
-    """Raise AssertionError where our bytes, or what we read in them, differ from the generated class."""
+    """Raise AssertionError if the bytes, or the values decoded from them, differ from those of the generated class."""
     assert data == generated.encode(), "our bytes differ from those of the generated encoder"
     ours, theirs = decode(WORLD_STATE.name, data).message, world_state_t.decode(data)
     for name in theirs.__slots__:

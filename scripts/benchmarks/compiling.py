@@ -1,4 +1,4 @@
-"""Rows of the first use on a computer: what each part compiles, function by function, and all parts side by side."""
+"""Rows of the first use on a computer: the functions compiled for each part, and all parts in parallel."""
 
 import json
 import os
@@ -22,7 +22,7 @@ WORTH_A_ROW = 0.4  # s
 
 
 def first_use() -> Iterator[Row]:
-    """Measure what is compiled at the first use, each time with an empty cache."""
+    """Measure compilation at the first use, each time with an empty cache."""
     with tempfile.TemporaryDirectory() as cache, all_cores():
         times = command_times([sys.executable, "-m", FIRST_USE], Path(cache))
     processor, wall = (Timing(one, one) for one in times)

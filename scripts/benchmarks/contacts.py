@@ -1,4 +1,4 @@
-"""Rows of physics as cmr-sim has it: the step, the neighbours of everybody, and contacts resolved."""
+"""Rows of physics as in cmr-sim: the step, all neighbours, and contacts resolved."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ SERIES = "CMR, contacts"
 
 
 class Crowd:
-    """The crowd of `crowd`, moved by our physics; every robot drives its circle over and over."""
+    """The crowd of `crowd`, moved by CMR's physics; every robot drives its circle repeatedly."""
 
     def __init__(self, count: int) -> None:
         x, y, theta = np.array(crowd(count)).T
@@ -34,7 +34,7 @@ class Crowd:
             self.advance()
 
     def advance(self) -> None:
-        """Let one step pass."""
+        """Advance by one step."""
         self._utime += STEP
         assert self._fleet.advance(self._utime)
 

@@ -1,6 +1,6 @@
-"""A crowd that meets: robots that drive circles, so close together that some of them always touch.
+"""A crowd with contacts: robots that drive circles, so close together that some of them always touch.
 
-Nothing but the standard library is used, so that the peers, in their own environment, have the very same crowd.
+Uses only the standard library, so that the peers, in their own environment, have the same crowd.
 """
 
 import math

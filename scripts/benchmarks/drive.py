@@ -1,6 +1,6 @@
-"""A figure-eight drive to measure with: its exact path, a recording of it with noise, and a log.
+"""A figure-eight drive for measurements: its exact path, a recording of it with noise, and a log.
 
-The path comes from equations and quadrature of its own, not from the step that is measured.
+The path is computed from equations and quadrature of its own, not by the step that is measured.
 """
 
 import math
@@ -76,7 +76,7 @@ def recording(seconds: float, seed: int = 0) -> Recording:
     utime = EPOCH + np.arange(samples) * STEP
     radians_per_tick = 2.0 * math.pi / TICKS_PER_TURN
     turned = np.cumsum((path[3:, :-1] + path[3:, 1:]) * h / 2.0, axis=1)
-    angles = np.column_stack([np.zeros(2), turned[:, :-1]])  # at the beginning of each step, as all else
+    angles = np.column_stack([np.zeros(2), turned[:, :-1]])  # at the beginning of each step, as everything else
     ticks = np.floor(angles / radians_per_tick)
     psi = np.diff(ticks, prepend=0.0) * radians_per_tick / h
     yaw_rate = np.gradient(theta, h)
@@ -99,7 +99,7 @@ def recording(seconds: float, seed: int = 0) -> Recording:
 
 
 def write_log(path: Path, drive: Recording, copies: int = 1) -> None:
-    """Write the drive as an LCM event log, so many times one after the other in time."""
+    """Write the drive as an LCM event log, repeated this many times."""
     log = lcm.EventLog(str(path), "w", overwrite=True)
     announcement = NOMINAL.announcement(sequence=EPOCH)
     announcement.utime = EPOCH

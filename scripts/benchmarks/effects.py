@@ -1,4 +1,4 @@
-"""Rows of the catalogue of effects: what the step costs with all of them neutral, and with all of them on."""
+"""Rows of the catalogue of effects: the cost of the step with all of them neutral, and with all of them on."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -17,7 +17,7 @@ OF_MOTION = [effect for effect in CATALOGUE.values() if not effect.is_sensor]
 
 
 def effects() -> Iterator[Row]:
-    """Measure the step with all effects neutral, and with all of them on, in turns with the bare kernel."""
+    """Measure the step with all effects neutral, and with all of them on, alternating with the bare kernel."""
     neutral = {parameter.name: parameter.neutral for effect in OF_MOTION for parameter in effect.parameters}
     everything = {name: value for effect in OF_MOTION for name, value in typical(effect).items()}
     for count in ROBOTS:

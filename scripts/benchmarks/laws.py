@@ -1,4 +1,4 @@
-"""Rows of laws: what the step costs with a law in place of the effect of the catalogue that says the same."""
+"""Rows of laws: the cost of the step with a law in place of the equivalent effect of the catalogue."""
 
 from collections.abc import Iterator
 
@@ -41,7 +41,7 @@ PAIRS = (
 
 
 def laws() -> Iterator[Row]:
-    """Measure the step with each law, in turns with the effect; each law is a model of its own, compiled first."""
+    """Measure the step with each law, alternating with the effect; each law is a model of its own, compiled first."""
     for law, values, effect in PAIRS:
         learn(law)
         by_law = {**dict(zip(law.coefficients, values, strict=True)), **constants(law)}

@@ -1,4 +1,4 @@
-"""Rows of cmr-sim as it is used: a process on the bus, 100 steps and 100 WORLD_STATE messages a second."""
+"""Rows of cmr-sim in normal use: a process on the bus, 100 steps and 100 WORLD_STATE messages a second."""
 
 import math
 import os
@@ -51,7 +51,7 @@ LONGEST_START = 180.0  # s; a compiler may have to run first
 
 
 def live() -> Iterator[Row]:
-    """Measure what cmr-sim takes of a core while its robots drive, and what a loop of the bare necessities takes."""
+    """Measure the share of a core used by cmr-sim while its robots drive, and by a minimal loop."""
     for robots, goal in GOALS.items():
         with tempfile.TemporaryDirectory() as folder:
             share, rate = _share_of_a_core(command(robots, 3.0 * WARM_UP + SECONDS, folder))
@@ -69,14 +69,15 @@ def live() -> Iterator[Row]:
 def _share_of_a_core(process_command: list[str]) -> tuple[float, float]:
     """Return the share of a core for each RATE messages, and how many arrived a second.
 
-    On a machine that is not idle some messages are left out; what is measured is what one takes.
+    On a machine that is not idle some messages are skipped; the share is per message sent.
     """
     url = private_url()
     bus = Bus(url)
     bus.subscribe(WORLD_STATE, every=True)
     environment = os.environ | {"LCM_DEFAULT_URL": url, "PYTHONPATH": str(SCRIPTS)}
     with subprocess.Popen(process_command, stderr=subprocess.DEVNULL, env=environment) as process:
-        os.sched_setaffinity(process.pid, range(os.cpu_count() or 1))  # we are kept on one core, and listen there
+        # This process is pinned to one core, and receives there.
+        os.sched_setaffinity(process.pid, range(os.cpu_count() or 1))
         try:
             _listen(bus, _first_motion(bus, process) + WARM_UP)
             before, begin = processor_time(process.pid), time.monotonic()
@@ -88,7 +89,7 @@ def _share_of_a_core(process_command: list[str]) -> tuple[float, float]:
 
 
 def command(robots: int, seconds: float, folder: str) -> list[str]:
-    """Return the command of a simulator whose robots, on a grid, drive figure-eights for at least so long."""
+    """Return the command of a simulator whose robots, on a grid, drive figure-eights for at least this long."""
     NOMINAL.save(Path(folder) / "robot_0.yaml")
     side = round(robots**0.5) + 1
     laps = math.ceil(seconds / SHORTEST_LAP)
@@ -110,7 +111,7 @@ def _first_motion(bus: Bus, process: "subprocess.Popen[bytes]") -> float:
 
 
 def _listen(bus: Bus, until: float) -> int:
-    """Take messages until then; return how many came."""
+    """Receive messages until this time; return their number."""
     count = 0
     while (remaining := until - time.monotonic()) > 0.0:
         count += len(bus.receive(min(remaining, 0.1)))

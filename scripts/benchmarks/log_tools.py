@@ -1,4 +1,4 @@
-"""The rows of the log tools: memory and time of each, by the log of ten minutes in a laboratory."""
+"""The rows of the log tools: memory and time of each, for a log of ten minutes in a laboratory."""
 
 import os
 import subprocess
@@ -11,8 +11,8 @@ from benchmarks import long_log
 from benchmarks.report import Row
 
 MINUTES = 10
-LONGER = 4  # times as long is the second log, which shows whether memory grows
-TOOLS = {  # what is put behind the tool's name; {log} and {out} are filled in
+LONGER = 4  # times the length, for the second log, which shows whether memory grows
+TOOLS = {  # arguments of each tool; {log} and {out} are filled in
     "cmr-log info": "{log}",
     "cmr-log cut": "{log} --start 30 --out {out}.lcm",
     "cmr-log merge": "{log} {log} --out {out}.lcm",
@@ -26,7 +26,7 @@ GROWN = ("cmr-log info", "cmr-log cut", "cmr-replay")  # tried with the longer l
 
 
 def log_tools() -> Iterator[Row]:
-    """Measure what each tool takes of a processor and of memory."""
+    """Measure the CPU time and memory of each tool."""
     with tempfile.TemporaryDirectory() as name:
         log, longer = Path(name) / "log.lcm", Path(name) / "longer.lcm"
         long_log.write(log, 60 * MINUTES)
@@ -39,7 +39,7 @@ def log_tools() -> Iterator[Row]:
 
 
 def _spent(tool: str, log: Path) -> tuple[float, float]:
-    """Return the CPU time [s] and the largest memory [MB] of a tool. Raises RuntimeError where it failed."""
+    """Return the CPU time [s] and the largest memory [MB] of a tool. Raises RuntimeError if it failed."""
     name, *subcommand = tool.split()
     with tempfile.TemporaryDirectory(dir=log.parent) as folder:
         options = TOOLS[tool].format(log=log, out=Path(folder) / "out").split()

@@ -1,4 +1,4 @@
-"""A log as of an hour in a laboratory: ten robots with twins, 20 virtual ones, range scans, a camera, calibrations."""
+"""A log like an hour in a laboratory: ten robots with twins, 20 virtual ones, range scans, a camera, calibrations."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +19,7 @@ PICTURE = 20_000  # bytes
 CALIBRATION_LASTS = 120  # s
 CALIBRATION_EVERY = 300  # s; another robot is calibrated
 UTIME = slice(8, 16)  # of a message
-OF_EACH_ROBOT = {  # how many steps from message to message
+OF_EACH_ROBOT = {  # steps from message to message
     "MOTOR_FEEDBACK": (1, msg.motor_feedback_t),
     "GYRO": (1, msg.gyro_t),
     "MOTOR_COMMAND": (2, msg.motor_command_t),
@@ -32,7 +32,7 @@ TEXTS = {"sha256": "ab" * 32, "yaml": "k1: 0.05\n" * 50, "ranges": np.linspace(0
 
 
 def write(path: Path, seconds: int) -> None:
-    """Write the log of so many seconds; an hour of it has 2.6 GB. Raises OSError."""
+    """Write a log of this duration; an hour of it has 2.6 GB. Raises OSError."""
     templates = [(channel, every, _template(kind, robot)) for channel, every, kind, robot in _channels()]
     ids = np.array([*range(ROBOTS), *range(ROBOTS), *range(100, 100 + VIRTUAL)])
     origins = np.repeat([0, 2, 1], [ROBOTS, ROBOTS, VIRTUAL])
@@ -58,7 +58,7 @@ def _channels() -> Iterator[tuple[bytes, int, Any, int]]:
 
 
 def _template(kind: Any, robot: int) -> bytearray:
-    """Return a message's bytes, of zeros and of what robots say that have nothing to report."""
+    """Return a message's bytes, with zeros and the values of robots that have nothing to report."""
     message = kind()
     values = {name: TEXTS.get(name, 0) for name in message.__slots__ if name != "n"}
     return bytearray(make(kind, **{**values, "robot_id": robot}).encode())
@@ -90,7 +90,7 @@ def _status(process: str, utime: int) -> Any:
 
 
 def _calibration(second: int, utime: int) -> Iterator[tuple[str, Any]]:
-    """Yield what is said of the calibrations: one robot after the other drives, and all but it have been or will be."""
+    """Yield the messages of the calibrations: the robots drive one after the other; the rest are waiting or done."""
     robot, since = second // CALIBRATION_EVERY, second % CALIBRATION_EVERY
     if robot < ROBOTS and since <= CALIBRATION_LASTS:
         fields = dict.fromkeys(("k2_over_k3_std", "k1_std", "base_width_std"), 0.01)

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 
 from benchmarks.crowd import RADIUS, SPEED, TURN_RATE, WARM_UP, crowd
 
-Run: TypeAlias = Callable[[int], int]  # makes so many steps; returns how many contacts the last one had
+Run: TypeAlias = Callable[[int], int]  # makes this many steps; returns the contacts of the last one
 
 STEP = 0.01  # s
 APART = 3.0  # m; robots stand on a grid, too far from each other to meet
@@ -30,7 +30,7 @@ def places(robots: int) -> list[tuple[float, float]]:
 
 
 def mujoco(robots: int) -> Run:
-    """Return the stepping of planar bodies far from each other, without contacts."""
+    """Return the step function of planar bodies far from each other, without contacts."""
     model = mujoco_model([(x, y, 0.0) for x, y in places(robots)], '<flag contact="disable"/>')
     data = import_module("mujoco").MjData(model)
     data.ctrl[:] = 0.3
@@ -38,7 +38,7 @@ def mujoco(robots: int) -> Run:
 
 
 def mujoco_contacts(robots: int) -> Run:
-    """Return the stepping of the crowd: planar bodies that drive circles and meet.
+    """Return the step function of the crowd: planar bodies that drive circles and meet.
 
     Spheres without friction in one plane meet as discs do, and cost MuJoCo least.
     """
@@ -59,7 +59,7 @@ def mujoco_contacts(robots: int) -> Run:
     return run
 
 
-MEMORY = "2G"  # for 10,000 bodies; MuJoCo's own guess is more than it can have
+MEMORY = "2G"  # for 10,000 bodies; MuJoCo's own default is more than is available
 
 
 def mujoco_model(starts: list[tuple[float, float, float]], flag: str) -> Any:
@@ -84,7 +84,7 @@ def mujoco_model(starts: list[tuple[float, float, float]], flag: str) -> Any:
 
 
 def mujoco_run(model: Any, data: Any, command: Callable[[int], None]) -> Run:
-    """Return the stepping of a model; before each step, `command` is called with its number."""
+    """Return the step function of a model; before each step, `command` is called with its number."""
     library: Any = import_module("mujoco")
 
     numbers = count()
@@ -99,7 +99,7 @@ def mujoco_run(model: Any, data: Any, command: Callable[[int], None]) -> Run:
 
 
 def irsim(robots: int) -> Run:
-    """Return the stepping of differential-drive robots without sensors, collision checks and display."""
+    """Return the step function of differential-drive robots without sensors, collision checks and display."""
     library: Any = import_module("irsim")
 
     side = APART * (robots**0.5 + 3)
@@ -121,7 +121,9 @@ def irsim(robots: int) -> Run:
 
 
 def vmas(robots: int) -> Run:
-    """Return the stepping of a world of agents that do not collide, forces set once, one environment in the batch."""
+    """Return the step function of a world of agents that do not collide, forces set once, one environment in the
+    batch.
+    """
     torch: Any = import_module("torch")
     core: Any = import_module("vmas.simulator.core")
 
@@ -152,7 +154,7 @@ PEERS = {
 def main() -> None:
     """Build the world, then time steps on request."""
     package, build = PEERS[sys.argv[1]]
-    answers, sys.stdout = sys.stdout, sys.stderr  # what libraries print is no answer
+    answers, sys.stdout = sys.stdout, sys.stderr  # output of libraries must not mix with answers
     run = build(int(sys.argv[2]))
     run(1)
     print(version(package), file=answers, flush=True)

@@ -21,14 +21,14 @@ from benchmarks.timing import Clocked, Timing, clocked, in_turns
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = ROOT / ".venv-bench"
-# This very file of torch is for CPUs alone; others bring gigabytes of CUDA along.
+# This file of torch is the CPU-only build; others include gigabytes of CUDA.
 PACKAGES = (("torch==2.13.0",), ("mujoco", "ir-sim", "vmas"))
 WORKER = "benchmarks.peer_worker"
 DISK = 4e9  # bytes while installing
 REPETITIONS = 5
-MANY = 100.0  # times ours, above which a fraction says nothing
+MANY = 100.0  # times CMR's, above which a fraction is meaningless
 ROBOTS = (10, 100, 1_000, 10_000)
-STEP, CONTACTS = "CMR, no contacts", SERIES  # the works of ours that peers are compared with
+STEP, CONTACTS = "CMR, no contacts", SERIES  # CMR's measurements with which peers are compared
 
 
 class Comparison(NamedTuple):
@@ -52,7 +52,7 @@ COMPARISONS = {
 
 
 class Peer:
-    """One peer's world in a process of its own; use it as a context manager.
+    """One peer's world in a process of its own; a context manager.
 
     `version` is its package's, `contacts` how many its last step had.
     """
@@ -84,7 +84,7 @@ class Peer:
         self._folder.cleanup()
 
     def run(self, steps: int) -> float:
-        """Let so many steps pass; return the CPU seconds they took."""
+        """Make this many steps; return the CPU seconds they took."""
         assert self._process.stdin is not None
         print(steps, file=self._process.stdin, flush=True)
         seconds, contacts = self._answer().split()

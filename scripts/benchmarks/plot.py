@@ -1,4 +1,4 @@
-"""The plot: what a step costs against the number of robots, ours and the peers'."""
+"""The plot: CPU time of a step against the number of robots, for CMR and the peers."""
 
 import math
 from collections.abc import Sequence
@@ -10,20 +10,20 @@ from matplotlib.figure import Figure
 from benchmarks.report import Point
 from cmr.report.colours import TWIN_COLOUR
 
-OURS = "CMR"  # what the names of our own series begin with
+OURS = "CMR"  # prefix of the names of CMR's series
 STEP = 0.01  # s
 MARKERS = "osDv^P"
-LINE_HEIGHT = 14.0  # points between names that would lie over each other
+LINE_HEIGHT = 14.0  # points between names that would overlap
 
 
 def draw(points: Sequence[Point], path: Path) -> None:
-    """Draw a line for each series: ours in blue, the peers' in grey; dotted, what takes as long as a step lasts."""
+    """Draw a line for each series: CMR's in blue, the peers' in grey; dotted: real time."""
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.subplots()
     names = list(dict.fromkeys(point.series for point in points))
     ends: list[tuple[int, float, str, str]] = []
     for number, name in enumerate(names):
-        # What was measured by itself, too, counts as it was beside the peers, later.
+        # Of repeated measurements, the later one, made beside the peers, counts.
         line = {point.robots: point.seconds for point in points if point.series == name}
         robots, seconds = zip(*sorted(line.items()), strict=True)
         colour = TWIN_COLOUR if name.startswith(OURS) else "0.45"
@@ -35,7 +35,7 @@ def draw(points: Sequence[Point], path: Path) -> None:
     axes.set_xlabel("robots")
     axes.set_ylabel("CPU time of a step of 10 ms [ms]")
     axes.grid(color="0.9")
-    figure.draw_without_rendering()  # settles where in the picture the ends of the lines are
+    figure.draw_without_rendering()  # computes the positions of the ends of the lines
     _name_ends(axes, ends)
     figure.savefig(path, dpi=150)
 

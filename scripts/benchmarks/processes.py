@@ -24,18 +24,18 @@ from tests.hidden_effects.logs import write_log as made_log
 from tests.hidden_effects.pieces import in_pieces
 from tests.support.private_bus import private_url
 
-Times: TypeAlias = tuple[float, float]  # CPU seconds and seconds on the clock
+Times: TypeAlias = tuple[float, float]  # CPU seconds and wall-clock seconds
 
 RUNS = 5
 LOG_SECONDS = 120.0
-COPIES = 10  # the longer log is so many times as long
+COPIES = 10  # length of the longer log, in lengths of the other
 LONGEST_START, LONGEST_FIRST_START = 0.6, 3.0  # s
-LONGEST_WAIT = 60.0  # s; a simulator that has said nothing by then will not
+LONGEST_WAIT = 60.0  # s; limit for the first message of a simulator
 LONGEST_CALIBRATION, LONGEST_DIAGNOSIS, LONGEST_READING = 3.0, 3.0, 0.25  # s
 DIAGNOSES, PIECE = 3, 2.0  # runs; s
 LARGEST_MEMORY = 3.0  # times the log
 LARGEST_GROWTH = 1.2  # of the time per byte when the log gets longer
-# A reader that reports how far its memory rose above what it had before: bytes.
+# A reader that reports the increase of its memory: bytes.
 MEMORY_OF_READING = """
 import sys
 from pathlib import Path
@@ -126,7 +126,7 @@ def reading() -> Iterator[Row]:
 
 
 def _process_row(title: str, runs: Sequence[Times], goal: float | None = None) -> Row:
-    """Return the row of a process from the times of its runs; what is to be reached is reached by the clock."""
+    """Return the row of a process from the times of its runs; the goal is for wall-clock time."""
     processor, wall = (Timing(statistics.median(times), min(times)) for times in zip(*runs, strict=True))
     measured = f"{seconds(processor)}; wall {seconds(wall)}"
     return Row(title, measured) if goal is None else Row(title, measured, "-", f"{goal:g} s", wall.median <= goal)
@@ -174,12 +174,12 @@ def processor_time(pid: int) -> float:
 
 
 def _command(command: Sequence[str], cache: Path) -> Times:
-    """Run a command of ours to its end; return its CPU seconds and the seconds on the clock."""
+    """Run one of CMR's commands to its end; return its CPU and wall-clock seconds."""
     return command_times([*_program(command[0]), *command[1:]], cache)
 
 
 def command_times(command: Sequence[str], cache: Path) -> Times:
-    """Run a command line to its end, with this folder for compiled code; return its CPU seconds and the wall's."""
+    """Run a command line to its end, with this folder for compiled code; return its CPU and wall-clock seconds."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
     subprocess.run(command, env=_environment(cache), check=True, stdout=subprocess.DEVNULL)
     wall, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)

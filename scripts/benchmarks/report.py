@@ -1,4 +1,4 @@
-"""The table: one line for each work, with the machine above it."""
+"""The table: one line per measurement, with the machine above it."""
 
 import platform
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ HEADER = "| work | measured | ratio | to reach |\n|---|---|---|---|"
 
 @dataclass(frozen=True)
 class Point:
-    """A point of the plot: CPU seconds that a step of so many robots takes."""
+    """A point of the plot: CPU seconds of a step for a number of robots."""
 
     series: str
     robots: int
@@ -23,9 +23,9 @@ class Point:
 
 @dataclass(frozen=True)
 class Row:
-    """One work: what was measured, as a ratio where there is something to compare with, and what was to be reached.
+    """One measurement: its result, the ratio to a reference if there is one, and its goal.
 
-    `reached` is None where nothing was asked for; `point` is None where it is no cost of a step.
+    `reached` is None without a goal; `point` is None if it is not the cost of a step.
     """
 
     work: str
@@ -36,13 +36,13 @@ class Row:
     point: Point | None = None
 
     def line(self) -> str:
-        """Return the line of the Markdown table; a goal that was not reached says so."""
+        """Return the line of the Markdown table; a missed goal is marked."""
         goal = f"{self.goal} (**missed**)" if self.reached is False else self.goal
         return f"| {self.work} | {self.measured} | {self.ratio} | {goal} |"
 
 
 def skipped(work: str, why: str) -> Row:
-    """Return the row of a work that could not be measured here."""
+    """Return the row of a measurement that is not possible here."""
     return Row(work, f"not measured: {why}")
 
 
@@ -52,13 +52,13 @@ def per_robot(timing: Timing, robots: int) -> str:
 
 
 def seconds(timing: Timing) -> str:
-    """Return a timing in a unit in which it is easy to read, median and fastest repetition."""
+    """Return a timing in a suitable unit, median and fastest repetition."""
     unit, size = next((item for item in UNITS if timing.median >= item[1]), UNITS[-1])
     return f"{timing.median / size:.3g} {unit} ({timing.fastest / size:.3g})"
 
 
 def machine(core: int) -> str:
-    """Return the sentence that says where the figures come from."""
+    """Return the sentence about the machine and the software."""
     versions = [f"{name} {_version(name)}" for name in ("numpy", "numba", "scipy", "lcm")]
     software = f"Python {platform.python_version()}, {', '.join(versions)}"
     return (
@@ -68,12 +68,12 @@ def machine(core: int) -> str:
 
 
 def processor() -> str:
-    """Return what processor this computer has."""
+    """Return the name of this computer's processor."""
     return _of_cpuinfo("model name") or platform.processor() or "unknown processor"
 
 
 def _frequency(core: int) -> str:
-    """Return the core's frequency: its highest, where the system reports it; otherwise its present one."""
+    """Return the core's frequency: its highest if the system reports it, otherwise its present one."""
     highest = Path(f"/sys/devices/system/cpu/cpu{core}/cpufreq/cpuinfo_max_freq")
     if highest.exists():
         return f"up to {int(highest.read_text()) / 1e6:.1f} GHz, "

@@ -1,4 +1,4 @@
-"""The row of the range sensor: what a scan costs for each robot."""
+"""The row of the range sensor: the cost of a scan per robot."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Rows of signatures: what signing and verifying a message cost."""
+"""Rows of signatures: the cost of signing and verifying a message."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ CHANNEL = "MOTOR_COMMAND_0"
 
 
 def signing() -> Iterator[Row]:
-    """Measure a message that is signed, and one that is signed and verified, as its first time on the bus."""
+    """Measure a message that is signed, and one that is signed and verified, each as if first seen on the bus."""
     key = os.urandom(KEY_BYTES)
     for size in SIZES:
         data = os.urandom(size)

@@ -21,12 +21,12 @@ SMALLEST_SHARE = 0.6  # of the bandwidth
 LARGEST_ERROR = 1e-7  # m
 # Bytes that a step moves for each robot: five numbers of state read and written, two duties and the coefficients read.
 BYTES = 8 * (2 * 5 + 2 + paper.COEFFICIENTS)
-SAME = 1e-9  # m, rad or rad/s; the C kernel's steps agree with ours within rounding
+SAME = 1e-9  # m, rad or rad/s; the C kernel's steps agree with CMR's within rounding
 DRIVE_SECONDS, DRIVE_DUTY = 60.0, 1.0 / 1.2  # the fastest figure-eight: its outer wheel at full duty
 
 
 def robots(count: int) -> tuple[RobotState, RobotParameters, Floats]:
-    """Return random states, parameters and duties (2, count); each robot has its own of all."""
+    """Return random states, parameters and duties (2, count); all different for each robot."""
     random = np.random.default_rng(0)
     pose = random.uniform(-3.0, 3.0, (3, count))
     state = RobotState(*pose, *random.uniform(-15.0, 15.0, (2, count)), *np.zeros((2, count)))
@@ -43,14 +43,14 @@ def fleet_of(state: RobotState, parameters: RobotParameters, duty: Floats) -> Fl
 
 
 def rows_of_the_kernel(state: RobotState, parameters: RobotParameters, duty: Floats) -> list[Floats]:
-    """Return the arrays that the bare kernel steps: state, duties and coefficients of each robot."""
+    """Return the arrays for the bare kernel: state, duties and coefficients of each robot."""
     coefficients = np.empty((paper.COEFFICIENTS, duty.shape[1]))
     paper.fill_coefficients(np.array([*parameters]), STEP * 1e-6, coefficients)
     return [np.array(row) for row in (*state[:5], *duty, *coefficients)]
 
 
 def step() -> Iterator[Row]:
-    """Measure the step of N robots in turns with the C kernel and with the memory's bandwidth."""
+    """Measure the step of N robots alternating with the C kernel and the memory's bandwidth."""
     try:
         bind = build()
     except NoCompilerError as error:
@@ -87,7 +87,7 @@ def step() -> Iterator[Row]:
 
 
 def _require_same(fleet: Fleet, arrays: list[Floats]) -> None:
-    """Let the fleet step once, too; raise AssertionError where it and the C kernel disagree."""
+    """Step the fleet once, too; raise AssertionError if it and the C kernel disagree."""
     fleet.advance()
     states = fleet.states()
     for ours, of_c in zip((*states[:2], *states[3:5]), (*arrays[:2], *arrays[3:5]), strict=True):

@@ -1,4 +1,4 @@
-"""CPU time of works, measured in turns on one core, so that what slows the machine down slows all of them down."""
+"""CPU times measured alternately on one core, so that a slowdown of the machine affects all of them."""
 
 import os
 import statistics
@@ -11,10 +11,10 @@ from typing import TypeAlias
 import numpy as np
 
 REPETITIONS = 9
-SHORTEST = 0.03  # s; a repetition runs its work as often as it takes to last this long
+SHORTEST = 0.03  # s; a repetition runs its function as often as needed to last this long
 BANDWIDTH_NUMBERS = 20_000_000  # 160 MB: far more than any cache holds
 
-Clocked: TypeAlias = Callable[[int], float]  # does its work so many times and returns the CPU seconds they took
+Clocked: TypeAlias = Callable[[int], float]  # calls its function this many times and returns the CPU seconds
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def all_cores() -> Iterator[None]:
 
 
 def clocked(work: Callable[[], object]) -> Clocked:
-    """Return the work with a clock of this process around it."""
+    """Return a timed version of the function, by this process's CPU clock."""
 
     def run(times: int) -> float:
         before = time.process_time()
@@ -58,7 +58,7 @@ def clocked(work: Callable[[], object]) -> Clocked:
 def in_turns(
     works: Mapping[str, Clocked], repetitions: int = REPETITIONS, shortest: float = SHORTEST
 ) -> dict[str, Timing]:
-    """Measure the works in turns, each once per repetition; return their timings by name."""
+    """Measure the functions alternately, each once per repetition; return their timings by name."""
     times = {name: max(1, int(shortest / max(work(1), 1e-7))) for name, work in works.items()}
     times = {name: max(1, int(shortest / max(work(times[name]) / times[name], 1e-9))) for name, work in works.items()}
     seconds: dict[str, list[float]] = {name: [] for name in works}
@@ -69,7 +69,7 @@ def in_turns(
 
 
 def read_modify_write() -> Clocked:
-    """Return the work that bandwidth is measured by: a large array multiplied in place."""
+    """Return the function for measuring bandwidth: a large array multiplied in place."""
     numbers = np.ones(BANDWIDTH_NUMBERS)
     return clocked(lambda: np.multiply(numbers, 0.999, out=numbers))
 

@@ -15,12 +15,12 @@ from cmr.view.data.playback import Playback
 
 HOUR = 3600  # s
 JUMPS = 40
-LONGEST = 0.25  # s to wait for a jump; 0.5 s were promised
+LONGEST = 0.25  # s to wait for a jump; 0.5 s are specified
 SEED = 7
 
 
 def view() -> Iterator[Row]:
-    """Measure how long one waits for a jump, and what reading the log takes."""
+    """Measure the waiting time of a jump, and the cost of reading the log."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hour.lcm"
         long_log.write(path, HOUR)

@@ -1,1 +1,1 @@
-"""What the documentation's pages are written from: the parsers of the commands and the message types."""
+"""Generators of the documentation's pages, from the parsers of the commands and the message types."""

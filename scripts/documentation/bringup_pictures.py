@@ -68,7 +68,7 @@ def robot(
 
 
 def devices(axes: Axes) -> None:
-    """Ports of the computer, and what answers there."""
+    """Ports of the computer, and the devices that answer there."""
     box(axes, 0.0, 0.0, 1.5, 1.6, "computer")
     for y, text in ((1.05, "motor controller:\nRoboClaw, Roboteq, MBot"), (0.05, "gyro: KVH\n(or on the board)")):
         box(axes, 3.6, y, 2.4, 0.5, text)

@@ -4,7 +4,7 @@ import argparse
 import re
 from collections.abc import Iterator, Sequence
 
-SPECIAL = re.compile(r"([\\`*_\[\]<>|$#~{}])")  # characters that Markdown would read
+SPECIAL = re.compile(r"([\\`*_\[\]<>|$#~{}])")  # special characters of Markdown
 
 
 def page(parsers: Sequence[argparse.ArgumentParser]) -> str:
@@ -18,7 +18,9 @@ def summary(parser: argparse.ArgumentParser) -> str:
 
 
 def options_of(parsers: Sequence[argparse.ArgumentParser]) -> list[str]:
-    """Return the long names of the options of a command and its subcommands, the first name of each, once."""
+    """Return the long names of the options of a command and its subcommands, the first name of each, without
+    repetitions.
+    """
     every = list(parsers)
     for parser in every:
         every.extend(_subcommands(parser))

@@ -1,4 +1,4 @@
-"""The commands' own parsers: captured where a command would parse its arguments, so that nothing of it runs."""
+"""The commands' own parsers, captured when a command would parse its arguments, so that it does not run."""
 
 import argparse
 import ast
@@ -17,11 +17,11 @@ CATALOGUE = "cmr.commands.catalogue"  # of the umbrella command, cmr
 BY_HAND = {"cmr-camera": ("calibrate", "board", "tags")}  # subcommands that have parsers of their own
 
 
-class _Captured(Exception):  # noqa: N818 - it is no error
-    """A command came to where it parses its arguments; the first argument is its parser."""
+class _Captured(Exception):  # noqa: N818 - it is not an error
+    """A command is about to parse its arguments; the first argument is its parser."""
 
 
-@cache  # asked for each command line of the documentation
+@cache  # called for each command line of the documentation
 def modules() -> Mapping[str, str]:
     """Return each command with the module that has its `main`: the entry points of pyproject.toml, and `cmr init`."""
     scripts: dict[str, str] = read_configuration(PROJECT / "pyproject.toml", expand=False)["project"]["scripts"]
@@ -56,9 +56,9 @@ def main_of(command: str) -> Callable[[list[str]], int]:
 
 
 def parsers_of(command: str) -> list[argparse.ArgumentParser]:
-    """Return the parser of a command, and those of its subcommands where they are not in it.
+    """Return the parser of a command, and those of its subcommands if they are separate.
 
-    The umbrella command `cmr` has none: it hands its arguments on.
+    The umbrella command `cmr` has none: it passes its arguments on.
     """
 
     def capture(parser: argparse.ArgumentParser, *_: object) -> NoReturn:
@@ -70,7 +70,7 @@ def parsers_of(command: str) -> list[argparse.ArgumentParser]:
 
 
 def parse(command: str, arguments: list[str]) -> None:
-    """Parse a command line by the command's own parser, and do nothing else. SystemExit, as ever, if it is wrong."""
+    """Parse a command line by the command's own parser, without running it. Raises SystemExit if it is wrong."""
     usual = argparse.ArgumentParser.parse_args
 
     def parse_only(parser: argparse.ArgumentParser, args: Sequence[str] | None = None, *_: object) -> NoReturn:

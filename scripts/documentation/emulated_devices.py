@@ -1,4 +1,4 @@
-"""The page of what emulated controllers understand, docs/reference/emulated_devices.md, made from their tables."""
+"""The page docs/reference/emulated_devices.md on the emulated controllers' commands, generated from their tables."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from robot_driver.emulator.boards.roboteq_commands import SETTINGS as CONFIGURAT
 
 PAGE = PROJECT / "docs" / "reference" / "emulated_devices.md"
 KINDS = {"B": "u8", "H": "u16", "I": "u32", "h": "i16", "i": "i32", "q": "i64", "f": "f32"}
-WITH_EFFECT = {28, 29, 55, 56, 68, 69, 80, 81, 94, 95}  # settings that do more than being read back
+WITH_EFFECT = {28, 29, 55, 56, 68, 69, 80, 81, 94, 95}  # settings with an effect
 INTRODUCTION = """\
 # Emulated motor controllers
 
@@ -90,7 +90,7 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def _layout(layout: str | None) -> str:
-    """Return what `struct` packs, in words."""
+    """Return a layout of `struct` in words."""
     if layout is None:
         return "differs"
     parts = re.findall(r"([0-9]*)([a-zA-Z])", layout)

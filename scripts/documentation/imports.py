@@ -1,4 +1,4 @@
-"""Who imports whom, read from the sources: for the test of the layers, and for the picture in ARCHITECTURE.md."""
+"""The import graph, read from the sources: for the test of the layers, and for the picture in ARCHITECTURE.md."""
 
 import ast
 from collections.abc import Iterable, Iterator, Mapping, Set
@@ -35,7 +35,7 @@ def modules(project: Path = PROJECT) -> dict[str, Path]:
 
 
 def imports(sources: Mapping[str, Path]) -> list[Import]:
-    """Return the imports among modules; one that is imported in several ways has the strongest alone."""
+    """Return the imports among modules; of several ways, only the strongest counts."""
     found: dict[tuple[str, str], str] = {}
     for module, path in sources.items():
         if module == GENERATED:
@@ -49,7 +49,7 @@ def imports(sources: Mapping[str, Path]) -> list[Import]:
 
 
 def imported_by(node: ast.AST, kind: str = TOP) -> Iterator[tuple[str, str]]:
-    """Yield the names that a source imports, each with how."""
+    """Yield the names that a source imports, with the kind of each import."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.Import):
             yield from ((alias.name, kind) for alias in child.names)
@@ -71,21 +71,21 @@ def _name(node: ast.AST) -> str:
 
 
 def _known(name: str, sources: Mapping[str, Path]) -> str:
-    """Return the module that a dotted name leads to, empty where it is none of ours."""
+    """Return the module of a dotted name, empty if it is not part of this project."""
     while name and name not in sources:
         name = name.rpartition(".")[0]
-    return "" if name == "cmr" else name  # which holds all others, and imports them when they are used
+    return "" if name == "cmr" else name  # which contains all others, and imports them when used
 
 
 def folder_of(module: str, sources: Mapping[str, Path]) -> str:
-    """Return the package in which a module lies; a package lies in itself."""
+    """Return the package that contains a module; a package contains itself."""
     return module if sources[module].name in ("__init__.py", "msg") else module.rpartition(".")[0]
 
 
 def package_of(module: str, sources: Mapping[str, Path]) -> str:
     """Return the package to which a module belongs: a folder or module of `cmr`, one of its experiments, or a device.
 
-    What lies deeper is part of it.
+    Deeper modules belong to it.
     """
     if module.startswith("robot_driver"):
         return ".".join(folder_of(module, sources).split(".")[:2])

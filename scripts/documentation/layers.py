@@ -1,4 +1,4 @@
-"""The picture of the packages in ARCHITECTURE.md, made from the imports: who is above imports who is below."""
+"""The picture of the packages in ARCHITECTURE.md, made from the imports: upper packages import lower ones."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from html import escape
@@ -8,19 +8,19 @@ from typing import NamedTuple
 from documentation.imports import PROJECT, between_packages, imports, modules
 
 PICTURE = PROJECT / "docs" / "pictures" / "packages.svg"
-# Any package may import these, and they import one another alone; arrows to them would hide all others.
+# Any package may import these, and they import only one another; arrows to them would hide all others.
 GROUND = (
     *("cmr.cli", "cmr.documents", "cmr.report", "cmr.distribution", "cmr.files", "cmr.priority", "cmr.threads"),
     "cmr.workers",
 )
-WITHOUT = ("cmr", "cmr.__main__", "cmr.experiments")  # they hold other packages, or start one
+WITHOUT = ("cmr", "cmr.__main__", "cmr.experiments")  # they contain other packages, or start one
 WIDTH, HEIGHT = 164, 30  # of a box
 APART, POINT = 16, 4  # between two in a row; width of an arrow in it
 DOWN = 74  # from row to row
 MARGIN = 20
-# Of arrows, by the box they leave; each can be seen on white and on black (Okabe and Ito's colours, some darker).
+# Of arrows, by the box they leave; all are visible on white and on black (Okabe and Ito's colours, some darker).
 COLOURS = ("#0072b2", "#d55e00", "#00846a", "#b0578d", "#777777", "#a07800")
-SWEEPS = 8  # over the rows, to put boxes above what they import
+SWEEPS = 8  # over the rows, to place boxes above their imports
 STYLE = """\
 text { font: 13px system-ui, sans-serif; text-anchor: middle; fill: #1a1a1a }
 rect { fill: #fff; stroke: #555 }
@@ -59,7 +59,7 @@ def depths(graph: Graph) -> dict[str, int]:
 
 
 def reduced(graph: Graph) -> dict[str, set[str]]:
-    """Return the graph without the arrows that follow from others: what is imported by what is imported, too."""
+    """Return the graph without transitive arrows: imports that are also imported indirectly."""
     below: dict[str, set[str]] = {}
     for name in sorted(graph, key=depths(graph).__getitem__):
         below[name] = set(graph[name]).union(*(below[one] for one in graph[name]))
@@ -70,19 +70,19 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
 
 
 class Layout(NamedTuple):
-    """Where the boxes stand: the middle of the upper side of each, and the points between which arrows bend [px].
+    """Positions of the boxes: the middle of the upper side of each, and the points between which arrows bend [px].
 
-    Arrows over several rows pass between the boxes of the rows between, at points of their own.
+    Arrows over several rows pass between the boxes of intermediate rows, at points in those rows.
     """
 
     places: Mapping[str, tuple[float, float]]
-    ways: dict[tuple[str, str], list[str]]  # of each arrow: the names of what it passes, its ends included
+    ways: dict[tuple[str, str], list[str]]  # of each arrow: the names of its points, including its ends
     width: float
     height: float
 
 
 def layout(graph: Graph) -> Layout:
-    """Return where packages stand: by row, and in a row as near as they can be to their neighbours."""
+    """Return the positions of packages: by row, and within a row as near as possible to their neighbours."""
     depth = depths(graph)
     ways: dict[tuple[str, str], list[str]] = {}
     members = {row: [name for name in graph if depth[name] == row] for row in range(max(depth.values()) + 1)}
@@ -178,5 +178,5 @@ def _ground(width: float, height: float) -> Iterator[str]:
 
 
 def label(name: str) -> str:
-    """Return what a box says: the package without `cmr`, whose packages most are."""
+    """Return the label of a box: the package without `cmr`, to which most belong."""
     return name.removeprefix("cmr.").replace("experiments.", "experiments/").replace("driver.", "driver/")

@@ -1,4 +1,4 @@
-"""What stands in docs/measurements between two marks: the output of the command in the first, with date and machine.
+"""Measurements in docs/measurements between two marks: output of the command in the first, with date and machine.
 
 A block begins with the line `<!-- measurement NAME: COMMAND -->` and ends with `<!-- end of NAME -->`.
 """
@@ -17,7 +17,7 @@ BLOCK = re.compile(
 
 
 class Measurement(NamedTuple):
-    """A block of a page: its name, the command that measures it, as typed in the checkout, and what it said last."""
+    """A block of a page: its name, the command that measures it, as typed in the checkout, and its last output."""
 
     page: Path
     name: str
@@ -33,7 +33,7 @@ def measurements() -> Iterator[Measurement]:
 
 
 def in_page(output: str, command: str, stamp: str) -> str:
-    """Return a command's output as it stands in a page: tables as they are, other text as it was printed."""
+    """Return a command's output formatted for a page: tables unchanged, other text as printed."""
     output = output.strip()
     is_markdown = re.search(r"^\|[-|: ]+\|$", output, re.MULTILINE)
     shown = output if is_markdown else f"```text\n{output}\n```"

@@ -14,7 +14,7 @@ STRUCT = re.compile(r"struct (\w+)")
 
 @dataclass
 class Message:
-    """A message type: its name, what it is, and its members, each with type and meaning."""
+    """A message type: its name, its description, and its members, each with type and meaning."""
 
     name: str = ""
     about: str = ""
@@ -23,7 +23,7 @@ class Message:
 
 
 def read(text: str) -> Message:
-    """Return what an .lcm file of one struct says. A comment describes the line, or the lines, that follow it."""
+    """Read an .lcm file of one struct. A comment describes the line, or the lines, that follow it."""
     message, comment, fresh = Message(), "", True
     for line in map(str.strip, text.splitlines()):
         if line.startswith("//"):

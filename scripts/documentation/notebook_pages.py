@@ -1,4 +1,4 @@
-"""Pages for the notebooks in docs/notebooks, in MyST Markdown: their cells, with text and pictures that they gave."""
+"""Pages for the notebooks in docs/notebooks, in MyST Markdown: their cells, with their output of text and pictures."""
 
 import base64
 import json
@@ -43,7 +43,7 @@ def _source(cell: dict[str, Any]) -> Iterator[str]:
 
 
 def _outputs(cell: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Return the kind and the data of each output that a page can show."""
+    """Return the kind and the data of each output that can be shown on a page."""
     for output in cell.get("outputs", ()):
         if output["output_type"] == "stream":
             yield "text/plain", "".join(output["text"])

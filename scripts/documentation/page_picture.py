@@ -17,27 +17,27 @@ from cmr.view.camera import FREE, TOP
 
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 WIDE, HIGH = (1280, 800), (1180, 1010)  # pixels
-TALL = (1280, 1600)  # so that a tab shows all it has
+TALL = (1280, 1600)  # so that a tab is shown completely
 NARROW = (640, 620)
-LOOK = 50.0  # ms between looks at whether a motion has begun
+LOOK = 50.0  # ms between checks whether a motion has begun
 PATIENCE = 120e3  # ms; without a graphics card the page takes its time
 MARGIN = 5  # pixels
 PANEL, TIME_BAR = 388, 26  # pixels: how wide the panel and how high the bar of time is
 FILMED = (900 + PANEL, 560 + TIME_BAR)
-SMALLER, COLOURS = 0.8, 128  # of a film: by how much it is smaller than the page, and how many colours it has
-AWAY = 150  # pixels of a wheel that is turned, so that a whole floor is seen
+SMALLER, COLOURS = 0.8, 128  # of a film: its scale relative to the page, and its number of colours
+AWAY = 150  # pixels scrolled by the mouse wheel, to show the whole floor
 MOVING, LAST = 1.5e3, 4.0  # ms until the scene is at another moment; s for which the last picture is shown
 READING, DRAWING = 8e3, 8e3  # ms until the log is read, and until the charts are drawn
 
 
 def take_tab(log: Path, seconds: float, tab: str, path: Path) -> None:
-    """Write a picture of a tab of the panel, as it is so many seconds after the beginning of a log."""
+    """Write a picture of a tab of the panel, at this many seconds after the beginning of a log."""
     with opened(log, seconds, tab, TALL) as page:
         page.screenshot(path=path, clip=_below_tabs(page))
 
 
 def take_window(log: Path, seconds: float, tab: str, path: Path, room: tuple[str, ...] = ()) -> None:
-    """Write a picture of the whole page; `room` are options of cmr-view that say what stands in the scene."""
+    """Write a picture of the whole page; `room` are options of cmr-view for objects in the scene."""
     with opened(log, seconds, tab, WIDE, room) as page:
         page.screenshot(path=path)
 
@@ -89,7 +89,7 @@ def film(log: Path, seconds: Sequence[float], frame: float, path: Path, room: tu
             page.wait_for_timeout(MOVING)
             picture = Image.open(BytesIO(page.screenshot(clip=scene))).convert("RGB")
             pictures.append(picture.resize((round(SMALLER * picture.width), round(SMALLER * picture.height))))
-    first = pictures[len(pictures) // 2].quantize(COLOURS)  # of which all others have the colours
+    first = pictures[len(pictures) // 2].quantize(COLOURS)  # whose colours are used for all others
     shown = [picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures]
     durations = [round(1e3 * frame)] * (len(shown) - 1) + [round(1e3 * LAST)]
     shown[0].save(path, save_all=True, append_images=shown[1:], duration=durations, loop=0, optimize=True)
@@ -105,7 +105,7 @@ def opened(log: Path, seconds: float, tab: str, size: tuple[int, int], room: tup
         page.get_by_role("button", name="pause", exact=True).or_(page.get_by_role("button", name="play again")).click()
         page.get_by_label("go to").fill(f"{seconds:.1f}")
         page.wait_for_timeout(DRAWING)
-        for note in page.get_by_role("button", name="close").all():  # that there is no graphics card
+        for note in page.get_by_role("button", name="close").all():  # the note that there is no graphics card
             note.click()
         page.get_by_role("tab", name="view").click()
         for mode in (FREE, TOP):  # above the robots where they are now
@@ -141,7 +141,7 @@ def serving(*options: str, folder: Path | None = None) -> Iterator[str]:
     process = subprocess.Popen(command, stderr=subprocess.PIPE, cwd=folder)
     try:
         assert process.stderr
-        process.stderr.readline()  # it says so once the page can be had
+        process.stderr.readline()  # it prints this when the page is available
         yield f"http://127.0.0.1:{port}"
     finally:
         process.terminate()

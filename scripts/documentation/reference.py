@@ -1,4 +1,4 @@
-"""Writes the pages of reference that come from the code, into a folder that is not in git."""
+"""Write the generated pages of the reference, into a folder that is not in git."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def write_reference(folder: Path) -> None:
         _write(folder / name, data)
     for path in folder.rglob("*.*"):
         if path.relative_to(folder).as_posix() not in files:
-            path.unlink()  # of a command or a notebook that is no more
+            path.unlink()  # of a command or a notebook that was removed
 
 
 def _command_pages() -> dict[str, str]:
@@ -61,7 +61,7 @@ def _shared(having: dict[str, list[str]]) -> list[str]:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a page, unless it says that already: Sphinx reads again what is newer."""
+    """Write a page if it has changed: Sphinx reads newer files again."""
     if path.is_file() and path.read_bytes() == data:
         return
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,7 @@ from cmr.recordings.events import Event, EventReader, event_bytes
 from tests.support.camera_bench import CARRIED, lens_of
 from tests.support.rendered_floor import Box, Eye, Scene, Sheet
 
-DRIVEN = 10_000_000  # us that the leader has driven in the picture
+DRIVEN = 10_000_000  # us of the leader's drive before the picture
 LEADER, SET_OFF = 10, 0.02  # m from its start
 TRAIL = 4_000_000  # us, in the camera's picture
 SCENARIO = """
@@ -50,7 +50,7 @@ TAGS = tuple(
 
 
 def drive_team(folder: Path, parameters: Path) -> tuple[Path, Path]:
-    """Let the team drive for half a minute; return its scenario's file and its log."""
+    """Run the team for half a minute; return its scenario's file and its log."""
     scenario = folder / "team.yaml"
     scenario.write_text(SCENARIO.format(parameters=parameters, place=PLACE))
     subprocess.run([our_command("cmr-run"), scenario, "--out", folder / "team"], check=True)
@@ -58,7 +58,7 @@ def drive_team(folder: Path, parameters: Path) -> tuple[Path, Path]:
 
 
 def with_camera(log: Path, path: Path) -> float:
-    """Write a log again with one picture of the camera in it; return how many seconds after the log's beginning."""
+    """Write a copy of a log with one picture of the camera in it; return how many seconds after the log's beginning."""
     events = list(EventReader(log))
     moment = next(event.utime for event in events if _has_set_off(event)) + DRIVEN
     seen = [event for event in events if event.utime <= moment]
@@ -83,7 +83,7 @@ def _has_set_off(event: Event) -> bool:
 
 
 def _picture(seen: Iterable[Event]) -> Picture:
-    """Return what the camera sees at the last of these events, with the virtual robots and their waypoints."""
+    """Return the camera's picture at the last of these events, with the virtual robots and their waypoints."""
     tracks, utime = Tracks(TRAIL), 0
     ways: dict[int, waypoints_t] = {}
     for event in seen:

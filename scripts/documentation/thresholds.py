@@ -43,7 +43,7 @@ UNITS = {
     "ASIDE, SHARE_ASIDE": "m, -",
     "MOMENTS, MOMENT_STEP, MOMENTS_APART": "-, s, s",
 }
-# Where a value comes from, if it was not set by hand and borne out by the whole study.
+# Origin of a value that was not set by hand and confirmed by the whole study.
 BY_HAND = "by hand, on the study"
 BIC = "Bayesian information criterion: Schwarz, Annals of Statistics 6, 1978"
 CONTROL = "genomic control: Devlin and Roeder, Biometrics 55, 1999"
@@ -81,7 +81,7 @@ A value that comes from elsewhere says from where. "By hand, on the study" means
 
 
 class Threshold(NamedTuple):
-    """One line of a module that gives one number or a few: names, values, unit, meaning, and where it comes from."""
+    """One line of a module that gives one number or a few: names, values, unit, meaning, and origin."""
 
     names: str
     values: str
@@ -119,7 +119,7 @@ def thresholds(module: str) -> Iterator[Threshold]:
 
 
 def _is_a_number(value: ast.expr) -> bool:
-    """Return whether an expression is made of numbers alone, as far as constants go."""
+    """Return whether an expression consists of numbers only, counting constants."""
     parts = [part for part in ast.walk(value) if isinstance(part, ast.Constant)]
     calls = [part for part in ast.walk(value) if isinstance(part, ast.Name) and part.id not in ("np", "math")]
     keys = [key for part in ast.walk(value) if isinstance(part, ast.Dict) for key in part.keys]

@@ -70,7 +70,7 @@ def test_real_paths_are_yellow_and_simulated_ones_blue_before_and_after(result: 
 
 
 def test_the_position_error_in_time_is_that_of_the_titles(result: CalibrationResult) -> None:
-    axes = titled(figure_of(result), "What is left")
+    axes = titled(figure_of(result), "Residual over time")
     for line, error in zip(axes.lines, (result.path_rmse_before, result.path_rmse_after), strict=True):
         distances = np.asarray(line.get_ydata(), dtype=float)
         assert np.sqrt(np.nanmean(distances**2)) == pytest.approx(error)
@@ -134,7 +134,7 @@ def test_without_parameters_before_only_the_path_after_is_drawn(result: Calibrat
     nominal = replace(NOMINAL, values={"wheel_radius": NOMINAL.values["wheel_radius"]})
     figure = figure_of(replace(result, nominal=nominal, path_rmse_before=math.nan))
     assert titles(figure)[:2] == ["after calibration", "Residual over time"]
-    assert len(titled(figure, "What is left").lines) == 1
+    assert len(titled(figure, "Residual over time").lines) == 1
 
 
 def test_a_path_that_follows_the_wheels_has_no_wheel_residuals(result: CalibrationResult) -> None:
@@ -153,7 +153,7 @@ def test_without_a_path_the_figure_is_the_table(result: CalibrationResult) -> No
 
 def test_several_drives_are_drawn_one_after_the_other(result: CalibrationResult) -> None:
     figure = figure_of(replace(result, segments=result.segments * 2, grid=None))
-    times = np.asarray(titled(figure, "What is left").lines[0].get_xdata(), dtype=float)
+    times = np.asarray(titled(figure, "Residual over time").lines[0].get_xdata(), dtype=float)
     assert np.nanmax(times) == pytest.approx(2.0 * result.segments[0].border_times[-1])
     assert np.count_nonzero(np.isnan(times)) == 2  # a line breaks behind each drive
 

@@ -1,4 +1,4 @@
-"""A block of a mapping file, read key by key; whatever is missing, unknown or wrong is named with what is allowed."""
+"""A block of a mapping file, read key by key; missing, unknown and wrong keys are reported with the allowed values."""
 
 from collections.abc import Iterable, Iterator
 
@@ -6,7 +6,7 @@ from cmr.documents.document import DocumentError, Item, Place, is_finite, quoted
 
 
 class MappingError(DocumentError):
-    """The mapping cannot be used; the text names file, line and key, what is wrong and what is allowed."""
+    """The mapping cannot be used; the text names file, line and key, the error and the allowed values."""
 
     between = ": "
 
@@ -14,7 +14,7 @@ class MappingError(DocumentError):
 class Block:
     """The keys of one block of a document.
 
-    Raises MappingError on construction when it is not a block of keys.
+    Raises MappingError on construction if it is not a block of keys.
     """
 
     def __init__(self, item: Item) -> None:
@@ -29,20 +29,20 @@ class Block:
         return iter(self._items)
 
     def error(self, key: str, problem: str) -> DocumentError:
-        """Return the error that says this of a key."""
+        """Return an error about a key."""
         return self.found(key).error(problem)
 
     def found(self, *keys: str) -> Place:
-        """Return the place that keys lead to, as far as they are there."""
+        """Return the place of a path of keys, as far as they exist."""
         return self._item.found(keys)
 
     def value(self, key: str) -> object:
-        """Return what the file says of `key`; None where it says nothing."""
+        """Return the value of `key`; None if it is not in the file."""
         self._asked.append(key)
         return self._items[key].value if key in self._items else None
 
     def text(self, key: str) -> str:
-        """Return a text that must be there."""
+        """Return a required text."""
         value = self.value(key)
         if not isinstance(value, str) or not value.strip():
             raise self.error(key, f"must be a text, not {quoted(value)}")
@@ -57,7 +57,7 @@ class Block:
         return str(value)
 
     def number(self, key: str, default: float | None = None, *, positive: bool = False) -> float:
-        """Return a finite number, which must be there unless it has a default."""
+        """Return a finite number, required unless it has a default."""
         value = self.value(key)
         value = default if value is None else value
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not is_finite(value):
@@ -75,14 +75,14 @@ class Block:
         return value
 
     def switch(self, key: str) -> bool:
-        """Return true or false, which it is where the file says nothing."""
+        """Return true or false, false if it is not in the file."""
         value = self.value(key)
         if value is not None and not isinstance(value, bool):
             raise self.error(key, f"must be true or false, not {quoted(value)}")
         return bool(value)
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of texts, each another one, that must be there."""
+        """Return a required list of distinct texts."""
         value = self.value(key)
         if not isinstance(value, list) or not value or not all(isinstance(one, str) and one.strip() for one in value):
             raise self.error(key, f"must be a list of names, not {quoted(value)}")
@@ -93,14 +93,14 @@ class Block:
         return texts
 
     def block(self, key: str) -> "Block":
-        """Return the block under `key`, which must be there."""
+        """Return the required block under `key`."""
         self._asked.append(key)
         if key not in self._items:
             raise self.error(key, "must be a block of keys, not None")
         return Block(self._items[key])
 
     def finish(self) -> None:
-        """Raise MappingError if the file has a key here that nobody asked for."""
+        """Raise MappingError if the block has a key that was not read."""
         for key in self:
             if key not in self._asked:
                 raise self.error(key, f"unknown key; allowed are {', '.join(dict.fromkeys(self._asked))}")

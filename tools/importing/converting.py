@@ -1,4 +1,4 @@
-"""Turn a foreign recording's tables into our messages, in the order of time."""
+"""Convert a foreign recording's tables to CMR's messages, in order of time."""
 
 import heapq
 from collections.abc import Iterator, Sequence
@@ -33,13 +33,13 @@ from cmr.tools.importing.sources import Source, Table
 Floats = NDArray[np.float64]
 
 SIDES = ("left", "right")
-COUNTED_WIDTH = "turn_rate_limit_base_width"  # what says so of a limit of the commanded turns
-PIECE = 4096  # rows that are turned into messages at a time
+COUNTED_WIDTH = "turn_rate_limit_base_width"  # parameter for the base width with which commands are converted
+PIECE = 4096  # rows converted to messages at a time
 STALE = "first pose of a piece, which may be older than the piece (first_of_piece: kept would use it)"
 BODY_FEEDBACK = (
     "the wheel speeds follow from v and omega by wheel_radius {wheel_radius:.6g} m and base_width {base_width:.6g} m"
 )
-DRIVE_TOLERANCE = 1e-6  # a duty of 1 that was stored as a 32-bit float may be a little more
+DRIVE_TOLERANCE = 1e-6  # a duty of 1 stored as a 32-bit float may be slightly larger
 
 
 class ConversionError(Exception):
@@ -71,7 +71,7 @@ class Batch:
         return self.columns["utime"]
 
     def events(self) -> Iterator[Event]:
-        """Yield the messages; they are made when they are asked for."""
+        """Yield the messages; they are created one at a time."""
         for start in range(0, len(self.utime), PIECE):
             piece = [values[start : start + PIECE].tolist() for values in self.columns.values()]
             for row in zip(*piece, strict=True):
@@ -80,9 +80,9 @@ class Batch:
 
 
 class Conversion:
-    """A recording as messages, to be iterated over in the order of time, the robot's nominal parameters first.
+    """A recording as messages, in order of time, the robot's nominal parameters first.
 
-    What is kept are arrays: the messages of an hour would take ten times the memory.
+    It stores arrays: the messages of an hour would take ten times the memory.
     """
 
     def __init__(self, batches: Sequence[Batch]) -> None:
@@ -101,8 +101,8 @@ class Conversion:
 def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[str, object]) -> Conversion:
     """Return the recording's messages.
 
-    What cannot be used is counted in `source.skipped`. Raises ConversionError when nothing is left, or a command is
-    beyond full drive.
+    Unusable rows are counted in `source.skipped`. Raises ConversionError if nothing is left, or if a command exceeds
+    full drive.
     """
     converter = _Converter(mapping, source, robot_id)
     batches = [batch for batch in converter.batches() if len(batch.utime)]
@@ -166,13 +166,13 @@ class _Converter:
         return self._batch(MOTOR_COMMAND, table, fields)
 
     def _drives(self, command: Command, v: Floats, omega: Floats) -> dict[str, Floats]:
-        """Return the drives that move the body at v [m/s] and omega [rad/s] by the nominal geometry."""
+        """Return the drives for a body at v [m/s] and omega [rad/s] by the nominal geometry."""
         full_scale = command.full_scale
         assert full_scale is not None, "the mapping's check demands full_scale for a command of the body"
         return {side: speed / full_scale for side, speed in self._wheel_speeds(v, omega).items()}
 
     def _wheel_speeds(self, v: Floats, omega: Floats) -> dict[str, Floats]:
-        """Return each wheel's speed [rad/s] where the body has v [m/s] and omega [rad/s], by the nominal geometry."""
+        """Return each wheel's speed [rad/s] for a body at v [m/s] and omega [rad/s], by the nominal geometry."""
         radius, base = self._mapping.nominal["wheel_radius"], self._mapping.nominal["base_width"]
         return {side: (v + sign * omega * base / 2) / radius for side, sign in zip(SIDES, (-1, 1), strict=True)}
 
@@ -229,13 +229,13 @@ class _Converter:
         if pose.only_changes:
             keep = ~_repeated([table.columns[name] for name in pose.only_changes]) | begins
             self._skip(POSE, "row that repeats the pose before it", keep)
-        # Where only changes are measurements, nobody knows since when the first pose of a piece has been there.
+        # If only changes are measurements, the age of a piece's first pose is unknown.
         stale = begins if pose.first == "left_out" else begins & _repeated(list(values.values()))
         self._skip(POSE, STALE, ~stale)
         return self._batch(POSE, table, values, keep & ~stale)
 
     def _usable(self, stream: Stream[Message], group: Group) -> tuple[Table, dict[str, Floats], dict[str, Column]]:
-        """Return the group's rows with a number for every signal: table, signals in our units, and as recorded."""
+        """Return the group's rows with a number for every signal: table, signals in CMR's units, and as recorded."""
         tables = self._source.tables
         table = tables[group.table]
         raw = {
@@ -277,7 +277,7 @@ class _Converter:
 
 
 def _period(name: str, signal: Signal) -> float | None:
-    """Return after how much a signal starts again, as recorded; None for one that does not."""
+    """Return the recorded value at which a signal wraps around; None if it does not."""
     return TURN / abs(signal.gain) if name == "theta" and signal.gain else None
 
 
@@ -290,7 +290,7 @@ def _repeated(columns: Sequence[Column]) -> NDArray[np.bool_]:
 def _counted(signal: Signal, ours: Floats, raw: Column) -> Floats:
     """Return the count since the first row, in whole ticks.
 
-    A counter narrower than 64 bits may wrap around; differences in its own number type see through that.
+    A counter narrower than 64 bits may wrap around; differences in its own number type are still correct.
     """
     if signal.unit == "ticks/row":
         return np.rint(np.cumsum(ours) - ours[:1])
@@ -316,8 +316,8 @@ def _turned(table: Table, psi: Floats) -> Floats:
 def _turned_since(table: Table, psi: Floats) -> Floats:
     """Return the angle since the first row [rad] of speeds that are means since the row before.
 
-    Odometry is: a base divides what its encoders counted by the time since they were read last. Taken for speeds of the
-    moment, they would be smoothed once more, which looks like a lag of the motors.
+    Odometry is like that: a base divides the encoders' counts by the time since they were last read. Taken for
+    instantaneous speeds, they would be smoothed once more, which looks like a lag of the motors.
     """
     return _sum_over(table, psi[1:])
 

@@ -1,4 +1,4 @@
-"""Read a recording of one CSV file, or of several, into tables."""
+"""Read a recording of one or several CSV files into tables."""
 
 import csv
 import gzip
@@ -31,21 +31,21 @@ from cmr.tools.importing.sources import (
 from cmr.tools.importing.unpacking import most_unpacked, too_much
 
 LINES_BETWEEN_SHOWINGS = 1000
-SEPARATORS = ",;\t"  # the first of them that is in a file's first line separates its cells; else spaces do
-COMMENT = "#"  # a line that begins so holds no row; it may name the columns
-LEAST_GAP = 1.0  # s; estimates go on over shorter silences
+SEPARATORS = ",;\t"  # the first of them found in a file's first line; else spaces
+COMMENT = "#"  # a line that begins with it is not a row; it may name the columns
+LEAST_GAP = 1.0  # s; estimates continue over shorter gaps
 CLOSE = "pieces {gap:g} s apart are taken for one another's continuation; let the segment's gap be more than 1"
 PACKED_SUFFIX = ".gz"
 LOOK_BYTES = 1 << 20
-LONGEST_LINE = 1_000_000  # characters; what has no ends of lines is no table
-MOST_COLUMNS = 40  # that an error lists
+LONGEST_LINE = 1_000_000  # characters; text without line ends is not a table
+MOST_COLUMNS = 40  # listed in an error
 
 Label = tuple[str, int]  # of a piece: the cell that names it, and how many pieces before it had the same
 
 
 @dataclass(frozen=True)
 class _Columns:
-    """A file's rows with a time that is possible: `seconds` since the first file's start, and the piece of each."""
+    """A file's rows with a valid time: `seconds` since the first file's start, and the piece of each."""
 
     seconds: NDArray[np.float64]
     piece: NDArray[np.int64]
@@ -54,7 +54,7 @@ class _Columns:
 
 
 def read_csv(mapping: Mapping, paths: Dictionary[str, Path]) -> Source:
-    """Read the files, by the names that the mapping has for them, as it says.
+    """Read the files, by their names in the mapping, as it specifies.
 
     Raises SourceError naming a column that is missing and those that are there, or a clock that stands still; OSError
     when a file cannot be read.
@@ -113,8 +113,8 @@ def _read_file(mapping: Mapping, name: str, path: Path, source: Source) -> _Colu
 class _Text:
     """A CSV file's rows: `names` of its columns, its `width` in cells, which is that of `measure`, and the `rows`.
 
-    The file names its columns itself, in its first line or in a comment before it, or `file.header` does.
-    Raises SourceError when one that is wanted has no name.
+    The column names are in the first line, in a comment before it, or in `file.header`. Raises SourceError if a
+    required column has no name.
     """
 
     def __init__(self, path: Path, file: File, wanted: Sequence[str], lines: Iterator[str]) -> None:
@@ -160,7 +160,7 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _ends_cut(lines: Iterator[str], separator: str) -> Iterator[str]:
-    """Return lines without the spaces at their ends, where those would be taken for separators."""
+    """Return lines without the spaces at their ends, which would be taken for separators."""
     return (line.rstrip() for line in lines) if separator == " " else lines
 
 
@@ -169,7 +169,7 @@ def _too_few(cells: Sequence[str], names: Sequence[str]) -> str:
 
 
 def _why_not_named(cells: Sequence[str], wanted: Sequence[str]) -> str:
-    """Return which column is missing in a file's first line, and what is there instead, for a person to read."""
+    """Return which column is missing in a file's first line, and which are there instead."""
     missing = next(name for name in wanted if name not in cells)
     if cells and not np.isnan([_number(cell) for cell in cells]).all():
         return (
@@ -185,7 +185,7 @@ def _why_not_named(cells: Sequence[str], wanted: Sequence[str]) -> str:
 
 
 class _Cells:
-    """What is needed of the rows of a CSV file, as numbers; `labels` names the pieces that `piece` counts from 0."""
+    """The required cells of a CSV file, as numbers; `labels` names the pieces that `piece` counts from 0."""
 
     def __init__(self, names: Sequence[str], label: tuple[str, ...], wanted: Sequence[str]) -> None:
         self.numbers = {name: array("d") for name in wanted}
@@ -197,7 +197,7 @@ class _Cells:
         self._before: dict[str, int] = {}
 
     def take(self, line: list[str]) -> None:
-        """Take a row, NaN where a cell is no number."""
+        """Add a row, NaN where a cell is not a number."""
         if self._label_at is not None and line[self._label_at] != self._last:
             self._last = line[self._label_at]
             self.labels.append((self._last.strip(), self._before.get(self._last, 0)))
@@ -208,7 +208,7 @@ class _Cells:
 
 
 def _lines(path: Path, source: Source, progress: Progress) -> Iterator[str]:
-    """Yield the lines of a file; of a truncated one those that are there."""
+    """Yield the lines of a file; those that are left if it is truncated."""
     before = 0
     with open_regular(path) as file:
         content = gzip.GzipFile(fileobj=file) if path.suffix == PACKED_SUFFIX else file
@@ -227,7 +227,9 @@ def _lines(path: Path, source: Source, progress: Progress) -> Iterator[str]:
 
 
 def _check_unpacked(path: Path) -> None:
-    """Raise SourceError for a packed file that holds too much; looking takes a twentieth of reading its rows."""
+    """Raise SourceError for a packed file that holds too much; the check takes a twentieth of the time of reading its
+    rows.
+    """
     packed = path.stat().st_size
     with open_regular(path) as file, suppress(EOFError, zlib.error, gzip.BadGzipFile):
         content = gzip.GzipFile(fileobj=file)
@@ -241,7 +243,7 @@ def _damaged(path: Path, error: object) -> str:
 
 
 def _finite(values: "array[float]") -> NDArray[np.float64]:
-    """Return the numbers as an array; NaN where one is not finite."""
+    """Return the numbers as an array; NaN where they are not finite."""
     numbers = np.frombuffer(values, np.float64)
     return np.where(np.isfinite(numbers), numbers, np.nan)
 
@@ -254,7 +256,7 @@ def _number(cell: str) -> float:
 
 
 def _with_common_labels(files: Dictionary[str, _Columns]) -> dict[str, _Columns]:
-    """Return the files with the pieces of all of them numbered alike, in the order in which they come."""
+    """Return the files with common numbers for the pieces of all, in order of appearance."""
     labels = list(dict.fromkeys(label for file in files.values() for label in file.labels))
     number = {label: index for index, label in enumerate(labels)}
     common = {}

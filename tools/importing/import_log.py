@@ -1,4 +1,4 @@
-"""cmr-import: turn measured data of other robots into our event logs.
+"""cmr-import: convert measured data of other robots to event logs.
 
 Usage: cmr-import MAPPING INPUT [INPUT ...] --out RUN.lcm or FOLDER, or cmr-import --list
 """
@@ -26,14 +26,14 @@ from cmr.tools.importing.ros_records import BagError
 from cmr.tools.importing.sources import SourceError
 from cmr.tools.importing.transcribing import Imported, import_recording
 
-LARGEST_ROBOT_ID = 999_999_999  # nine digits: what channel names are read with
+LARGEST_ROBOT_ID = 999_999_999  # nine digits, the limit in channel names
 
 
 def main(arguments: list[str]) -> int:
     """Import recordings, or list the shipped mappings.
 
-    Raises CommandError when the mapping, an output or a recording cannot be used; of several recordings those that
-    can be are imported first.
+    Raises CommandError if the mapping, an output or a recording cannot be used; of several recordings, all usable ones
+    are imported first.
     """
     options = _parse(arguments)
     if options.list:
@@ -98,7 +98,9 @@ def _list() -> list[str]:
 
 
 def _mapping(name: str, parameters: str | None) -> Mapping:
-    """Return the mapping, with the paper's parameters of a parameter file as nominal ones where there is one."""
+    """Return the mapping, with the nominal parameters replaced by the paper's parameters of a parameter file, if
+    given.
+    """
     try:
         values = {} if parameters is None else load_parameters(Path(parameters)).values
         return mappings.load(name, {key: one.value for key, one in values.items() if key in DEFINITIONS})
@@ -127,7 +129,7 @@ def _import(mapping: Mapping, recording: Recorded, out: Path, robot_id: int) -> 
 
 
 def _import_all(mapping: Mapping, paths: Sequence[Path], folder: Path, robot_id: int) -> None:
-    """Import the recordings into the folder, all that can be; what cannot is said on stderr when its turn comes."""
+    """Import the recordings into the folder, as far as possible; failures are reported on stderr in turn."""
     recordings: dict[tuple[Path, ...], Recorded] = {}
     failed = 0
     for path in paths:
@@ -161,7 +163,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def _said(error: CommandError) -> int:
-    """Say on stderr what cannot be imported; return that it is one."""
+    """Print on stderr why a recording cannot be imported; return True."""
     print(f"cmr-import: {error}", file=sys.stderr, flush=True)
     return 1
 

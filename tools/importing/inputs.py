@@ -1,4 +1,4 @@
-"""Which recordings a command line means, which files each is made of, and how the logs of several are called."""
+"""Find the recordings of a command line, the files of each, and the names of their logs."""
 
 import os
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from cmr.tools.importing.ros_files import files_of
 from cmr.tools.importing.sources import SourceError
 
 PACKED = (".gz", ".zstd")
-MOST_NAMES = 10  # that an error lists
+MOST_NAMES = 10  # listed in an error
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """One recording: what it was named on the command line, and its `files`, by the mapping's names for them.
+    """One recording: its name on the command line, and its `files`, by their names in the mapping.
 
-    `place` is where its log would lie beside it, without an ending.
+    `place` is the path of its log beside it, without a suffix.
     """
 
     path: Path
@@ -28,9 +28,9 @@ class Recorded:
 
 
 def paths_of(inputs: Sequence[str]) -> list[Path]:
-    """Return the paths that are meant, each once; patterns (`*`, `?`, `[...]`, and `**` for folders) are resolved.
+    """Return the paths, each once; patterns (`*`, `?`, `[...]`, and `**` for folders) are resolved.
 
-    Raises CommandError for a pattern that nothing fits.
+    Raises CommandError for a pattern that matches nothing.
     """
     paths: list[Path] = []
     for text in inputs:
@@ -45,7 +45,7 @@ def paths_of(inputs: Sequence[str]) -> list[Path]:
 
 
 def recorded(mapping: Mapping, path: Path) -> Recorded:
-    """Return the recording that a path means.
+    """Return the recording at a path.
 
     Raises SourceError where one of its files is missing or cannot be found out, BagError for a folder without a bag,
     OSError when a folder cannot be read.
@@ -62,7 +62,7 @@ def recorded(mapping: Mapping, path: Path) -> Recorded:
 def logs_of(recordings: Sequence[Recorded], folder: Path) -> list[Path]:
     """Return the log of each recording: below `folder` as the recordings lie below the folder that they share.
 
-    Raises CommandError where two would be the same.
+    Raises CommandError if two would be the same.
     """
     if not recordings:
         return []
@@ -98,7 +98,7 @@ def _fits(name: str, pattern: str) -> bool:
 
 
 def _only(folder: Path, pattern: str) -> Path:
-    """Return the only file of a folder that fits."""
+    """Return the only file of a folder that matches."""
     present = sorted(file for file in folder.iterdir() if file.is_file())
     fitting = [file for file in present if _fits(_unpacked(file).name, pattern)]
     if len(fitting) == 1:

@@ -1,8 +1,8 @@
 """Foreign LCM messages: a struct's layout as text, and the bytes of its messages as NumPy arrays.
 
-LCM encodes a struct as an 8-byte fingerprint and then its members in order, big-endian and without padding
-(LCM type specification, lcm-proj.github.io). A struct of numbers alone therefore has a fixed length and is one NumPy
-record. The fingerprint is not needed, so logs can be read whose type definitions are lost.
+LCM encodes a struct as an 8-byte fingerprint and then its members in order, big-endian and without padding (LCM type
+specification, lcm-proj.github.io). A struct of numbers only therefore has a fixed length and is one NumPy record. The
+fingerprint is not needed, so logs can be read whose type definitions are lost.
 """
 
 import re
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from cmr.bus.message import FINGERPRINT_BYTES
 from cmr.bus.wire import WIRE_TYPES
 
-Column: TypeAlias = NDArray[Any]  # of the number type that the recording has, (n,)
+Column: TypeAlias = NDArray[Any]  # of the recorded number type, (n,)
 
 _MEMBER = re.compile(r"(\w+)\s+(.+)", re.DOTALL)
 _NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\[\s*([1-9]\d*)\s*\])?")
 
 
 class LayoutError(Exception):
-    """The layout cannot be used; the text says which part and what is allowed."""
+    """The layout cannot be used; the text names the part and the allowed values."""
 
 
 def parse_layout(text: str) -> np.dtype[np.void]:
@@ -58,7 +58,7 @@ def _parse_member(member: str) -> list[tuple[str, str, tuple[int, ...]]]:
 
 
 def column_names(layout: np.dtype[np.void]) -> tuple[str, ...]:
-    """Return the columns that `decode` gives: a member's name, or name[0], name[1] ... of an array."""
+    """Return the names of `decode`'s columns: a member's name, or name[0], name[1] ... of an array."""
     names: list[str] = []
     for member in layout.names or ():
         shape = layout[member].shape
@@ -71,8 +71,8 @@ def decode(
 ) -> dict[str, Column]:
     """Return one array of shape (number of messages,) for each wanted column, in the member's own number type.
 
-    `messages` are whole messages one after the other, fingerprints included, each of `message_bytes(layout)`.
-    Without `wanted` every column is.
+    `messages` are whole messages one after the other, fingerprints included, each of `message_bytes(layout)`. Without
+    `wanted`, all columns are returned.
     """
     whole = np.dtype([("fingerprint", f"V{FINGERPRINT_BYTES}"), ("members", layout)])
     records = np.frombuffer(messages, whole)["members"]

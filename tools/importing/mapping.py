@@ -1,4 +1,4 @@
-"""Read the mapping file of one robot: where in its recordings our signals are, in which unit, sign and scale.
+"""Read the mapping file of one robot: where CMR's signals are in its recordings, in which unit, sign and scale.
 
 README.md beside the shipped mappings describes the format for those who write one.
 """
@@ -39,8 +39,8 @@ from cmr.tools.importing.quantities import TURN, units
 from cmr.tools.importing.ros_fields import PathError, parse_path
 
 SHIPPED = Path(__file__).resolve().parent / "mappings"
-TICKS_PER_TURN = 65536.0  # of a log whose recording has no ticks: fine enough to keep angles
-USUAL_GAP = 5.0  # s between two pieces; over less than 1 s estimates would go on
+TICKS_PER_TURN = 65536.0  # for recordings without ticks: fine enough to preserve angles
+USUAL_GAP = 5.0  # s between two pieces; estimates continue over gaps of less than 1 s
 QUATERNION = ("w", "x", "y", "z")
 
 
@@ -52,7 +52,7 @@ def shipped() -> list[str]:
 def load(name_or_path: str, nominal: Dictionary[str, float] | None = None) -> Mapping:
     """Read and check a shipped mapping (by name) or one of the user's own (by path).
 
-    Values in `nominal` take the place of the mapping's. Raises MappingError naming file, line, key and what is allowed.
+    Values in `nominal` override the mapping's. Raises MappingError naming file, line, key and allowed values.
     """
     is_name = name_or_path in shipped()
     path = SHIPPED / f"{name_or_path}.yaml" if is_name else Path(name_or_path)
@@ -62,7 +62,7 @@ def load(name_or_path: str, nominal: Dictionary[str, float] | None = None) -> Ma
 
 
 class _Reader:
-    """Turns the blocks of one mapping file into a Mapping."""
+    """Converts the blocks of one mapping file to a Mapping."""
 
     def __init__(self, file: Block, nominal: Dictionary[str, float]) -> None:
         self._file = file
@@ -211,7 +211,7 @@ class _Reader:
         return Feedback(table, signals, ticks_per_turn)
 
     def _read_any_command(self) -> Command | None:
-        """Read the one kind of command that the robot takes, None without any."""
+        """Read the one kind of command that the robot takes; None if there is none."""
         present = [name for name in COMMAND_BLOCKS if self._file.value(name)]
         if len(present) > 1:
             raise self._file.place.error(f"a robot takes one kind of command, not {' and '.join(present)}")
@@ -293,7 +293,7 @@ class _Reader:
         return signals
 
     def _read_signal(self, block: Block, allowed: dict[str, float], table: str, quantity: str, holds: bool) -> Signal:
-        """Read one signal; `allowed` are its units and how many of ours each is."""
+        """Read one signal; `allowed` are its units with their factors."""
         table = self._table(block, table)
         if quantity == "angle" and block.value("quaternion") is not None:
             columns, unit = self._read_quaternion(block.block("quaternion"), table), "rad"

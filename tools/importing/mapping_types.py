@@ -1,4 +1,4 @@
-"""What a checked mapping holds: tables of the recording, the signals in them, and the messages that they make."""
+"""Data of a checked mapping: tables of the recording, the signals in them, and the messages made of them."""
 
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -9,24 +9,24 @@ from cmr.model.command_kinds import DUTY, VELOCITY, WHEEL_SPEED
 
 CSV_TABLE = "the file"  # a CSV file is one table; a log has one for each channel, a bag one for each topic
 
-# utime: as the message says. event_time: when the log says it arrived, for a utime that is broken.
-# shifted_utime: utime of a clock that runs well but was set wrong, moved as a whole to the log's clock.
+# utime: of the message. event_time: arrival by the log, for an invalid utime. shifted_utime: utime of a clock with the
+# right rate but a wrong offset, shifted to the log's clock.
 CLOCKS = ("utime", "event_time", "shifted_utime")
 
-# header: as the message's header says. received: when the recorder got it. published: when an MCAP file says it was.
-# shifted_header: header of a clock that runs well but was set wrong, moved as a whole to the recorder's clock.
+# header: of the message. received: arrival at the recorder. published: publication by an MCAP file. shifted_header:
+# header of a clock with the right rate but a wrong offset, shifted to the recorder's clock.
 TOPIC_CLOCKS = ("header", "received", "published", "shifted_header")
 
-# How many seconds one of each unit of a CSV file's time is.
+# Seconds per unit of a CSV file's time.
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
-# kept: the first pose of a piece is used, but where it repeats the last one of the piece before.
+# kept: the first pose of a piece is used, unless it repeats the last one of the piece before.
 FIRST_POSES = ("left_out", "kept")
 
 FEEDBACK_PAIRS = {"ticks": "ticks", "psi": "wheel_speed", "applied": "drive", "current": "current"}
 FEEDBACK_SINGLES = {"battery_voltage": "voltage", "temperature": "temperature"}
 BODY = {"v": "speed", "omega": "turn_rate"}
-# Blocks of commands, with the kind that each is of, and what those of speeds hold.
+# Blocks of commands, with the kind of each, and the contents of those of speeds.
 COMMAND_BLOCKS = {"motor_command": DUTY, "wheel_speed_command": WHEEL_SPEED, "velocity_command": VELOCITY}
 SPEEDS = {WHEEL_SPEED: {"psi_left": "wheel_speed", "psi_right": "wheel_speed"}, VELOCITY: BODY}
 
@@ -35,9 +35,9 @@ SPEEDS = {WHEEL_SPEED: {"psi_left": "wheel_speed", "psi_right": "wheel_speed"}, 
 class Signal:
     """One quantity in the recording: ours = gain × recorded + shift, in our unit.
 
-    `table` is the file, channel or topic it is on (CSV_TABLE if there is one file), `columns` its name there (in a bag
-    a path, see ros_fields); of a heading from a quaternion they are the members w and z, or w, x, y and z. `unit` is
-    the recorded one. A signal that `holds` keeps its value from its row until the next one.
+    `table` is its file, channel or topic (CSV_TABLE if there is one file), `columns` its name there (in a bag a path,
+    see ros_fields); of a heading from a quaternion they are the members w and z, or w, x, y and z. `unit` is the
+    recorded one. A signal that `holds` keeps its value from its row until the next one.
     """
 
     table: str
@@ -58,7 +58,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Feedback(Group):
-    """Wheels, each by itself or as the body's `v` and `omega`. `ticks_per_turn` counts make one turn of a wheel."""
+    """Wheels, individually or as the body's `v` and `omega`. `ticks_per_turn` counts make one turn of a wheel."""
 
     ticks_per_turn: float
 
@@ -80,7 +80,7 @@ class Command(Group):
 class Pose(Group):
     """External pose.
 
-    Where `only_changes` names columns, rows that repeat them are no new measurement. `first` is one of FIRST_POSES.
+    If `only_changes` names columns, rows that repeat them are not new measurements. `first` is one of FIRST_POSES.
     """
 
     only_changes: tuple[str, ...]
@@ -89,7 +89,7 @@ class Pose(Group):
 
 @dataclass(frozen=True)
 class Channel:
-    """How the messages of a foreign LCM channel are laid out, and which of CLOCKS is right about their time."""
+    """Layout of the messages of a foreign LCM channel, and which of CLOCKS gives their time."""
 
     layout: np.dtype[np.void]
     clock: str
@@ -97,7 +97,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Topic:
-    """Which of TOPIC_CLOCKS is right about a bag's topic; its type's .msg text, for bags that do not define it."""
+    """Which of TOPIC_CLOCKS gives the time of a bag's topic; its type's .msg text, for bags that do not define it."""
 
     clock: str
     definition: str | None
@@ -107,7 +107,7 @@ class Topic:
 class File:
     """How a CSV file is read: `time_column`, in units of `time_unit` [s], counts from `start`.
 
-    `header` names the columns where the file itself does not. The first `skipped_lines` lines are passed over.
+    `header` names the columns if the file itself does not. The first `skipped_lines` lines are skipped.
     """
 
     time_column: str
@@ -119,7 +119,7 @@ class File:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Where the value in `column` changes, time starts again, `gap` seconds after the piece before."""
+    """When the value in `column` changes, a new piece begins, `gap` seconds after the one before."""
 
     column: str
     gap: float

@@ -1,10 +1,10 @@
-"""Physical quantities of our messages, and what one of each accepted unit is in ours."""
+"""Physical quantities of CMR's messages, and the accepted units of each with their factors."""
 
 import math
 
 TURN = 2 * math.pi
 
-# quantity: {accepted unit: how many of our unit it is}; the first unit of each is ours.
+# quantity: {accepted unit: its value in CMR's unit}; the first unit of each is CMR's.
 UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "cm": 0.01, "mm": 0.001},
     "angle": {"rad": 1.0, "deg": TURN / 360},
@@ -20,10 +20,10 @@ UNITS: dict[str, dict[str, float]] = {
 
 
 def units(quantity: str, *, wheel_radius: float, full_scale: float | None) -> dict[str, float]:
-    """Return the accepted units of a quantity and how many of our unit each is.
+    """Return the accepted units of a quantity, each with its value in CMR's unit.
 
-    Wheels may also be given in m/s, which `wheel_radius` [m] turns into rad/s; and where `full_scale`, the wheel
-    speed at full drive [rad/s], is declared, drives may be given as the wheel speeds that were asked for.
+    Wheels may also be given in m/s, converted to rad/s by `wheel_radius` [m]; and if `full_scale`, the wheel speed at
+    full drive [rad/s], is declared, drives may be given as commanded wheel speeds.
     """
     known = dict(UNITS[quantity])
     if quantity == "wheel_speed":

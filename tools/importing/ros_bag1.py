@@ -1,4 +1,4 @@
-"""ROS 1 bags, read from their beginning to their end without their index, which a recorder that was killed never wrote.
+"""ROS 1 bags, read sequentially without their index, which is missing if the recorder was killed.
 
 Format 2.0 (wiki.ros.org/Bags/Format/2.0): a line that names it, then records. A record is a header and data, each
 behind its length; the header is of fields name=value, each behind its length. Chunks are records that hold records.
@@ -70,7 +70,7 @@ class Bag1Reader(BagReader):
             yield from self._take_chunk(header, data)
         elif op == CONNECTION:
             self._take_connection(header, data)
-        elif len(data) == length:  # a chunk that the recorder never closed has no header with its length
+        elif len(data) == length:  # the length in the header of an unclosed chunk is missing
             yield from self._take_message(header, data)
 
     def _take_chunk(self, header: Header, data: bytes) -> Iterator[Message]:
@@ -118,7 +118,7 @@ class Bag1Reader(BagReader):
             yield Message(topic, seconds * 1_000_000_000 + nanoseconds, None, data)
 
     def _read_index(self, stream: BinaryIO) -> None:
-        """Learn the topics from the end of the bag, in case that the chunks that announce them are damaged."""
+        """Read the topics from the end of the bag, in case the chunks that announce them are damaged."""
         record = _record_at(stream, self.position)
         if record is None:
             return
@@ -136,12 +136,12 @@ class Bag1Reader(BagReader):
             place = start + length
 
     def _spoil(self, what: str) -> None:
-        """Note that the chunk at hand is damaged, so that its length may be wrong, too."""
+        """Record that the current chunk is damaged, so that its length may be wrong, too."""
         self.fault(what)
         self._is_intact = False
 
     def _get_back_in_step(self, stream: BinaryIO, end: int) -> None:
-        """Move to the next chunk, or to `end`, where the damaged record says that it ends, if that is nearer."""
+        """Move to the next chunk, or to `end`, the end of the damaged record by its length, if that is nearer."""
         following = end if end <= self.size else self.size
         for place in places(stream, self.position + 1, CHUNK_OP, LONGEST_CHUNK_HEADER):
             begin = _begin_of_chunk(stream, place, self.position + 1)
@@ -153,7 +153,7 @@ class Bag1Reader(BagReader):
 
 
 def _begin_of_chunk(stream: BinaryIO, place: int, earliest: int) -> int | None:
-    """Return where the chunk begins whose field op is at `place`; None if there is no chunk."""
+    """Return the start of the chunk whose field op is at `place`; None if there is no chunk."""
     for begin in range(place - 4, max(place - LONGEST_CHUNK_HEADER, earliest) - 1, -1):
         record = _record_at(stream, begin)
         if record is not None and begin + 4 <= place < record[1] and b"compression" in record[0]:
@@ -162,7 +162,7 @@ def _begin_of_chunk(stream: BinaryIO, place: int, earliest: int) -> int | None:
 
 
 def _record_at(stream: BinaryIO, place: int) -> tuple[Header, int, int] | None:
-    """Return a record's header, and where in the file its data begins and how long it is; None where none is."""
+    """Return a record's header, and the offset and length of its data in the file; None if there is none."""
     stream.seek(place)
     head = stream.read(4)
     if len(head) < 4 or not 0 < (length := int.from_bytes(head, "little")) <= LONGEST_HEADER:
@@ -172,7 +172,7 @@ def _record_at(stream: BinaryIO, place: int) -> tuple[Header, int, int] | None:
 
 
 def _record_in(data: bytes, place: int, *, header_only: bool = False) -> tuple[Header, int, int] | None:
-    """Return the same of a record in memory, whose data must be there, too, unless `header_only`."""
+    """Return the same of a record in memory, whose data must be complete, unless `header_only`."""
     start = place + 8 + int.from_bytes(data[place : place + 4], "little")
     if start > len(data):
         return None
@@ -184,7 +184,7 @@ def _record_in(data: bytes, place: int, *, header_only: bool = False) -> tuple[H
 
 
 def _fields(data: bytes) -> Header | None:
-    """Return the fields of a header; None where it is no header."""
+    """Return the fields of a header; None if it is not one."""
     fields = {}
     place = 0
     while place < len(data):

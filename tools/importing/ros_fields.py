@@ -1,7 +1,7 @@
 """Numbers inside ROS messages by path: `twist.twist.angular.z`, `position[left_wheel_joint]`, `orientation.yaw`.
 
-A step may choose one of an array: by its index (`data[2]`), by the message's own list `name` (a joint), or by frames
-(`transforms[odom>base_link]`). `yaw` behind a quaternion is the heading it means [rad], -pi to pi.
+A step may select an element of an array: by its index (`data[2]`), by the message's own list `name` (a joint), or by
+frames (`transforms[odom>base_link]`). `yaw` behind a quaternion is its heading [rad], -pi to pi.
 """
 
 import re
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 YAW = "yaw"
 QUATERNION = {"x", "y", "z", "w"}
 FRAMES = ">"
-MOST_NAMES = 12  # that an error lists
+MOST_NAMES = 12  # listed in an error
 
 # array.array's code of each type of ROS numbers
 CODES = {
@@ -31,16 +31,16 @@ _STEP = re.compile(r"([A-Za-z_]\w*)(?:\[([^\[\]]+)\])?")
 
 
 class PathError(Exception):
-    """The path is none, or leads nowhere; the text says what there is instead."""
+    """The path is invalid, or does not exist; the text says what there is instead."""
 
 
 class AbsentError(Exception):
-    """This message lacks what the path asks for; the text says what there is instead."""
+    """This message lacks the path; the text says what there is instead."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a path: into the member `name`, and of an array to what `chosen` says."""
+    """One step of a path: to the member `name`, and in an array to the element `chosen`."""
 
     name: str
     chosen: str | None
@@ -50,7 +50,7 @@ class Step:
 
 
 def parse_path(text: str) -> list[Step]:
-    """Return the steps of a path. Raises PathError where it is none."""
+    """Return the steps of a path. Raises PathError if it is invalid."""
     steps = []
     place = 0
     while match := _STEP.match(text, place):
@@ -64,7 +64,7 @@ def parse_path(text: str) -> list[Step]:
 
 
 def getter(path: str) -> Callable[[object], Any]:
-    """Return what gets the path's value out of a message; it raises AbsentError where there is none."""
+    """Return a function that reads the path's value from a message; it raises AbsentError if there is none."""
     steps = [_stepper(step) for step in parse_path(path)]
 
     def get(message: object) -> object:
@@ -87,7 +87,7 @@ def _stepper(step: Step) -> Callable[[object], object]:
 
 
 def _member(name: str, parent: object) -> Any:
-    """Return what a message, of a class that came with it, has under this name."""
+    """Return a message's member by this name; the message's class is generated from its definition."""
     try:
         return getattr(parent, name)
     except AttributeError:
@@ -161,7 +161,7 @@ class Member:
 
 
 class Types:
-    """The types of a topic's messages: checks a path before any message is read.
+    """The types of a topic's messages: used to check a path before any message is read.
 
     `definitions` are rosbags' fielddefs: {type: (constants, [(member, description)])}.
     """
@@ -171,7 +171,7 @@ class Types:
         self._definitions = definitions
 
     def code(self, path: str) -> str:
-        """Return array.array's code of the number that the path leads to. Raises PathError where it leads to none."""
+        """Return array.array's code of the number at the path. Raises PathError if there is none."""
         kind, parents = self.message_type, parse_path(path)
         for place, step in enumerate(parents):
             members = self._members(kind)
@@ -197,7 +197,7 @@ class Types:
         return [*members, YAW] if set(members) == QUATERNION else members
 
     def _enter(self, step: Step, members: dict[str, Member], kind: str, path: str) -> tuple[str, bool]:
-        """Return the type that a step leads to, and whether it is a number."""
+        """Return the type after a step, and whether it is a number."""
         member = members[step.name]
         if member.is_array:
             if step.chosen is None:
@@ -219,7 +219,7 @@ class Types:
         return f"{step.name}[NAME]" if "name" in members else f"{step.name}[0]"
 
     def _is_transform(self, member: Member) -> bool:
-        """Tell whether a member is a transform, or an array of them."""
+        """Return whether a member is a transform, or an array of them."""
         return member.is_message and set(self._members(member.kind)) >= {"header", "child_frame_id"}
 
     def _check_choice(self, step: Step, members: dict[str, Member], path: str) -> None:

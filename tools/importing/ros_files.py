@@ -1,4 +1,4 @@
-"""Which files make a bag, and which reader each needs: by its first bytes, since names of bags lie."""
+"""Find the files of a bag, and the reader for each: by its first bytes, since file names are unreliable."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,9 +21,9 @@ _READERS: tuple[tuple[bytes, type[BagReader]], ...] = (
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return the files of a recording: itself, or of a folder all that belong to bags, in the order of their names.
+    """Return the files of a recording: itself, or for a folder all files of bags, in the order of their names.
 
-    Raises BagError for a folder without any, OSError when it cannot be read.
+    Raises BagError for a folder without any, OSError if it cannot be read.
     """
     if not path.is_dir():
         return [path]
@@ -45,9 +45,9 @@ def files_of(path: Path) -> list[Path]:
 
 @contextmanager
 def opened(path: Path, wanted: frozenset[str]) -> Iterator[BagReader]:
-    """Give the reader of the wanted topics of one file; one that is compressed as a whole is unpacked.
+    """Open one file with its reader for the wanted topics; a file that is compressed as a whole is unpacked.
 
-    Raises BagError where it is no bag, OSError when it cannot be read.
+    Raises BagError if it is not a bag, OSError if it cannot be read.
     """
     if path.suffix != ZSTANDARD_SUFFIX:
         yield _reader_class(path)(path, wanted)
@@ -71,7 +71,7 @@ def _reader_class(path: Path) -> type[BagReader]:
 
 
 def _unpack(path: Path, unpacked: Path) -> bool:
-    """Unpack what can be unpacked; return whether that is all. Raises BagError where it is too much."""
+    """Unpack as much as possible; return whether that is all. Raises BagError if it is too large."""
     import zstandard
 
     packed = path.stat().st_size

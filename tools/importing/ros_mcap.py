@@ -1,4 +1,4 @@
-"""MCAP files, read from their beginning to their end without their index, which a recorder that was killed never wrote.
+"""MCAP files, read sequentially without their index, which is missing if the recorder was killed.
 
 Format (mcap.dev/spec): eight magic bytes, then records: a byte for the kind, the length in 64 bits, the
 content. Chunks are records that hold records, compressed, with a checksum.
@@ -38,7 +38,7 @@ LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "id
 
 
 class McapReader(BagReader):
-    """Reads one MCAP file, of ROS or not. Raises BagError for a file that is none."""
+    """Reads one MCAP file, of ROS or not. Raises BagError if it is not an MCAP file."""
 
     def __init__(self, path: Path, wanted: frozenset[str]) -> None:
         super().__init__(path, wanted)
@@ -152,7 +152,7 @@ class McapReader(BagReader):
             yield Message(topic, received, published, content[MESSAGE_HEAD.size :])
 
     def _read_summary(self, stream: BinaryIO) -> None:
-        """Learn the topics from the end of the file, in case that the chunks that announce them are damaged."""
+        """Read the topics from the end of the file, in case the chunks that announce them are damaged."""
         if self.size < FOOTER_BYTES:
             return
         stream.seek(self.size - FOOTER_BYTES)
@@ -165,18 +165,18 @@ class McapReader(BagReader):
             kind, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
             place += RECORD_HEAD.size + length
             if kind == 0:
-                return  # the footer points to what is no summary
+                return  # the footer does not point to a summary
             if place <= self.size and kind in (SCHEMA, CHANNEL) and not self.is_too_large(length):
                 for _ in self._take(kind, stream.read(length)):
                     pass
 
     def _spoil(self, what: str) -> None:
-        """Note that the chunk at hand is damaged, so that its length may be wrong, too."""
+        """Record that the current chunk is damaged, so that its length may be wrong, too."""
         self.fault(what)
         self._is_intact = False
 
     def _get_back_in_step(self, stream: BinaryIO, end: int) -> None:
-        """Move to the next chunk, or to `end`, where the damaged record says that it ends, if that is nearer."""
+        """Move to the next chunk, or to `end`, the end of the damaged record by its length, if that is nearer."""
         following = min(next(places(stream, self.position + 1, CHUNK_BEGIN, LONGEST_CHUNK_BEGIN), end), end)
         self.damage(following - self.position)
         self.position = following

@@ -19,7 +19,7 @@ IDL_RULE = "=" * 80 + "\n"  # stands before each of several IDL files in one def
 
 
 class DecodeError(Exception):
-    """A message that is not intact."""
+    """A message is damaged."""
 
 
 class TypeUnknownError(Exception):
@@ -28,10 +28,10 @@ class TypeUnknownError(Exception):
 
 @lru_cache(maxsize=64)  # rosbags compiles code for a type; split bags announce each topic again
 def decoder(topic: Topic, definition: str | None) -> tuple[DecodeMessage, Types | None]:
-    """Return what decodes the topic's messages, and their types, which JSON does not have.
+    """Return a decoder for the topic's messages, and their types, which JSON does not have.
 
-    `definition` is the text of their .msg file for a bag that holds none. What is returned raises DecodeError.
-    Raises TypeUnknownError, and ModuleNotFoundError without rosbags.
+    `definition` is the text of their .msg file for a bag that holds none. The decoder raises DecodeError. Raises
+    TypeUnknownError, and ModuleNotFoundError without rosbags.
     """
     if topic.encoding == "json":
         return _decode_json, None
@@ -44,7 +44,7 @@ def decoder(topic: Topic, definition: str | None) -> tuple[DecodeMessage, Types 
     def decode_ros(data: bytes) -> object:
         try:
             return decode(data, name)
-        except Exception as error:  # generated code on any bytes: whatever it raises, this message is lost
+        except Exception as error:  # generated code on arbitrary bytes: on any exception, this message is lost
             raise DecodeError(str(error)) from error
 
     return decode_ros, Types(name, store.fielddefs)
@@ -58,7 +58,7 @@ def _decode_json(data: bytes) -> object:
 
 
 def _store(topic: Topic, definition: str | None) -> "Typestore":
-    """Return a store of the topic's own types; for a bag that defines none, of those that every ROS knows."""
+    """Return a store of the topic's own types; for a bag that defines none, of the standard types of ROS."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     if topic.definition and topic.language in ("msg", "idl"):
@@ -69,7 +69,7 @@ def _store(topic: Topic, definition: str | None) -> "Typestore":
     if definition is not None and topic.message_type not in store.fielddefs:
         try:
             store.register(get_types_from_msg(definition, topic.message_type))
-        except Exception as error:  # a parser's, on any text
+        except Exception as error:  # of a parser, on arbitrary text
             raise TypeUnknownError(f"has a definition in the mapping that is none of a .msg file ({error})") from error
     return store
 
@@ -86,7 +86,7 @@ def _register(store: "Typestore", topic: Topic, definition: str) -> None:
             text = rest if head.startswith("IDL: ") else part
             if text.strip():
                 store.register(get_types_from_idl(text))
-    except Exception as error:  # a parser's, on any text
+    except Exception as error:  # of a parser, on arbitrary text
         raise TypeUnknownError(
             f"has a definition of {topic.message_type} in the bag that is damaged ({' '.join(str(error).split())[:80]})"
         ) from error

@@ -1,4 +1,4 @@
-"""What a bag holds, whichever its format: topics and messages, and what of it is damaged."""
+"""Contents of a bag, independent of its format: topics and messages, and what is damaged."""
 
 import re
 from abc import ABC, abstractmethod
@@ -11,7 +11,7 @@ from cmr.tools.importing.unpacking import LARGEST_RECORD
 
 COMPRESSIONS = ("", "none", "bz2", "lz4", "zstd")
 
-LONGEST_CUT_CHUNK = 1 << 26  # bytes that are looked at of a chunk that seems to go on behind the end of the file
+LONGEST_CUT_CHUNK = 1 << 26  # bytes examined of a chunk that seems to extend beyond the end of the file
 LONGEST_NAME = 256  # characters of a topic's or type's name, as in ROS
 
 _WINDOW_BYTES = 1 << 20
@@ -41,14 +41,14 @@ class Message(NamedTuple):
 
 
 class BagError(Exception):
-    """The file is no bag that can be read; the text says why."""
+    """The file is not a readable bag; the text says why."""
 
 
 class BagReader(ABC):
     """Reads the messages of the `wanted` topics from one file, in the order of the file.
 
-    Whatever is intact is read. After the iteration `topics` holds the types of all topics by name, wanted or not, and
-    `sentence` says what was damaged. `position` of `size` bytes have been read.
+    Everything intact is read. After the iteration `topics` holds the types of all topics by name, wanted or not, and
+    `sentence` describes the damage. `position` of `size` bytes have been read.
     """
 
     def __init__(self, path: Path, wanted: frozenset[str]) -> None:
@@ -60,14 +60,14 @@ class BagReader(ABC):
         self._faults: dict[str, int] = {}
         self._damaged_bytes = 0
         self._damaged_places = 0
-        self._is_intact = True  # the record at hand
+        self._is_intact = True  # the current record
 
     @abstractmethod
     def __iter__(self) -> Iterator[Message]:
         """Read the file from its beginning."""
 
     def sentence(self) -> str:
-        """Return what was damaged; empty if nothing was."""
+        """Return a sentence on the damage; empty if there was none."""
         faults = [name if count == 1 else f"{name} ({count} times)" for name, count in self._faults.items()]
         if self._damaged_bytes:
             places = "1 place" if self._damaged_places == 1 else f"{self._damaged_places} places"
@@ -75,7 +75,7 @@ class BagReader(ABC):
         return f"{self.path.name} is truncated or damaged: {'; '.join(faults)}; the rest is used." if faults else ""
 
     def announce(self, topic: Topic) -> Topic:
-        """Note that a topic is in the bag; return it under names that can be shown."""
+        """Record a topic of the bag; return it with names that are safe to print."""
         shown = topic._replace(
             name=plain(topic.name, LONGEST_NAME),
             message_type=plain(topic.message_type, LONGEST_NAME),
@@ -85,19 +85,19 @@ class BagReader(ABC):
         return shown
 
     def is_too_large(self, size: int) -> bool:
-        """Return whether a record of so many bytes, packed or unpacked, is not read, and note that."""
+        """Return whether a record of this size, packed or unpacked, is too large to be read; if so, record that."""
         if size > LARGEST_RECORD:
             self.fault(f"a record of more than {LARGEST_RECORD / 1e6:.0f} MB, which is the most that is read at once")
         return size > LARGEST_RECORD
 
     def damage(self, count: int) -> None:
-        """Note that so many bytes in one place are no intact records."""
+        """Record that this many bytes in one place are damaged."""
         if count > 0:
             self._damaged_bytes += count
             self._damaged_places += 1
 
     def fault(self, what: str) -> None:
-        """Note what else is wrong, in words."""
+        """Record another fault, in words."""
         self._faults[what] = self._faults.get(what, 0) + 1
 
 

@@ -23,7 +23,7 @@ from cmr.tools.importing.sources import Source, SourceError, Table, in_time_orde
 MICROSECOND = 1000  # ns
 CLOCKS_APART = 1.0  # s; less may be how long a localisation takes, and the estimation finds it
 MESSAGES_BETWEEN_SHOWINGS = 1000
-MOST_TOPICS = 40  # that an error lists
+MOST_TOPICS = 40  # listed in an error
 
 NO_TIME = "message without a time that is possible"
 NO_NUMBER = "message with a field that is no number"
@@ -31,10 +31,10 @@ NOT_INTACT = "message that does not decode"
 
 
 def read_bag(mapping: Mapping, path: Path) -> Source:
-    """Read the bag at `path`, a file or the folder of one, as the mapping says.
+    """Read the bag at `path`, a file or the folder of one, as the mapping specifies.
 
-    Raises SourceError naming a topic or field that is missing and what there is instead, or what to install; OSError
-    when the bag cannot be read.
+    Raises SourceError naming a topic or field that is missing and the ones present, or a package to install; OSError if
+    the bag cannot be read.
     """
     source = Source({})
     rows = {
@@ -94,13 +94,13 @@ def _check_present(path: Path, rows: Dictionary[str, "_Rows"], present: dict[str
 
 
 def _tables(path: Path, rows: Dictionary[str, "_Rows"], source: Source) -> dict[str, Table]:
-    """Return the tables; all topics whose clock was set wrong are shifted alike, to keep them in step."""
+    """Return the tables; all topics of a clock with a wrong offset are shifted equally, to keep them synchronised."""
     for name, one in rows.items():
         for reason, count in one.skipped.items():
             source.skipped[name, reason] += count
         if not one.stamps:
             raise SourceError(f"{path}: {name}: {one.why_empty()}")
-    # A message cannot arrive before it was stamped, so the smallest delay seen is the closest bound on the shift.
+    # A message cannot arrive before it was stamped, so the smallest observed delay is the tightest bound on the shift.
     shifted = [one for one in rows.values() if one.clock == "shifted_header"]
     shift = min((one.smallest_delay() for one in shifted), default=0)
     tables = {name: one.table(shift if one in shifted else 0) for name, one in rows.items()}
@@ -125,7 +125,7 @@ def _compare_clocks(source: Source) -> None:
 
 
 class _Rows:
-    """Collects one topic's rows; `skipped` counts what was left out, by reason."""
+    """Collects one topic's rows; `skipped` counts omitted messages, by reason."""
 
     def __init__(self, name: str, mapped: MappedTopic, columns: tuple[str, ...], counters: frozenset[str]) -> None:
         self.clock = mapped.clock
@@ -142,7 +142,7 @@ class _Rows:
         self._is_typed = False
 
     def take(self, message: Message) -> None:
-        """Take one message. Raises SourceError where the topic's type does not fit the mapping."""
+        """Add one message. Raises SourceError if the topic's type does not fit the mapping."""
         decode, stamp_of = self._takers.get(message.topic) or self._learn(message.topic)
         try:
             content = decode(message.data)
@@ -179,7 +179,7 @@ class _Rows:
         self.skipped[reason] = self.skipped.get(reason, 0) + 1
 
     def _learn(self, topic: Topic) -> tuple[Callable[[bytes], object], Callable[[Message, object], int]]:
-        """Return how to decode and stamp a topic's messages, after a check of the mapped paths."""
+        """Return the decoder and the time function of a topic's messages, after a check of the mapped paths."""
         what = f"{self._name} ({topic.message_type or 'of no known type'})"
         try:
             decode, types = decoder(topic, self._definition)
@@ -200,7 +200,7 @@ class _Rows:
             raise SourceError(f"{what} has other types of numbers than the messages on that topic before")
 
     def _stamp(self, types: Types | None, what: str) -> Callable[[Message, object], int]:
-        """Return what reads a message's time [us] by the chosen clock."""
+        """Return a function that reads a message's time [us] by the chosen clock."""
         if self.clock == "received":
             return lambda message, _: message.received // MICROSECOND
         if self.clock == "published":
@@ -212,7 +212,7 @@ class _Rows:
         raise SourceError(f"{what} has no header; map time: received")
 
     def why_empty(self) -> str:
-        """Return why no message was taken."""
+        """Return why no message was used."""
         if self._absent:
             return f"no message has all mapped fields: {self._absent}"
         counts = ", ".join(f"{count} x {reason}" for reason, count in self.skipped.items())
@@ -224,7 +224,7 @@ class _Rows:
         return int((np.frombuffer(self._received, np.int64) - np.frombuffer(self.stamps, np.int64)).min())
 
     def table(self, shift: int) -> Table:
-        """Return the rows in the order of time, their stamps moved by `shift` [us]."""
+        """Return the rows in the order of time, their stamps shifted by `shift` [us]."""
         columns = {}
         for column, values in self._values.items():
             # Counters wrap around: as signed numbers their differences are right, whichever way they turn.

@@ -1,4 +1,4 @@
-"""ROS 2 bags in SQLite files (.db3): of a damaged one, every row that SQLite can still reach.
+"""ROS 2 bags in SQLite files (.db3): from a damaged one, every row that SQLite can still reach.
 
 Tables as rosbag2's storage plugin makes them: topics, messages, and since its schema 4 message_definitions. Messages
 that were compressed one by one are recognised by Zstandard's magic, which no CDR message begins with.
@@ -19,7 +19,7 @@ MAGIC = b"SQLite format 3\0"
 ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 HEAD_BYTES = 100  # sqlite.org/fileformat.html
-VERSION_VALID_FOR = 92  # offset of what must equal the change counter for the number of pages to be believed
+VERSION_VALID_FOR = 92  # offset of the number that must equal the change counter for the number of pages to be valid
 ROWS_STEPPED_SINGLY = 32  # behind a damaged row; after that the steps double
 LAST_ROW = 2**63 - 1
 MOST_STEPS = 10_000
@@ -30,7 +30,7 @@ Row = tuple[int, int, int, bytes]
 
 
 class SqliteReader(BagReader):
-    """Reads one .db3 file. Raises BagError where it has no topics that can be read."""
+    """Reads one .db3 file. Raises BagError if it has no readable topics."""
 
     def __iter__(self) -> Iterator[Message]:
         with self._readable() as address, closing(sqlite3.connect(address, uri=True)) as connection:
@@ -48,10 +48,10 @@ class SqliteReader(BagReader):
 
     @contextmanager
     def _readable(self) -> Iterator[str]:
-        """Give the address of a database that SQLite opens: the file itself, or a copy, which is all that is changed.
+        """Provide the address of a database that SQLite opens: the file itself, or a copy, as SQLite may modify it.
 
-        A killed recorder leaves a journal, whose messages SQLite takes over by writing. Of a file that was cut off it
-        reads nothing, unless the number of pages in its head is not valid: then it asks the file for its size.
+        A killed recorder leaves a journal, whose messages SQLite recovers by writing. It refuses a truncated file,
+        unless the number of pages in its header is not valid: then it uses the file's size.
         """
         journal = self.path.with_name(self.path.name + "-wal")
         if not journal.exists() and not self._is_cut_off():
@@ -101,7 +101,7 @@ class SqliteReader(BagReader):
         return {str(kind): (str(encoding).removeprefix("ros2"), str(text)) for kind, encoding, text in rows if text}
 
     def _rows(self, connection: sqlite3.Connection, numbers: list[int]) -> Iterator[Row]:
-        """Yield the messages of the topics; where a row cannot be read, go on some rows behind it."""
+        """Yield the messages of the topics; if a row cannot be read, continue some rows after it."""
         marks = ",".join("?" * len(numbers))
         query = f"SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? AND topic_id IN ({marks}) ORDER BY id"
         last, steps_without_row = 0, 0

@@ -1,4 +1,4 @@
-"""The values of a mapped signal at the rows of the message that it goes into, which may be those of another table."""
+"""The values of a mapped signal at the rows of the message that it goes into, which may be of another table."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -10,28 +10,26 @@ from cmr.tools.importing.layout import Column
 from cmr.tools.importing.mapping_types import Signal
 from cmr.tools.importing.sources import Table
 
-AGAIN = (
-    50_000  # us after which a command that is in force is sent again; the robots of this project forget it after 500 ms
-)
-MOST_AGAIN = 20_000_000  # messages, eleven days of them; more come of a damaged time
+AGAIN = 50_000  # us after which a command in force is repeated; CMR's robots discard it after 500 ms
+MOST_AGAIN = 20_000_000  # messages, eleven days of them; more are due to a damaged time
 
 
 class SamplingError(Exception):
-    """The recording's times make no sense with the mapping; the text says why."""
+    """The recording's times contradict the mapping; the text says why."""
 
 
 @dataclass(frozen=True)
 class Again:
-    """When values in force are sent, `utime` [us], and the row that each is of; both of shape (n,)."""
+    """Times at which values in force are repeated, `utime` [us], and the row of each; both of shape (n,)."""
 
     rows: NDArray[np.int64]
     utime: NDArray[np.int64]
 
 
 def recorded(signal: Signal, table: Table, own: Table, period: float | None = None) -> Column:
-    """Return what was recorded of a signal, which is in `own`, at the rows of `table`; NaN where nothing was.
+    """Return the recorded values of a signal in table `own` at the rows of `table`; NaN where there are none.
 
-    Between its rows a signal is interpolated, or held. One that starts again after `period` does so no more. Nothing is
+    Between its rows a signal is interpolated, or held. A signal that wraps around at `period` is unwrapped. No value is
     carried from one piece to the next.
     """
     values = _heading(*(own.columns[name] for name in signal.columns)) if len(signal.columns) > 1 else None
@@ -53,9 +51,9 @@ def recorded(signal: Signal, table: Table, own: Table, period: float | None = No
 
 
 def in_force_again(table: Table, tables: Collection[Table]) -> Again:
-    """Send the values in each row of `table` again until the next row of the piece, or the end of the recording's.
+    """Repeat the values of each row of `table` until the next row of the piece, or the end of the recording.
 
-    Raises SamplingError where that would never end.
+    Raises SamplingError if there would be too many.
     """
     if not len(table.utime):
         return Again(np.empty(0, np.int64), table.utime)
@@ -75,14 +73,14 @@ def in_force_again(table: Table, tables: Collection[Table]) -> Again:
 
 
 def rows_of(table: Table, rows: NDArray[np.bool_] | NDArray[np.int64], utime: NDArray[np.int64] | None = None) -> Table:
-    """Return these rows of a table, by a mask or by their numbers; at other times where `utime` [us] is given."""
+    """Return these rows of a table, by a mask or by their numbers; at other times if `utime` [us] is given."""
     columns = {name: values[rows] for name, values in table.columns.items()}
     times = (table.utime[rows], table.received_utime[rows]) if utime is None else (utime, utime)
     return Table(*times, table.segment[rows], columns)
 
 
 def _heading(w: Column, *others: Column) -> Column:
-    """Return the heading [rad] that a quaternion means, of its members w, z or w, x, y, z."""
+    """Return the heading [rad] of a quaternion, from its members w, z or w, x, y, z."""
     z = others[-1]
     if len(others) == 1:
         return np.asarray(np.arctan2(2 * w * z, w * w - z * z))

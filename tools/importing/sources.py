@@ -1,4 +1,4 @@
-"""What a foreign recording is read into, tables: columns over time as NumPy arrays; and how an LCM log is."""
+"""Tables read from a foreign recording: columns over time as NumPy arrays; and the reader of LCM logs."""
 
 from array import array
 from collections import Counter
@@ -18,15 +18,15 @@ from cmr.tools.importing.mapping_types import Mapping
 
 
 class SourceError(Exception):
-    """The recording cannot be read with this mapping; the text says what is wrong and what there is instead."""
+    """The recording cannot be read with this mapping; the text says why."""
 
 
 @dataclass(frozen=True)
 class Table:
     """Rows in the order of time.
 
-    `utime` and `received_utime` [us], shape (n,), int64, not decreasing; `segment` numbers the pieces of a
-    recording that is no continuous one; `columns` are of shape (n,), NaN where a CSV cell holds no number.
+    `utime` and `received_utime` [us], shape (n,), int64, not decreasing; `segment` numbers the pieces of a recording
+    that is not continuous; `columns` are of shape (n,), NaN where a CSV cell holds no number.
     """
 
     utime: NDArray[np.int64]
@@ -37,7 +37,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Piece:
-    """Where a piece of a recording that is no continuous one begins: at `utime` [us] of the log.
+    """Start of a piece of a recording that is not continuous: at `utime` [us] of the log.
 
     There its label in the recording is `name`, and its own time `seconds` [s].
     """
@@ -49,9 +49,9 @@ class Piece:
 
 @dataclass
 class Source:
-    """What was read: tables by name, what was skipped, by (place, reason), and sentences about damage.
+    """The result of reading: tables by name, numbers of skipped rows by (place, reason), and sentences about damage.
 
-    `pieces` are those that the import itself set apart, in the order of time; none of a continuous recording.
+    `pieces` are those that the import separated, in order of time; empty for a continuous recording.
     """
 
     tables: dict[str, Table]
@@ -61,10 +61,10 @@ class Source:
 
 
 def read_log(mapping: Mapping, path: Path) -> Source:
-    """Read the LCM log at `path` as the mapping says.
+    """Read the LCM log at `path` as the mapping specifies.
 
-    Raises SourceError naming a channel that is missing and those that are there, or a clock that stands still;
-    OSError when the file cannot be read.
+    Raises SourceError naming a missing channel and those present, or a clock that stands still; OSError if the file
+    cannot be read.
     """
     with open_regular(path):
         pass  # LCM's own error does not say why a file cannot be opened
@@ -98,14 +98,14 @@ def read_log(mapping: Mapping, path: Path) -> Source:
 
 
 def require_moving_clocks(path: Path, tables: dict[str, Table], hint: str) -> None:
-    """Raise SourceError that ends with `hint` where the time of a table stands still."""
+    """Raise SourceError, ending with `hint`, if the time of a table stands still."""
     for name, table in tables.items():
         if len(table.utime) > 1 and table.utime[0] == table.utime[-1]:
             raise SourceError(f"{path}: the time of {name} stands still; {hint}")
 
 
 class _Messages:
-    """The messages of one channel, one after the other without gaps, and when each was logged [us]."""
+    """The messages of one channel, concatenated, and when each was logged [us]."""
 
     def __init__(self) -> None:
         self.arrivals = array("q")
@@ -119,15 +119,17 @@ class _Messages:
 def _log_tables(
     mapping: Mapping, gathered: dict[str, _Messages], skipped: Counter[tuple[str, str]]
 ) -> dict[str, Table]:
-    """Decode the messages; all channels of a clock that was set wrong are shifted alike, to keep them in step."""
+    """Decode the messages; all channels of a clock with a wrong offset are shifted equally, to keep them
+    synchronised.
+    """
     channels = mapping.channels
     arrivals = {name: np.frombuffer(gathered[name].arrivals, np.int64) for name in channels}
-    # What has been decoded is let go.
+    # Decoded bytes are released.
     decoded = {
         name: decode(channel.layout, gathered.pop(name).data, {"utime", *mapping.columns(name)})
         for name, channel in channels.items()
     }
-    # A message cannot arrive before it was stamped, so the smallest delay seen is the closest bound on the shift.
+    # A message cannot arrive before it was stamped, so the smallest observed delay is the tightest bound on the shift.
     delays = [
         int((arrivals[name] - decoded[name]["utime"]).min())
         for name, channel in channels.items()
@@ -154,7 +156,7 @@ def in_time_order(
     segment: NDArray[np.int64],
     columns: Dictionary[str, Column],
 ) -> Table:
-    """Return the rows as a table, in the order of `utime`; rows of one time stay in their order."""
+    """Return the rows as a table, in the order of `utime`; rows of equal time keep their order."""
     order = np.argsort(utime, kind="stable")
     return Table(
         utime[order], received_utime[order], segment[order], {name: values[order] for name, values in columns.items()}

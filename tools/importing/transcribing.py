@@ -1,4 +1,4 @@
-"""Turn one foreign recording into a log."""
+"""Convert one foreign recording to a log."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ PIECE_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Imported:
-    """What became of a recording: its messages, how it was read, and the log in which they are."""
+    """Result of an import: the recording's messages, how it was read, and the log written."""
 
     conversion: Conversion
     source: Source
@@ -28,7 +28,7 @@ class Imported:
     out: Path
 
     def headline(self) -> str:
-        """Return how much is in the log."""
+        """Return a summary of the log."""
         times = self.conversion.times()
         start, end = int(times[0][1][0]), max(int(utimes[-1]) for _, utimes in times)
         count = sum(len(utimes) for _, utimes in times)
@@ -36,7 +36,7 @@ class Imported:
         return f"{self.out}: {count} messages over {(end - start) / MICROSECONDS:.1f} s{pieces}"
 
     def channels(self) -> list[str]:
-        """Return what is in each channel, a line each."""
+        """Return the contents of each channel, a line each."""
         times = self.conversion.times()
         start = int(times[0][1][0])
         lines = []
@@ -47,16 +47,16 @@ class Imported:
         return lines
 
     def remarks(self) -> list[str]:
-        """Return what was left out, and what else a person wants to know, a line each."""
+        """Return what was skipped, and other remarks for the user, a line each."""
         skipped = sorted(self.source.skipped.items())
         lines = [f"  skipped, {place}: {count} x {reason}" for (place, reason), count in skipped]
         return lines + [f"  note: {note}" for note in self.source.notes]
 
 
 def import_recording(mapping: Mapping, recording: Recorded, out: Path, robot_id: int) -> Imported:
-    """Write the log of a recording; it appears under its name when it is complete.
+    """Write the log of a recording; it gets its name when it is complete.
 
-    Raises BagError, SourceError or ConversionError where the recording cannot be used, OSError where a file cannot.
+    Raises BagError, SourceError or ConversionError if the recording cannot be used, OSError if a file cannot.
     """
     if mapping.topics:
         source = read_bag(mapping, recording.path)
@@ -73,7 +73,7 @@ def import_recording(mapping: Mapping, recording: Recorded, out: Path, robot_id:
 
 
 def _provenance(mapping: Mapping, recording: Recorded, source: Source) -> dict[str, object]:
-    """Return where the nominal parameters and the log come from, and what is needed to undo the mapping.
+    """Return the origin of the nominal parameters and the log, and the data needed to invert the mapping.
 
     `pieces` says where the import set pieces of the recording apart: for each the utime [us] at which it begins, its
     name in the recording, and the recording's own time [s] there.
@@ -104,7 +104,7 @@ def _digest(files: Sequence[Path]) -> str:
 
 
 def write_log(path: Path, events: Iterable[Event], robot_id: int) -> None:
-    """Write the messages as an LCM event log, each logged at its own utime, in the order given.
+    """Write the messages as an LCM event log, each logged at its own utime, in the given order.
 
     The log appears under its name when it is complete, in place of one that was there. Raises OSError when the
     folder cannot be written, KeyboardInterrupt on SIGINT or SIGTERM.

@@ -1,14 +1,14 @@
-"""What recordings hold packed is unpacked as far as a recording can be: a bomb of 0.6 MB holds 600 MB of nothing."""
+"""Unpack compressed recordings up to a limit: a decompression bomb of 0.6 MB may expand to 600 MB."""
 
 import bz2
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-FREE_BYTES = 1 << 26  # that any file may hold unpacked ...
-MOST_PER_BYTE = 100  # ... and a larger one for each byte packed; of measured data it is 2 to 50
-LARGEST_RECORD = 1 << 28  # bytes that are read, or unpacked, at once; recorders make chunks of some MB
-PIECE_BYTES = 1 << 16  # that are unpacked at a time: all of it that is before damage is kept
+FREE_BYTES = 1 << 26  # unpacked, allowed for any file ...
+MOST_PER_BYTE = 100  # ... and per packed byte for larger files; measured data have a ratio of 2 to 50
+LARGEST_RECORD = 1 << 28  # bytes read or unpacked at once; recorders write chunks of some MB
+PIECE_BYTES = 1 << 16  # unpacked at a time: everything before damage is kept
 TOO_MUCH = (
     "{path}: holds more than {most:.0f} MB unpacked, {times} times its size or more, as measured data never does. If "
     "it is meant so, unpack it ({tool}) and import that"
@@ -16,17 +16,17 @@ TOO_MUCH = (
 
 
 def most_unpacked(packed: int) -> int:
-    """Return how much a file of so many bytes may hold [bytes]."""
+    """Return the largest allowed unpacked size of a file of this size [bytes]."""
     return max(FREE_BYTES, MOST_PER_BYTE * packed)
 
 
 def too_much(path: Path, packed: int, tool: str) -> str:
-    """Return the sentence about a file of so many bytes that holds too much."""
+    """Return the error message for a file that is too large when unpacked."""
     return TOO_MUCH.format(path=path, most=most_unpacked(packed) / 1e6, times=MOST_PER_BYTE, tool=tool)
 
 
 def decompress(compression: str, data: bytes, most: int = LARGEST_RECORD) -> bytes:
-    """Return what can be decompressed, one byte more than `most` at most: of damaged data that before the damage."""
+    """Return the decompressed data, at most one byte more than `most`; of damaged data, the part before the damage."""
     if compression in ("", "none"):
         return data
     unpacked = bytearray()
@@ -35,13 +35,15 @@ def decompress(compression: str, data: bytes, most: int = LARGEST_RECORD) -> byt
             unpacked += piece
             if len(unpacked) > most:
                 break
-    except Exception:  # the libraries' errors have no base in common; whatever they are, the data is damaged here
+    except Exception:  # the libraries' errors have no common base; any of them means damaged data
         pass
     return bytes(unpacked[: most + 1])
 
 
 def copy_unpacked(source: BinaryIO, sink: BinaryIO, most: int) -> bool:
-    """Write what is compressed by Zstandard, `most` bytes and some more; return whether it is no more than that."""
+    """Decompress with Zstandard, writing a little more than `most` bytes at most; return whether that was
+    everything.
+    """
     import zstandard
 
     reader = zstandard.ZstdDecompressor().stream_reader(source)
@@ -75,7 +77,7 @@ def _of_lz4(data: bytes, most: int) -> Iterator[bytes]:
 def _bounded(
     decompress_some: Callable[[bytes, int], bytes], has_enough: Callable[[], bool], data: bytes, most: int
 ) -> Iterator[bytes]:
-    """Yield what a decompressor makes of the data piece by piece, never more than `most` bytes at once."""
+    """Yield decompressed data piece by piece, never more than `most` bytes at once."""
     for start in range(0, len(data), PIECE_BYTES):
         yield decompress_some(data[start : start + PIECE_BYTES], most)
         while not has_enough():

@@ -1,1 +1,1 @@
-"""cmr-log: what is in event logs, parts of them, and the same as tables and as MCAP files for Foxglove."""
+"""cmr-log: inspect event logs, cut and merge them, and convert them to tables and to MCAP files for Foxglove."""

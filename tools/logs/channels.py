@@ -1,4 +1,4 @@
-"""What of a log is left out where its messages are taken over into other formats, by channel and reason."""
+"""Counts of messages that are left out when a log is converted to other formats, by channel and reason."""
 
 from collections import Counter
 
@@ -10,7 +10,7 @@ OTHERS = "(other channels)"
 
 
 class LeftOut:
-    """Counts by channel and reason the messages that are not taken over."""
+    """Counts by channel and reason the messages that are left out."""
 
     def __init__(self) -> None:
         self._counts: Counter[tuple[str, str]] = Counter()
@@ -23,7 +23,7 @@ class LeftOut:
         self._counts[key] += 1
 
     def sentences(self) -> list[str]:
-        """Return the counts in sentences: messages of ours first, then other channels."""
+        """Return the counts in sentences: CMR's messages first, then other channels."""
         foreign = sorted(channel for channel, reason in self._counts if reason == FOREIGN_CHANNEL)
         lines = [
             f"{channel}: {count} x {reason}, left out."

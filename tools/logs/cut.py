@@ -1,4 +1,4 @@
-"""Cut a piece out of an event log, and merge several logs into one, event by event."""
+"""Cut a piece out of an event log, and merge several logs, event by event."""
 
 import heapq
 import math
@@ -13,8 +13,8 @@ from cmr.tools.writing import complete_or_none
 def cut(events: Iterable[Event], first: float, last: float, is_chosen: Callable[[str], bool]) -> Iterator[Event]:
     """Yield the events from `first` until before `last` [s since the log's first event] on the channels chosen.
 
-    Their order stays. So that pieces that follow each other share no event and lose none, both times are rounded to
-    microseconds.
+    The order is kept. Both times are rounded to microseconds, so that consecutive pieces neither share nor lose an
+    event.
     """
     begin: int | None = None
     from_utime, to_utime = 0.0, 0.0
@@ -28,17 +28,17 @@ def cut(events: Iterable[Event], first: float, last: float, is_chosen: Callable[
 
 
 def merge(logs: Sequence[Iterable[Event]]) -> Iterator[Event]:
-    """Yield the events of all logs by the time at which they were logged; those of one log stay in their order.
+    """Yield the events of all logs by logging time; events of one log keep their order.
 
-    Of events of the same time, those of the log named first come first.
+    Among events of equal time, those of the log named first come first.
     """
     return heapq.merge(*logs, key=lambda event: event.utime)
 
 
 def write_events(path: Path, events: Iterable[Event]) -> int:
-    """Write the events, numbered again, as a log that appears when it is complete; return how many there were.
+    """Write the events, numbered again, to a log that gets its name when it is complete; return how many there were.
 
-    Without events nothing is written. Raises OSError when the file cannot be written, KeyboardInterrupt on a signal.
+    Without events nothing is written. Raises OSError if the file cannot be written, KeyboardInterrupt on a signal.
     """
     iterator = iter(events)
     first = next(iterator, None)

@@ -1,4 +1,4 @@
-"""What is in an event log and how healthy it is: numbers for each channel, gathered in little memory."""
+"""Contents and health of an event log: numbers for each channel, computed with little memory."""
 
 from array import array
 from collections import Counter
@@ -17,18 +17,18 @@ from cmr.recordings.events import Event
 from cmr.recordings.log_clock import seconds_since
 from cmr.tools.logs.channels import OTHERS
 
-BATCH = 1024  # times that are looked at together
+BATCH = 1024  # times processed together
 BINS_PER_DOUBLING = 16
 DOUBLINGS = 48  # from 1 us to nine years
 
 
 @dataclass(frozen=True)
 class Rhythm:
-    """How evenly the messages of a channel came.
+    """Regularity of a channel's messages.
 
     `gaps` counts intervals longer than three usual ones; `longest` [s] is the longest interval and `longest_at` [us]
-    when it began; `jitter` [s] is the standard deviation of the intervals that are no gaps, NaN where none is expected
-    to be as another.
+    when it began; `jitter` [s] is the standard deviation of the intervals that are no gaps, NaN if no regular interval
+    is expected.
     """
 
     gaps: int
@@ -38,7 +38,7 @@ class Rhythm:
 
 
 class Intervals:
-    """The intervals between times, of which only a histogram is kept: its bins are 4 % wide."""
+    """The intervals between times, stored as a histogram with bins 4 % wide."""
 
     def __init__(self) -> None:
         self._times = array("q")
@@ -46,16 +46,16 @@ class Intervals:
         self._counts = np.zeros(0, np.int64)
         self._sums = np.zeros(0)
         self._squares = np.zeros(0)
-        self._longest = (0, 0)  # how long [us], since when [us]
+        self._longest = (0, 0)  # duration [us], start [us]
 
     def add(self, utime: int) -> None:
-        """Take the next time [us]."""
+        """Add the next time [us]."""
         self._times.append(utime)
         if len(self._times) >= BATCH:
             self._gather()
 
     def rhythm(self, expected: float | None) -> Rhythm | None:
-        """Return how even the intervals are, None where there are fewer than two.
+        """Return the regularity of the intervals, None if there are fewer than two.
 
         `expected` [us] is the usual interval of a channel that several senders share; None stands for the median.
         """
@@ -85,7 +85,7 @@ class Intervals:
         return float(np.sqrt(max(float(squares.sum()) / count, 0.0)))
 
     def _gather(self) -> None:
-        """Put the intervals between the times taken since into the histogram; a clock set back makes none."""
+        """Add the intervals between the times received since to the histogram; a clock set back adds none."""
         times = np.array(self._times, np.int64)
         self._times = array("q")
         if self._last is not None:
@@ -110,7 +110,7 @@ class Intervals:
 
 
 class ChannelHealth:
-    """What came on one channel.
+    """Health of one channel.
 
     `late` counts messages that were logged, or of a robot's channel measured, before the one ahead of them;
     `rejected` counts by reason messages that cannot be decoded.
@@ -127,7 +127,7 @@ class ChannelHealth:
         self._intervals = Intervals()
 
     def take(self, event: Event) -> None:
-        """Take the next event of the channel."""
+        """Process the next event of the channel."""
         if self.count == 0:
             self.first = event.utime
         self.count += 1
@@ -149,7 +149,7 @@ class ChannelHealth:
 
     @property
     def type_name(self) -> str:
-        """Name of the message type; ? on channels that are none of ours."""
+        """Name of the message type; ? for channels that are not CMR's."""
         name: str = "?" if self.channel is None else self.channel.stream.message_type.__name__
         return name
 
@@ -159,9 +159,9 @@ class ChannelHealth:
         return per_second(self.count - 1, self.last - self.first)
 
     def rhythm(self) -> Rhythm | None:
-        """Return how evenly the messages came; None where nothing is expected: of messages on occasion.
+        """Return how evenly the messages came; None for messages sent only on occasion.
 
-        A channel that several processes share has no usual interval, but the one that it has at least.
+        A channel shared by several processes has no usual interval, only a longest allowed one.
         """
         stream: Stream[Message] | None = None if self.channel is None else self.channel.stream
         if stream is None:
@@ -174,7 +174,7 @@ class ChannelHealth:
 
 
 class LogHealth:
-    """What is in a log: `channels` by name, the log's first, earliest and latest time [us], the number of events."""
+    """Health of a log: `channels` by name, the log's first, earliest and latest time [us], the number of events."""
 
     def __init__(self) -> None:
         self.channels: dict[str, ChannelHealth] = {}
@@ -182,11 +182,11 @@ class LogHealth:
         self.count = 0
 
     def seconds(self, utime: int) -> float:
-        """Return how long after the log's first event a time is [s]."""
+        """Return a time [s] relative to the log's first event."""
         return seconds_since(self.first, utime)
 
     def take_all(self, events: Iterable[Event]) -> None:
-        """Take the events of a log."""
+        """Process the events of a log."""
         for event in events:
             health = self.channels.get(event.channel)
             if health is None:

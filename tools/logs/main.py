@@ -1,4 +1,4 @@
-"""cmr-log: what is in event logs, pieces of them, and their messages in other formats.
+"""cmr-log: inspect event logs, cut and merge them, and convert their messages to other formats.
 
 Usage: cmr-log info LOG..., or cut, merge, csv, parquet, mcap; see cmr-log COMMAND --help
 """
@@ -32,7 +32,7 @@ NO_BUS = "accepted as by every command; logs need no bus"
 
 
 class Done(NamedTuple):
-    """What a subcommand did: for programs, and in lines for persons."""
+    """Result of a subcommand: for programs, and in lines for the user."""
 
     document: dict[str, object]
     lines: list[str]
@@ -44,7 +44,7 @@ Work = Callable[[argparse.Namespace], Done]
 def main(arguments: list[str]) -> int:
     """Run cmr-log.
 
-    Raises CommandError when a log cannot be read or the result cannot be written.
+    Raises CommandError if a log cannot be read or the result cannot be written.
     """
     options = _parse(arguments)
     try:
@@ -163,7 +163,7 @@ def _mcap(options: argparse.Namespace) -> Done:
 
 
 def _written(files: Mapping[Path, int], unit: str, left_out: Sequence[str], logs: Sequence[EventReader]) -> Done:
-    """Return what was written: how many `unit` each file holds, what was left out, and what damage there was."""
+    """Return the result: the number of `unit` in each file, what was left out, and the damage found."""
     damage = [sentence for log in logs if (sentence := damage_sentence(log))]
     written = [{"path": path, unit: count} for path, count in files.items()]
     lines = [f"{path}: {count} {unit}" for path, count in files.items()]
@@ -171,7 +171,7 @@ def _written(files: Mapping[Path, int], unit: str, left_out: Sequence[str], logs
 
 
 def _nothing(left_out: Sequence[str]) -> str:
-    """Say that there was nothing to write, and why."""
+    """Return the message that nothing was written, with the reason."""
     return " ".join(["no message of CMR could be decoded on the channels chosen; nothing is written.", *left_out])
 
 
@@ -180,7 +180,7 @@ def _missing(error: ModuleNotFoundError, what: str, extra: str) -> CommandError:
 
 
 def _check_out(logs: Sequence[EventReader], out: Path) -> None:
-    """Raise CommandError where the result has no folder, or would take the place of a log that is being read."""
+    """Raise CommandError if the result has no folder, or would replace a log that is being read."""
     if not out.parent.is_dir():
         raise CommandError(f"{out.parent} is no folder. Make it, or name another file with --out")
     if out.is_dir():
@@ -190,7 +190,7 @@ def _check_out(logs: Sequence[EventReader], out: Path) -> None:
 
 
 def _allow_many_open_files() -> None:
-    """Let as many files be open as the system permits: one for each channel."""
+    """Raise the limit of open files to the system's maximum: one file per channel is needed."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 

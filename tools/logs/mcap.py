@@ -1,7 +1,7 @@
-"""Messages of a log as MCAP with JSON, which Foxglove and others decode without knowing LCM.
+"""Write messages of a log to MCAP with JSON, which Foxglove and others decode without LCM.
 
-Numbers are JSON's: infinity is 1e999, which is read as infinity again; a single value that is no number (NaN) is left
-out of its message, and in an array it is null.
+Numbers are JSON's: infinity is 1e999, which is read as infinity again; a single NaN is left out of its message, and in
+an array it is null.
 """
 
 import json
@@ -29,7 +29,7 @@ Text = Callable[[object], str | None]
 
 
 class McapWriter:
-    """Writes messages into an MCAP file that is open at `stream`; `count` of them, `left_out` what was not.
+    """Writes messages into an MCAP file that is open at `stream`; `count` of them, `left_out` counts the others.
 
     Raises ModuleNotFoundError without the library.
     """
@@ -46,7 +46,7 @@ class McapWriter:
         self.left_out = LeftOut()
 
     def take_all(self, events: Iterable[Event]) -> None:
-        """Take the events of a log."""
+        """Write the events of a log."""
         for event in events:
             channel = channel_of(event.channel)
             if channel is None:
@@ -115,7 +115,9 @@ def schema_of(message_type: type[Message]) -> dict[str, object]:
 
 
 def encoder_of(channel: Channel) -> Encoder:
-    """Return what turns an encoded message of the channel into JSON; it raises RejectedMessage where it cannot."""
+    """Return a function that converts an encoded message of the channel to JSON; it raises RejectedMessage on
+    failure.
+    """
     fields = fields_of(channel.stream.message_type)
     texts = [(f'"{field.name}":', _text_of(field)) for field in fields]
 
@@ -142,7 +144,7 @@ def encoder_of(channel: Channel) -> Encoder:
 
 
 def _text_of(field: Field) -> Text:
-    """Return what writes a value of the field as JSON; None stands for nothing."""
+    """Return a function that writes a value of the field as JSON; None: it is left out."""
     by_type: dict[str, Text] = {"string": json.dumps, "boolean": _boolean, "float": _short_number, "double": _number}
     if field.wire_type == BYTES:
         return _base64
@@ -173,7 +175,7 @@ def _number(value: object) -> str | None:
 
 
 def _short_number(value: object) -> str | None:
-    """Write a number of single precision, of which nine digits are enough."""
+    """Write a number of single precision, for which nine digits are enough."""
     assert isinstance(value, float), "as every number with a point in a message"
     return f"{value:.9g}" if math.isfinite(value) else _infinite(value)
 

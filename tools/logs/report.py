@@ -1,4 +1,4 @@
-"""What cmr-log info says about a log: a line about the whole, a table of the channels, and what is wrong in words.
+"""Report of cmr-log info: a line about the whole, a table of the channels, and problems in words.
 
 For programs, the same as one document.
 """
@@ -22,7 +22,7 @@ LEGEND = (
 
 
 def document(log: EventReader, health: LogHealth) -> dict[str, object]:
-    """Return what is known of a log that has been read, as docs/reference/json.md says."""
+    """Return the data on a log that has been read, in the format of docs/reference/json.md."""
     return {
         "path": log.path,
         "bytes": log.size,
@@ -111,7 +111,7 @@ def _faults(health: LogHealth) -> list[str]:
 
 
 def _moment(utime: int) -> str:
-    """Return a time of day in words; the number itself where no calendar has it."""
+    """Return a time of day in words; the number itself if it is outside the calendar."""
     try:
         return f"{EPOCH + timedelta(microseconds=utime):%Y-%m-%d %H:%M:%S} UTC"
     except OverflowError:

@@ -21,13 +21,13 @@ from cmr.recordings.events import Event
 from cmr.tools.logs.channels import FOREIGN_CHANNEL, LeftOut
 
 LOGGED = "logged [us]"  # column: when the message was logged, since the Unix epoch
-MOST_OF_A_CHANNEL = 1 << 20  # bytes of messages that are gathered before they are written
+MOST_OF_A_CHANNEL = 1 << 20  # bytes of messages collected before they are written
 MOST_OF_ALL = 1 << 25  # bytes
-PARTS_OF_FIXED_SIZE, PARTS_OF_VARYING_SIZE = 1 << 15, 1 << 8  # messages that are decoded together
+PARTS_OF_FIXED_SIZE, PARTS_OF_VARYING_SIZE = 1 << 15, 1 << 8  # messages decoded together
 
 
 class Column(NamedTuple):
-    """A column of a table: its values, shape (n,), and which of them are none, None where all are values."""
+    """A column of a table: its values, shape (n,), and which of them are missing, None if none is."""
 
     values: NDArray[np.generic]
     is_none: NDArray[np.bool_] | None = None
@@ -49,8 +49,8 @@ class Sink(Protocol):
 class TableWriter:
     """Writes the messages of each channel into a file of its own; a context manager, which completes the files.
 
-    `open_sink` opens the file of a channel. `rows` counts by channel what was written, `left_out` what could not be
-    decoded.
+    `open_sink` opens the file of a channel. `rows` counts written rows by channel, `left_out` messages that could not
+    be decoded.
     """
 
     def __init__(self, open_sink: Callable[[str], Sink]) -> None:
@@ -75,7 +75,7 @@ class TableWriter:
                 sink.close()
 
     def take_all(self, events: Iterable[Event]) -> None:
-        """Take the events of a log."""
+        """Process the events of a log."""
         for event in events:
             channel = channel_of(event.channel)
             if channel is None:
@@ -89,7 +89,7 @@ class TableWriter:
                 self._gather(event)
 
     def _gather(self, event: Event) -> None:
-        size = len(event.data) + 100  # bytes; what Python needs beside the data
+        size = len(event.data) + 100  # bytes; Python's overhead per object
         name = event.channel
         self._gathered.setdefault(name, []).append((event.utime, event.data))
         self._bytes[name] = self._bytes.get(name, 0) + size
@@ -100,7 +100,7 @@ class TableWriter:
             self._write(max(self._bytes, key=lambda each: self._bytes[each]))
 
     def _write(self, name: str) -> None:
-        """Write what was gathered of a channel."""
+        """Write the collected messages of a channel."""
         messages = self._gathered.pop(name)
         self._all_bytes -= self._bytes.pop(name)
         channel = channel_of(name)
@@ -113,7 +113,7 @@ class TableWriter:
 
 
 def tables_of(channel: Channel, messages: list[tuple[int, bytes]]) -> Iterator[Table]:
-    """Decode messages that were checked, each with its logging time [us]; yield them in tables that are not too long.
+    """Decode checked messages, each with its logging time [us]; yield them in tables of limited length.
 
     Of messages with arrays each element is a row, numbered by the column `index`; the message's single values are
     repeated in all of them. A message whose arrays are empty is one row without index and elements.
@@ -143,7 +143,7 @@ def _table_of_varying_size(channel: Channel, logged: NDArray[np.int64], data: li
     counts = {field.counted_by for field in fields if field.counted_by is not None}
     if not counts:
         return {LOGGED: Column(logged), **{field.column: _singles(field, messages) for field in fields}}
-    [count] = counts  # all arrays of a type of ours go together
+    [count] = counts  # all arrays of one of CMR's types have the same length
     lengths = np.array([getattr(message, count) for message in messages], np.int64)
     rows = np.maximum(lengths, 1)
     is_none = np.repeat(lengths == 0, rows)
@@ -175,7 +175,7 @@ def _dtype(field: Field) -> np.dtype[np.generic]:
 
 
 class CsvFile:
-    """A CSV file; between two tables it is closed, since a log may have more channels than files can be open."""
+    """A CSV file; it is closed between tables, since a log may have more channels than the limit of open files."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -194,7 +194,7 @@ class CsvFile:
 
 
 def _texts(column: Column) -> list[object]:
-    """Return the values so that they are written in full, and no longer than that."""
+    """Return the values as text with as few digits as are exact."""
     texts: list[object] = column.values.tolist()
     if column.values.dtype == object:
         texts = [cell(str(text)) for text in texts]
@@ -206,7 +206,7 @@ def _texts(column: Column) -> list[object]:
 
 
 class _Writer(Protocol):
-    """What is used of PyArrow's ParquetWriter."""
+    """The part of PyArrow's ParquetWriter that is used."""
 
     def write_table(self, table: object) -> None: ...
 

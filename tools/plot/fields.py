@@ -1,4 +1,4 @@
-"""Fields of messages over time: what a person asks for, and their values from a log."""
+"""Fields of messages over time: those named on the command line, and their values in a log."""
 
 import re
 from collections.abc import Iterable
@@ -16,21 +16,21 @@ from cmr.recordings.thinning import Rows
 
 WRITTEN = re.compile(r"([^.:]+)\.(\w+)(?:\[(?:(robot|twin) ?)?(\d+)\])?")
 MOST_NEAR_NAMES = 5
-MOST_ROWS = 500_000  # messages of a channel whose values are kept: more than an hour at 100 Hz
+MOST_ROWS = 500_000  # messages per channel whose values are kept: more than an hour at 100 Hz
 MOST_VALUES = 4_000_000  # of all fields
 
 
 class Values(NamedTuple):
-    """Values of a field [unit] and the times they hold for [s since the log began], both of shape (n,)."""
+    """Values of a field [unit] and their times [s since the log began], both of shape (n,)."""
 
     seconds: NDArray[np.float64]
     values: NDArray[np.float64]
 
 
 def parse_field(text: str) -> FieldName:
-    """Return the field that is written like POSE_0.x, WAYPOINTS_0.x[3], WORLD_STATE.x[robot 3] or [twin 3].
+    """Return the field named in a form such as POSE_0.x, WAYPOINTS_0.x[3], WORLD_STATE.x[robot 3] or [twin 3].
 
-    Raises CommandError where it is not written so, or is none that can be drawn; with the near names that can.
+    Raises CommandError, with similar names, if the form is wrong or the field cannot be drawn.
     """
     match = WRITTEN.fullmatch(text)
     if match is None:
@@ -40,7 +40,7 @@ def parse_field(text: str) -> FieldName:
         )
     name = FieldName(match[1], match[2], int(match[4]) if match[4] else None, match[3] or "")
     known = fields_on(name.channel)
-    if known is None:  # no channel of ours; what is near, the log tells
+    if known is None:  # not a channel of CMR; the log gives similar names
         return name
     field = known.get(name.field)
     if field is None or field.wire_type in ("string", BYTES):
@@ -52,7 +52,7 @@ def parse_field(text: str) -> FieldName:
 
 
 def _check_element(name: FieldName, field: Field, *, has_robots: bool) -> None:
-    """Raise CommandError where the brackets are missing, or do not fit the field."""
+    """Raise CommandError if the brackets are missing, or do not fit the field."""
     written = f"{name.channel}.{name.field}"
     if field.counted_by is None and name.element is not None:
         raise CommandError(f"{written} is one number; leave out the brackets.")
@@ -64,7 +64,7 @@ def _check_element(name: FieldName, field: Field, *, has_robots: bool) -> None:
 
 
 def near_names(asked: str, channels: Iterable[str]) -> list[str]:
-    """Return the fields of these channels that are written most alike; all of them where there are few."""
+    """Return the fields of these channels with the most similar names; all of them if there are few."""
     names = [
         f"{channel}.{field.name}" + ("" if field.counted_by is None else "[0]")
         for channel in sorted(channels)
@@ -77,9 +77,10 @@ def near_names(asked: str, channels: Iterable[str]) -> list[str]:
 
 
 class Gathered:
-    """The values of some fields in the events of one log; it has `channels`, and `rejected` messages were damaged.
+    """The values of some fields in the events of one log; `channels` lists its channels, `rejected` counts damaged
+    messages.
 
-    Of very many messages those are kept that hold the lowest and highest values of each few.
+    If there are very many messages, only those with the lowest and highest values of each few are kept.
     """
 
     def __init__(self, names: Iterable[FieldName], events: Iterable[Event]) -> None:
@@ -99,11 +100,11 @@ class Gathered:
                 self._take(event)
 
     def values(self, name: FieldName) -> Values:
-        """Return what was gathered of a field, in the order of its times."""
+        """Return the values of a field, in order of time."""
         utime, values = self._rows[name.channel].all()
         order = np.argsort(utime, kind="stable")
         column = values[:, self._wanted[name.channel].index(name)]
-        if name.whose:  # messages that do not speak of this robot are no gaps
+        if name.whose:  # messages without this robot do not make gaps
             order = order[~np.isnan(column[order])]
         return Values((utime[order] - (self._begin or 0)) / MICROSECONDS, column[order])
 
@@ -118,7 +119,7 @@ class Gathered:
 
 
 def against(horizontal: Values, vertical: Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return one field's values and the other's at the same times, interpolated where they come at other times."""
+    """Return one field's values and the other's at the same times, interpolated if their times differ."""
     if np.array_equal(horizontal.seconds, vertical.seconds):
         return horizontal.values, vertical.values
     if not (len(horizontal.seconds) and len(vertical.seconds)):

@@ -1,4 +1,4 @@
-"""Draw fields over time, or one against the other; several logs over each other."""
+"""Draw fields over time, or one against the other; several logs in the same panels."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -23,7 +23,7 @@ LONGEST_Y_LABEL = 34  # characters that fit beside a panel in one line
 
 
 class Curve(NamedTuple):
-    """A line: what it is, its points, and the numbers of its log and of its field, which distinguish them."""
+    """A line: its label, its points, and the numbers of its log and of its field, which set its style."""
 
     label: str
     x: Floats
@@ -33,7 +33,7 @@ class Curve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """Curves that share their axes. Where these are lengths, both have the same scale."""
+    """Curves that share their axes. If these are lengths, both have the same scale."""
 
     x_label: str
     y_label: str
@@ -55,7 +55,7 @@ def figure_of(panels: Sequence[Panel], title: str, logs: int) -> "Figure":
 def draw(figure: "Figure", panels: Sequence[Panel], title: str, logs: int) -> None:
     """Draw the panels into a figure. With several logs colours distinguish the logs, else the fields.
 
-    No more points are drawn than can be seen; a closer look at a part of the time shows all of it.
+    Points are reduced to the visible resolution; zooming in shows all of them.
     """
     heights = [PANEL_HEIGHT if panel.over_time else PATH_HEIGHT for panel in panels]
     grid = figure.add_gridspec(len(panels), 1, height_ratios=heights)
@@ -96,10 +96,10 @@ def _draw(axes: "Axes", panel: Panel, logs: int) -> None:
 
 
 def _look_closely(axes: "Axes", whole: "Sequence[tuple[Line2D, Floats, Floats]]") -> None:
-    """Draw the part of the time that is seen as finely as it can be seen."""
+    """Draw the visible part of the time at the visible resolution."""
     begin, end = sorted(axes.get_xlim())
     for line, seconds, values in whole:
-        # One more on each side, so that lines go on to the edge.
+        # One more on each side, so that lines extend to the edge.
         first = max(int(np.searchsorted(seconds, begin)) - 1, 0)
         part = slice(first, int(np.searchsorted(seconds, end, side="right")) + 1)
         line.set_data(*thinned(seconds[part], values[part]))

@@ -33,14 +33,14 @@ class Asked(NamedTuple):
 
     @property
     def names(self) -> tuple[FieldName, ...]:
-        """The fields that are needed for it."""
+        """The fields to read for it."""
         return (self.vertical,) if self.horizontal is None else (self.horizontal, self.vertical)
 
 
 def main(arguments: list[str]) -> int:
     """Draw fields of logs.
 
-    Raises CommandError for a log, a field or a file that cannot be used.
+    Raises CommandError if a log, a field or a file cannot be used.
     """
     options = _parse(arguments)
     asked = [_asked(text) for text in options.fields]
@@ -117,7 +117,7 @@ def _gather(path: Path, names: set[FieldName]) -> Gathered:
 
 
 def _check(paths: Sequence[Path], gathered: Sequence[Gathered], names: set[FieldName]) -> None:
-    """Raise CommandError for a field that no log has; say on stderr which logs lack one that others have."""
+    """Raise CommandError for a field that no log has; print on stderr which logs lack one that others have."""
     for name in sorted(names):
         lacking = [path for path, one in zip(paths, gathered, strict=True) if not len(one.values(name).values)]
         if len(lacking) == len(paths):
@@ -130,7 +130,7 @@ def _check(paths: Sequence[Path], gathered: Sequence[Gathered], names: set[Field
 
 
 def _panels(asked: Sequence[Asked], paths: Sequence[Path], gathered: Sequence[Gathered]) -> list[Panel]:
-    """Return the panels, in the order in which they were asked for; what has the same axes shares one."""
+    """Return the panels, in the order of the command line; curves with the same axes share one."""
     groups: dict[tuple[str, ...], list[Asked]] = {}
     for one in asked:
         over_time = (unit_of(one.vertical) or one.vertical.field,)
@@ -140,7 +140,7 @@ def _panels(asked: Sequence[Asked], paths: Sequence[Path], gathered: Sequence[Ga
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return what to call the logs: their names, or where two have the same name their paths."""
+    """Return labels for the logs: their names, or their paths if two have the same name."""
     names = [path.name for path in paths]
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
@@ -162,7 +162,7 @@ def _panel(group: Sequence[Asked], paths: Sequence[Path], gathered: Sequence[Gat
 
 
 def _curve(one: Asked, numbers: tuple[int, int], log: str, gathered: Gathered) -> Curve:
-    """Return the curve of one log, which is named where there are several; `numbers` of log and field."""
+    """Return the curve of one log, which is named if there are several; `numbers` of log and field."""
     vertical = gathered.values(one.vertical)
     label = str(one.vertical) if one.horizontal is None else f"{one.vertical} against {one.horizontal}"
     if log:
@@ -173,7 +173,7 @@ def _curve(one: Asked, numbers: tuple[int, int], log: str, gathered: Gathered) -
 
 
 def _label(names: Sequence[FieldName]) -> str:
-    """Return the label of an axis: the one field, or where there are several what they have in common; and the unit."""
+    """Return the label of an axis: the field, or the common part of several; and the unit."""
     unit = unit_of(names[0])
     text = str(names[0]) if len(names) == 1 else ", ".join(dict.fromkeys(name.field for name in names))
     return f"{text} [{unit}]" if unit else text

@@ -1,1 +1,1 @@
-"""cmr-replay: the messages of an event log once more, on the bus or in another log, as they are or changed."""
+"""cmr-replay: send the messages of an event log again, to the bus or another log, unchanged or modified."""

@@ -1,4 +1,4 @@
-"""What a replay changes of a message: its channel, the robot it speaks of, and its times."""
+"""Changes that a replay makes to a message: its channel, its robot id, and its times."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -13,13 +13,13 @@ from cmr.recordings.events import Event
 from cmr.tools.events import channel_chooser
 
 UTIME = Struct(">q")
-LARGEST_UTIME = 2**63 - 1  # what int64 holds
+LARGEST_UTIME = 2**63 - 1  # limit of int64
 
 
 class ChannelFilter:
     """Decides whether a channel is replayed: one of the shell patterns `only`, or any; but none of `without`.
 
-    What processes send to test the bus never is. `seen` has each channel that was asked for, and the answer.
+    Messages that test the bus are never replayed. `seen` has each channel checked so far, and the answer.
     """
 
     def __init__(self, only: Sequence[str], without: Sequence[str]) -> None:
@@ -35,26 +35,26 @@ class ChannelFilter:
 
 
 class _Plan(NamedTuple):
-    """What to change on a channel, in messages of one type."""
+    """The changes to messages of one type on a channel."""
 
     channel: str
     robot_id: bytes | None
     robot_id_offset: int
     utime_offsets: tuple[int, ...]
-    needed: int  # bytes; a shorter message is a damaged one
+    needed: int  # bytes; shorter messages are damaged
 
 
 class Changes:
-    """Renames channels by `remap`. Where both names are of one stream, the messages get the new robot's id, too."""
+    """Renames channels by `remap`. If both names belong to one stream, the messages get the new robot's id, too."""
 
     def __init__(self, remap: Mapping[str, str]) -> None:
         self._remap = dict(remap)
         self._plan_of = lru_cache(maxsize=None)(self._make_plan)
 
     def changed(self, event: Event, new_utime: Callable[[int], int] | None = None) -> tuple[str, bytes]:
-        """Return the channel and the message to send; `new_utime` makes a new time [us] of each one in the message.
+        """Return the channel and the message to send; `new_utime` converts each time [us] in the message.
 
-        Messages that are not of our types keep their bytes, and so do those that are too short.
+        Messages of foreign types, and those that are too short, are not changed.
         """
         data = as_of_today(event.data)
         plan = self._plan_of(event.channel, data[:FINGERPRINT_BYTES])
@@ -66,7 +66,7 @@ class Changes:
         if new_utime is not None:
             for offset in plan.utime_offsets:
                 [utime] = UTIME.unpack_from(data, offset)
-                if utime:  # 0 stands for a time that is not known
+                if utime:  # 0 marks an unknown time
                     moved = min(max(new_utime(utime), -LARGEST_UTIME), LARGEST_UTIME)
                     UTIME.pack_into(changed, offset, moved)
         return plan.channel, bytes(changed)
@@ -85,10 +85,10 @@ class Changes:
 
 
 def moved_to(due_utime: int, event_utime: int, speed: float) -> Callable[[int], int]:
-    """Return what moves times [us] of a message logged at `event_utime` to when it is due.
+    """Return a function that shifts times [us] of a message logged at `event_utime` to when it is due.
 
-    It is then as old when it is sent as it was when it was logged; at a higher speed younger by as much, so that the
-    order of the times within a channel stays.
+    Its age when sent is then that when logged, or less at a higher speed, so that the order of times within a channel
+    is kept.
     """
     if speed <= 1.0:
         shift = due_utime - event_utime

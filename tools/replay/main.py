@@ -33,7 +33,7 @@ KEYS = "space: pause, + -: speed, arrows: 10 s, q: quit"
 
 
 class Sender:
-    """Sends messages on the bus, changed as asked for; counts in `unsent` what could not be sent, by the reason.
+    """Sends messages on the bus, with the requested changes; `unsent` counts failures by reason.
 
     Those that are sent `as_of_now` get a new signature.
     """
@@ -46,7 +46,7 @@ class Sender:
         self._clock_began = now_utime() - time.monotonic() * 1e6  # us since the Unix epoch
 
     def send(self, event: Event, due: float, speed: float) -> None:
-        """Send a message that is due at this moment of the monotonic clock [s]."""
+        """Send a message that is due at this time of the monotonic clock [s]."""
         new_utime = None
         if self._as_of_now:
             new_utime = moved_to(round(self._clock_began + due * 1e6), event.utime, speed)
@@ -65,7 +65,7 @@ class Sender:
 def main(arguments: list[str]) -> int:
     """Replay one log.
 
-    Raises CommandError when there is nothing to replay, BusError when the bus cannot be used.
+    Raises CommandError if there is nothing to replay, BusError if the bus cannot be used.
     """
     options = _parse(arguments)
     log = open_log(options.log)
@@ -143,7 +143,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def _add_span(result: argparse.ArgumentParser) -> None:
-    """Add what of the log is played, how often, and how long its gaps last."""
+    """Add options for the part of the log to play, repeats, and the length of gaps."""
     result.add_argument(
         "--start",
         type=parse_seconds,
@@ -200,14 +200,14 @@ def _remap(text: str) -> tuple[str, str]:
 
 
 def _bus(url: str | None) -> lcm.LCM:
-    """Return a bus that works, to send on; nothing listens on it."""
+    """Return a working bus for sending only."""
     resolved = resolve_url(url)
     self_test(open_lcm(resolved), resolved)
     return open_lcm(resolved)
 
 
 def play(player: Player, keys: Keys, progress: Progress, duration: float, stopping: Stopping) -> None:
-    """Play a log of `duration` [s] until its end, until the key q or until a signal."""
+    """Play a log of `duration` [s] until its end, the key q or a signal."""
     while not stopping:
         wait = player.play()
         if wait is None:
@@ -249,7 +249,7 @@ def _summary(player: Player, sender: Sender, log: EventReader) -> list[str]:
 
 
 def _nothing(options: argparse.Namespace, chosen: ChannelFilter) -> CommandError:
-    """Return the error that says why there was nothing to replay."""
+    """Return an error that says why there was nothing to replay."""
     if not chosen.seen:
         return CommandError(f"{options.log} holds no messages from {options.start:g} s on.")
     if any(chosen.seen.values()):

@@ -1,4 +1,4 @@
-"""When each message of a log is due: speed, pause, jumps, loops and gaps, on any clock and into any sink."""
+"""Timing of a replay: speed, pause, jumps, loops and gaps, with any clock and sink."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -7,24 +7,24 @@ from typing import Protocol
 from cmr.recordings.events import Event
 
 SLOWEST = 0.1
-LADDER = (SLOWEST, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, math.inf)  # what faster and slower go through
-LONGEST_CATCH_UP = 0.5  # s; a player that was held up for longer, as by Ctrl-Z, sends no burst of all that it missed
-BATCH = 500  # messages sent or passed over in one go, so that keys are heard meanwhile
+LADDER = (SLOWEST, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, math.inf)  # the steps of faster and slower
+LONGEST_CATCH_UP = 0.5  # s; after a longer interruption, such as Ctrl-Z, missed messages are not sent in a burst
+BATCH = 500  # messages sent or skipped at once, so that keys are handled in between
 
 
 class Tape(Protocol):
-    """Logged messages that can be read from any moment on, any number of times."""
+    """Logged messages that can be read from any time on, repeatedly."""
 
     def read(self, begin: float) -> Iterator[tuple[float, Event]]:
-        """Yield the messages from `begin` on with their moments [s since the log began], which never decrease."""
+        """Yield the messages from `begin` on with their times [s since the log began], which never decrease."""
 
 
 class Player:
-    """Sends the messages of a tape at their time: `sink(event, due, speed)` with the moment it was due at [s].
+    """Sends the messages of a tape at their time: `sink(event, due, speed)` with the time at which it was due [s].
 
-    `clock` returns the time [s]; it may begin anywhere, but not go back. `speed` 1 is as recorded, inf as fast as can
-    be. `begin` and `end` [s since the log began] bound what is played; a silence of more than `longest_gap` [s] is
-    cut to that. `wanted` chooses channels. What is sent is counted in `sent`, loops done in `rounds`.
+    `clock` returns the time [s]; with any origin, but never decreasing. `speed` 1 is as recorded, inf as fast as
+    possible. `begin` and `end` [s since the log began] bound what is played; a silence of more than `longest_gap` [s]
+    is cut to that. `wanted` chooses channels. What is sent is counted in `sent`, loops done in `rounds`.
     """
 
     def __init__(
@@ -47,20 +47,20 @@ class Player:
         self._loop, self._longest_gap, self._begin, self._end = loop, longest_gap, begin, end
         self._paused_at: float | None = None
         self._events: Iterator[tuple[float, Event]] = iter(())
-        self._next: tuple[float, Event] | None = None  # what is sent next, and its moment in the log
-        self._due = 0.0  # when that is to be sent, by the clock
-        self._last = 0.0  # the moment in the log from which the wait for it is counted
+        self._next: tuple[float, Event] | None = None  # the next message, and its time in the log
+        self._due = 0.0  # when it is due, by the clock
+        self._last = 0.0  # the time in the log from which the wait for it is counted
         self._sent_before_round = 0
         self._open(begin)
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still."""
+        """Whether it is paused."""
         return self._paused_at is not None
 
     @property
     def position(self) -> float:
-        """Where in the log it is [s since the log began]."""
+        """Position in the log [s since the log began]."""
         if self._next is None or math.isinf(self.speed):
             return self._last
         return max(self._last, self._next[0] - max(self._due - self._now(), 0.0) * self.speed)
@@ -68,7 +68,7 @@ class Player:
     def play(self) -> float | None:
         """Send what is due, up to a batch.
 
-        Return how long nothing more is due [s]: inf while paused, None when all has been played.
+        Return the time until the next message is due [s]: inf while paused, None at the end.
         """
         if self.paused:
             return math.inf
@@ -89,7 +89,7 @@ class Player:
         return 0.0
 
     def toggle(self) -> None:
-        """Pause, or go on from where it was paused."""
+        """Pause, or resume."""
         if self._paused_at is None:
             self._paused_at = self._clock()
         else:
@@ -97,15 +97,15 @@ class Player:
             self._paused_at = None
 
     def faster(self) -> None:
-        """Go on at the next greater speed of the ladder."""
+        """Change to the next greater speed of the ladder."""
         self._set_speed(min((speed for speed in LADDER if speed > self.speed), default=self.speed))
 
     def slower(self) -> None:
-        """Go on at the next smaller speed of the ladder."""
+        """Change to the next smaller speed of the ladder."""
         self._set_speed(max((speed for speed in LADDER if speed < self.speed), default=self.speed))
 
     def jump(self, seconds: float) -> None:
-        """Go on that much later in the log, or earlier, but not before the beginning."""
+        """Jump forward or back in the log by this time, but not before the beginning."""
         self._open(max(self.position + seconds, self._begin))
 
     def _now(self) -> float:
@@ -120,7 +120,7 @@ class Player:
             self._due = now + self._gap_to(self._next[0])
 
     def _gap_to(self, seconds: float) -> float:
-        """Return how long to wait [s] from where it is until this moment of the log."""
+        """Return the time to wait [s] from the current position until this time in the log."""
         return min(seconds - self._last, self._longest_gap) / self.speed
 
     def _open(self, seconds: float) -> None:
@@ -130,7 +130,7 @@ class Player:
         self._due = self._now()
 
     def _load(self) -> bool:
-        """Look at one message more, which becomes the next if it is wanted; return whether there was one."""
+        """Read one more message, which becomes the next if it is wanted; return whether there was one."""
         found = next(self._events, None)
         if found is None or found[0] > self._end:
             return self._begin_again()
@@ -140,7 +140,7 @@ class Player:
         return True
 
     def _begin_again(self) -> bool:
-        """Begin a round more, if that is wanted and the last one had something to send."""
+        """Begin another round, if that is wanted and the last one had something to send."""
         if not self._loop or self.sent == self._sent_before_round:
             return False
         self.rounds += 1

@@ -1,4 +1,4 @@
-"""A log as a tape: messages from any moment on, with a time that never goes back."""
+"""A log as a tape: messages from any time on, with a time that never decreases."""
 
 from collections.abc import Iterator
 
@@ -10,8 +10,8 @@ from cmr.recordings.log_clock import Checkpoints, LogClock, seconds_since, span_
 class LogTape:
     """An event log; time runs from its first message [s].
 
-    Where the clock of the logger was set, forward by more than a day or back by more than a second, no time passes.
-    Places once read are remembered, so that to jump back reads little.
+    When the logger's clock was set, forward by more than a day or back by more than a second, no time passes. Positions
+    once read are stored, so that jumping back reads little.
     """
 
     def __init__(self, log: EventReader) -> None:
@@ -24,7 +24,7 @@ class LogTape:
         return None if self._last is None else seconds_since(self._first, self._last)
 
     def read(self, begin: float) -> Iterator[tuple[float, Event]]:
-        """Yield the intact messages from `begin` [s] on with their moments."""
+        """Yield the intact messages from `begin` [s] on with their times."""
         start = self._checkpoints.before(self._first + begin * MICROSECONDS)
         clock, offset = LogClock(start.utime, start.latest), start.offset
         for event in self._log.read(offset):

@@ -1,4 +1,4 @@
-"""The keys of a command that plays: each is taken at once, without Return."""
+"""Keys for a command that plays: each is handled at once, without Return."""
 
 import os
 import select
@@ -27,9 +27,9 @@ def parse_keys(data: bytes) -> list[str]:
 
 
 class Keys:
-    """The keys of the terminal at the file `descriptor`; none where it is no terminal, or another program's.
+    """The keys of the terminal at the file `descriptor`; none if it is not a terminal, or belongs to another program.
 
-    A context manager, which leaves the terminal as it was.
+    A context manager, which restores the terminal.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -55,7 +55,7 @@ class Keys:
                 termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 
     def wait(self, seconds: float) -> list[str]:
-        """Wait for so long, or until keys are pressed; return them."""
+        """Wait this long, or until keys are pressed; return them."""
         if not self.available:
             time.sleep(seconds)
             return []
@@ -70,12 +70,12 @@ class Keys:
         return parse_keys(data)
 
     def _is_ours(self) -> bool:
-        """Return whether no shell has given the terminal to another program, while this one is in the background."""
+        """Return whether this program is in the foreground of the terminal."""
         try:
             return os.tcgetpgrp(self._file) == os.getpgrp()
         except OSError:  # no shell controls programs by this terminal
             return True
 
     def _listen(self) -> None:
-        """Have the terminal send each key at once; what was typed before is kept."""
+        """Make the terminal send each key at once; earlier input is kept."""
         tty.setcbreak(self._file, termios.TCSANOW)

@@ -1,1 +1,1 @@
-"""cmr-spy: which channels there are on the bus, how fast, and what their messages say."""
+"""cmr-spy: the channels on the bus, their rates, and the contents of their messages."""

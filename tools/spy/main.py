@@ -1,4 +1,4 @@
-"""cmr-spy: the messages on the bus by channel: how often they come, how evenly, and with which values.
+"""cmr-spy: the messages on the bus by channel: their rate, jitter, and values.
 
 Usage: cmr-spy
 """
@@ -31,13 +31,13 @@ BETWEEN_DOCUMENTS = 1.0  # s
 LONGEST_WAIT = 0.1  # s; a signal is noticed within this time
 NO_KEY = -1  # of getch
 FIRST_SPECIAL_KEY = 256  # of getch; characters are below
-WITHOUT_TERMINAL = 3.0  # s, over which the table is taken where there is no terminal to show it on
+WITHOUT_TERMINAL = 3.0  # s, over which the table is measured if there is no terminal
 
 
 class Ear:
-    """Hears everything on a bus and says nothing, but a test of the bus at the beginning.
+    """Receives everything on a bus and sends nothing, except a test of the bus at the beginning.
 
-    Raises BusError when the bus cannot be used.
+    Raises BusError if the bus cannot be used.
     """
 
     def __init__(self, url: str | None, statistics: Statistics) -> None:
@@ -50,7 +50,7 @@ class Ear:
         self._poll.register(self._lcm.fileno(), select.POLLIN)
 
     def listen(self, until: float, keys: int | None = None) -> bool:
-        """Listen until this moment of the monotonic clock [s], or until there are keys at the file `keys`."""
+        """Receive until this time of the monotonic clock [s], or until there are keys at the file `keys`."""
         bus = self._lcm.fileno()
         if keys is not None:
             self._poll.register(keys, select.POLLIN)
@@ -67,9 +67,9 @@ class Ear:
 
 
 def main(arguments: list[str]) -> int:
-    """Show what is said on a bus, until the key q, or once.
+    """Show the messages on a bus, until the key q, or once.
 
-    Raises CommandError for a terminal that cannot be used, BusError when the bus cannot be used.
+    Raises CommandError if the terminal cannot be used, BusError if the bus cannot be used.
     """
     options = command_parser().parse_args(arguments)
     statistics = Statistics()
@@ -115,7 +115,7 @@ def command_parser() -> argparse.ArgumentParser:
 def _print_documents(
     ear: Ear, statistics: Statistics, fits: Callable[[str], bool], once: float | None, stopping: Stopping
 ) -> None:
-    """Print a line of JSON after each second until a signal comes, or one after `once` seconds."""
+    """Print a line of JSON after each second until a signal arrives, or one after `once` seconds."""
     while not stopping:
         _listen(ear, BETWEEN_DOCUMENTS if once is None else once, stopping)
         now = now_utime()
@@ -131,7 +131,7 @@ def _listen(ear: Ear, seconds: float, stopping: Stopping) -> None:
 
 
 def _on_terminal(work: "Callable[[curses.window], None]") -> None:
-    """Give `work` the whole terminal as a window; leave it afterwards as it was."""
+    """Call `work` with the whole terminal as a window; restore the terminal afterwards."""
     import curses
 
     os.environ.setdefault("ESCDELAY", "25")  # ms until Escape is taken for itself; ncurses would wait for a second

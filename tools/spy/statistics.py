@@ -1,4 +1,4 @@
-"""What is said on a bus, channel by channel: the statistics of all channels, and what is no message of its channel."""
+"""Statistics of all channels on a bus, and checks that messages belong to their channel."""
 
 from functools import cache
 
@@ -7,7 +7,7 @@ from cmr.bus.message import FINGERPRINT_BYTES
 from cmr.bus.older import as_of_today
 from cmr.bus.wire import TYPES, channel_of
 
-WINDOW = 5_000_000  # us over which rates and jitter are taken
+WINDOW = 5_000_000  # us over which rates and jitter are computed
 
 
 class Statistics:
@@ -20,7 +20,7 @@ class Statistics:
         self.lines = self._statistics.lines
 
     def handle(self, utime: int, channel: str, data: bytes) -> None:
-        """Take a message that arrived at `utime` [us]."""
+        """Process a message that arrived at `utime` [us]."""
         data = as_of_today(data)
         self._statistics.take(utime, channel, data)
         known = channel_of(channel)
@@ -29,7 +29,7 @@ class Statistics:
 
 
 def type_name(line: Line) -> str:
-    """Return the name of the type of a channel's last message, where it is one of ours."""
+    """Return the name of the type of a channel's last message, if it is one of CMR's."""
     return _name_of(line.data[:FINGERPRINT_BYTES])
 
 

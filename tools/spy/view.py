@@ -1,4 +1,4 @@
-"""What cmr-spy shows, as lines of text: a table of channels, or one channel in detail; and what the keys do."""
+"""The display of cmr-spy, as lines of text: a table of channels, or one channel in detail; and its keys."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -31,9 +31,9 @@ class Row(NamedTuple):
 
 
 class View:
-    """What is shown of the lines that `lines()` gives, and how keys change that. `quit` is set by the key q.
+    """The displayed part of the lines that `lines()` returns, and how keys change that. `quit` is set by the key q.
 
-    `fits` decides which channels may be shown at all.
+    `fits` decides which channels may be shown.
     """
 
     def __init__(self, lines: Callable[[], list[Line]], fits: Callable[[str], bool] = lambda _channel: True) -> None:
@@ -58,7 +58,7 @@ class View:
         return [Row(text[:width], chosen) for text, chosen in [*rows, Row(keys)]][:height]
 
     def press(self, key: str) -> None:
-        """Obey a key: a character, or up, down, left or right."""
+        """Handle a key: a character, or up, down, left or right."""
         if self._typing:
             self._type(key)
         elif key == "q":
@@ -113,14 +113,14 @@ class View:
 
 
 class Document(TypedDict):
-    """What docs/reference/json.md says of channels."""
+    """The format of channels in docs/reference/json.md."""
 
     utime: int
     channels: dict[str, dict[str, object]]
 
 
 def document(now: int, lines: Sequence[Line], fits: Callable[[str], bool]) -> Document:
-    """Return all channels at `now` [us] for programs, as docs/reference/json.md says."""
+    """Return all channels at `now` [us] for programs, in the format of docs/reference/json.md."""
     return {"utime": now, "channels": {line.channel: _of_channel(line) for line in lines if fits(line.channel)}}
 
 
@@ -145,7 +145,7 @@ def _of_channel(line: Line) -> dict[str, object]:
 
 
 def _plain_value(value: object) -> object:
-    """Return the value of a field as JSON has it: arrays as lists, and of bytes, such as a picture, their number."""
+    """Return the value of a field for JSON: arrays as lists, and for bytes, such as a picture, their number."""
     if isinstance(value, bytes):
         return len(value)
     return value.tolist() if isinstance(value, np.ndarray) else value
@@ -166,7 +166,7 @@ def table_row(line: Line) -> str:
 
 
 def details(line: Line) -> list[str]:
-    """Return all that is known of a channel: statistics, and each field of the last message with its unit."""
+    """Return all data on a channel: statistics, and each field of the last message with its unit."""
     head = [
         f"{plain(line.channel)}   {type_name(line)}   {line.messages} messages, {line.errors} errors",
         f"{line.rate:.2f} Hz, {line.bytes_per_second / 1e3:.2f} kB/s, the last one {len(line.data)} bytes, "
@@ -188,7 +188,7 @@ def details(line: Line) -> list[str]:
 
 
 def _values(line: Line) -> str:
-    """Return the values of the last message in short, or what is wrong with it. Only what is shown is decoded."""
+    """Return the values of the last message in short, or the problem with it. Only displayed messages are decoded."""
     try:
         received = decode(line.channel, line.data)
     except RejectedMessage as rejected:

@@ -1,4 +1,4 @@
-"""Further laws beside a fit: gains are predicted for all, and the observer runs for the most promising."""
+"""Further laws beside a fit: what all of them explain is foreseen, and the most promising are observed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Further:
 
     @classmethod
     def beside(cls, model: Linearised, rest: Rest) -> "Further":
-        """Search for laws beside a model with the residuals `rest`."""
+        """Look for laws beside a model that leaves a rest."""
         foreseen = Foreseen(model, rest)
         expected = foreseen.expected(candidates())
         return cls(foreseen, expected, scan(model, rest, expected.best()))
@@ -38,7 +38,7 @@ class Further:
         return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if len(gains) else 1.0
 
     def best(self, inflation: float) -> float:
-        """Return the best score of a law, with this inflation."""
+        """Return the best score that a law has, with this inflation."""
         return max((one.gain / inflation - (one.gain - one.score) for one in self.scores), default=0.0)
 
     def with_local(self) -> list[Score]:

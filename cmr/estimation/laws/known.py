@@ -37,7 +37,7 @@ class Known:
     rest: Rest
 
     def same_as(self, model: Linearised, law: Candidate) -> str:
-        """Return the name of the effect that is equivalent to a law; empty if there is none."""
+        """Return the name of the effect that does what a law does; empty if there is none."""
         signals = seen_in(law.place)
         rows = self.rest.rows(signals)
         traces = np.zeros((len(self.rest.white), len(law.formulas)))
@@ -65,12 +65,12 @@ class Catalogued:
         return known_beside(self.model, self._rest, self._selected)
 
     def has(self, law: Candidate) -> bool:
-        """Return whether an effect is equivalent to a law."""
+        """Tell whether an effect does what a law does."""
         return bool(self.effects.same_as(self.model, law))
 
     @cached_property
     def best(self) -> float:
-        """The gain of the best effect, to first order."""
+        """What the best effect explains, to first order."""
         return max(self.effects.gains.values(), default=0.0)
 
 

@@ -37,8 +37,8 @@ from cmr.model.laws.places import PLACES
 
 BY_FREE_RUNS = "Models were fitted to free runs, whose errors say nothing of single moments: no law was looked for."
 WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
-LARGEST_LOSS = 0.97  # gain of free runs on left-out data below which a law does harm,
-LEAST_GAIN = 1.05  # and that at least one signal must reach, as for generic terms
+LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm,
+LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
 UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
@@ -78,7 +78,7 @@ class Proposal:
 
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
-    """Search for laws beside the effects found, and without them; `more` says that structure remains."""
+    """Look for laws beside what a search of a problem found, and without it; `more` says that structure remains."""
     if not problem.one_step:
         return Proposal(Laws(reasons=(BY_FREE_RUNS,)))
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
@@ -92,7 +92,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     alone = without_names(problem, found, other)
     if not alone.is_worth_it(effects):
         return _answered(beside, beside.offer(promising), found, held_out)
-    law = alone.offer()  # the effects show that there is structure
+    law = alone.offer()  # something is there, as the effects say
     if isinstance(law, Refused) or beside.before is None:
         return _answered(beside, beside.offer(promising), found, held_out)
     rivalry = against_names(alone.data, law, beside.before, len(effects))
@@ -111,7 +111,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
 def _alone(
     alone: Hypothesis, law: Offer, found: Search, other: Problem | None, held_out: Sequence[Segment]
 ) -> Proposal:
-    """Return the proposal of a law that replaces effects, except those that still explain something beside it."""
+    """Return the proposal of a law that stands without names, but for those that explain something beside it."""
     needed, named = still_needed(law, found), [one.candidate.effect.name for one in found.named]
     if not needed:
         return _in_the_model(alone, law, found, held_out, tuple(named))
@@ -154,9 +154,7 @@ def _answered(
 
 
 def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
-    """Return the problem of segments held out; None without segments, or if random effects were removed from the
-    data.
-    """
+    """Return the problem of segments held out; None without any, or where effects of chance were taken out of data."""
     segments = [one for one in held_out if len(one.observations.given) == 0]
     if not segments or any(one.estimates for one in found.named):
         return None
@@ -166,7 +164,7 @@ def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
 def _in_the_model(
     beside: Hypothesis, offer: Offer, found: Search, held_out: Sequence[Segment], withdrawn: tuple[str, ...]
 ) -> Proposal:
-    """Add the laws of an offer to the model and the catalogue, and fit the model."""
+    """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on."""
     data, before, known = beside.data, beside.fit, set(LAWS)
     laws = [law_of(candidate) for candidate in offer.laws]
     sizes = {
@@ -202,7 +200,7 @@ def _in_the_model(
 
 
 def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound]) -> str:
-    """Return why fitted laws are rejected; empty if they are accepted."""
+    """Return why laws are not taken as they stand in a fit; empty if they are."""
     if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
         return HARM
     if any(all(abs(one.value) < SURE * one.std for one in law.estimates.values()) for law in laws):
@@ -237,13 +235,13 @@ def _least_unseen(beside: Hypothesis) -> float:
 
 
 def _forget(laws: Sequence[Law]) -> None:
-    """Remove laws that were only tested from the catalogue."""
+    """Take laws that were only tried out of the catalogue."""
     for law in laws:
         unlearn(law.name)
 
 
 def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
-    """Return a law with its results from a fit."""
+    """Return a law as it stands in a fit."""
     estimates = {
         name: Estimate(fit.values[name], math.hypot(math.sqrt(inflation) * fit.std(name), INEXACT * fit.values[name]))
         for name in law.coefficients
@@ -254,7 +252,7 @@ def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> La
 
 
 def _moved(before: Fit, offer: Offer) -> Mapping[str, float]:
-    """Return the model's own parameters with the laws in place."""
+    """Return the values of the model's own parameters as they are with the laws."""
     return {name: offer.after.values[name] for name in before.names if name in offer.after.values}
 
 

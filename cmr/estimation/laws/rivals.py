@@ -35,7 +35,7 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 
-# To be fitted in place of effects, a law alone must explain this share of what they explain, to first order.
+# Share of what effects explain that a law alone must explain, to first order, to be fitted in their place.
 WORTH = 0.3
 
 
@@ -49,9 +49,9 @@ class Rivalry(Enum):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model that laws may extend: its data, the scores of laws beside it, and the fit.
+    """A model that laws may extend: its data, how laws score beside it, and the fit that is extended.
 
-    `explained` is the gain of its effects.
+    `explained` is how much its effects explain.
     """
 
     data: Data
@@ -76,13 +76,11 @@ class Hypothesis:
 
     @property
     def before(self) -> Polished | None:
-        """The model without a law; None if laws cannot be distinguished."""
+        """The model without a law; None where laws cannot be told."""
         return self.first.before
 
     def offer(self, promising: float = PROMISING) -> Offer | Refused:
-        """Return the accepted law beside the model, or why there is none; its first-order score must be at least
-        `promising`.
-        """
+        """Return the law that stands beside the model, or why there is none; it must score as much to first order."""
         if isinstance(self.first, Refused):
             return self.first
         return offered_of(self.first, self.explained, promising)
@@ -108,7 +106,7 @@ def without_names(problem: Problem, found: Search, other: Problem | None) -> Hyp
 
 
 def with_needed_names(found: Search, needed: Sequence[str], other: Problem | None) -> Hypothesis:
-    """Return the model with only the `needed` effects."""
+    """Return the model with some of the effects that were named."""
     leaving = [one.candidate.effect for one in found.named if one.candidate.effect.name not in needed]
     (fit,) = found.problem.without(found.final, [leaving])
     explained = max(0.0, found.base.squares - fit.squares)

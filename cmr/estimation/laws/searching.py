@@ -32,17 +32,17 @@ HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
 LEFT = 15.0  # score of a further law from which a law is only an approximation,
-ANOTHER = 0.0  # and from which such a law is fitted: noise estimated without it hides part of its gain
-LARGEST_MOVE = 0.3  # share by which a law may move K2/K3; beyond it, law and parameter diverge against each other
-BEST, NEWCOMERS = 4, 3  # laws that are refined, and further ones found with the new noise
+ANOTHER = 0.0  # and from which such a law is fitted: noise that was found without it hides a part of it
+LARGEST_MOVE = 0.3  # share by which a law may move K2/K3: beyond, law and parameter run away against each other
+BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise brings
 SETTLED = 3  # best of these whose constants are found again,
 SHARE_TO_SETTLE = 0.5  # unless they lie further behind the best one than by this share of the way to the worst
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
 # Formulas of a noisy state imitate its noise: sign(w) does where a robot drives straight on, and gained up to 225 in 56
 # robots that hid nothing.
-SEEN = 300.0  # gain from which structure exists, even if no formula holds
+SEEN = 300.0  # gain from which something is there, even where no formula holds
 INEXACT = 0.01  # share of a law's gain that the shape of its formula may leave: signs, for one, are smoothed
-MOST_ALIKE = 3  # laws that may remain tied; with more, the drive is not informative enough for any
+MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
 MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speeds, from which a robot moves
 # Spread of the speed as a share of its mean (0.05 on figure-eights, 0.9 on the rich drive), and of how much of the
@@ -57,13 +57,13 @@ NEARLY = 0.7  # of what the best effect of the catalogue explains, to first orde
 
 @dataclass(frozen=True)
 class Offer:
-    """Laws beside a model: the fits `before` and `after` adding them, and their gains.
+    """Laws beside a model: the fit `before` them and `after`, and what they are worth.
 
     `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
-    laws, and `left` the best further law beside them. `alike` are indistinguishable fits, and `tied` those of them that
-    are as good. `misfit` is what the coefficients would explain if they varied along the laws' own variables, beyond
-    the tolerance: if positive, the formula is not right. `further` are laws beside them. `undetermined` says that other
-    constants explain as much but imply something different.
+    laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
+    those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
+    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are laws
+    beside them. `undetermined` says that other constants explain as much, and say something else.
     """
 
     before: Polished
@@ -85,7 +85,7 @@ class Offer:
 
     @property
     def series(self) -> bool:
-        """Whether two laws at one place have the same variables: terms of a series for an unknown formula."""
+        """Whether two laws at one place have the same variables: terms of a series, in place of a formula unknown."""
         if len(self.laws) < 2:
             return False
         places, variables = ({of(law) for law in self.laws} for of in (_where, variables_of_law))
@@ -93,7 +93,7 @@ class Offer:
 
     @property
     def approximate(self) -> bool:
-        """Whether structure remains, the formula does not quite fit, or its constants are not determined."""
+        """Whether structure is left, or the formula is not quite right, or its constants need not be."""
         return self.left > LEFT or self.misfit > 0.0 or self.series or self.undetermined
 
 
@@ -101,8 +101,8 @@ class Offer:
 class Refused:
     """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
 
-    `several` says that another drive could distinguish them. `seen` is the best fit with a formula if there is
-    structure that no formula describes.
+    `several` says that another drive could tell. `seen` is the best fit with a formula where something is there that
+    no formula holds for.
     """
 
     reason: str
@@ -114,7 +114,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Data:
-    """A problem, its fitted errors, and the test data: its other errors, or another problem."""
+    """A problem, which of its errors are fitted, and on which a law is tried: others of them, or another problem."""
 
     problem: Problem
     fitted: Mask
@@ -124,7 +124,7 @@ class Data:
 
     @classmethod
     def of(cls, problem: Problem, model: Linearised, other: Problem | None) -> "Data":
-        """Return the data: for a problem alone, the last third of the time is test data."""
+        """Return the data: of a problem alone, the last third of the time is for trying."""
         times = times_of(model)
         if other is not None:
             return cls(problem, np.ones(len(times), np.bool_), None, other)
@@ -140,12 +140,12 @@ class Data:
 
     @property
     def share_tried(self) -> float:
-        """The ratio of test errors to fitted errors, at most 1."""
+        """How many errors a law is tried on for each that it is fitted to, at most 1."""
         tried = self.other.batch.rows if self.other is not None else int(np.count_nonzero(~self.fitted))
         return min(1.0, tried / max(int(np.count_nonzero(self.fitted)), 1))
 
     def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
-        """Return a fit on the test data: the other problem with the fitted values, or rows of the same."""
+        """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
         if self.other is None:
             return None, self.tried
         if fit not in self._elsewhere:
@@ -154,7 +154,7 @@ class Data:
         return self._elsewhere[fit], None
 
     def _left_elsewhere(self, fit: Polished) -> float:
-        """Return -2 log likelihood of the other problem with the fitted values."""
+        """Return -2 log likelihood of the other problem with all as it was fitted."""
         fixed, _ = self.tried_on(fit)
         return np.inf if fixed is None else fixed.quality()
 
@@ -196,7 +196,7 @@ class Scanned:
 
 
 def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned | Refused:
-    """Score all laws beside a model with the effects `selected`, or return why this is impossible."""
+    """Score all laws beside a model which has some effects `selected`, or say why none can be told."""
     if narrow(model):
         return Refused(NARROW, several=True)
     before = polished(model, (), data.fitted)
@@ -207,7 +207,7 @@ def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned |
 
 
 def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Offer | Refused:
-    """Return the accepted law beside a model with scored laws; see `offered`."""
+    """Return the law that stands beside a model where laws were scored; see `offered`."""
     before = first.before
     if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
@@ -262,7 +262,7 @@ def _where(law: Candidate) -> tuple[str, ...]:
 
 
 def narrow(model: Linearised) -> bool:
-    """Return whether a robot drove at one speed or on one radius, so that formulas are indistinguishable."""
+    """Return whether a robot drove at one speed, or round one radius: formulas are then the same to its sensors."""
     v, w = (np.concatenate([of.body[name] for of in model.variables]) for name in ("v", "w"))
     rim = 0.5 * model.values["base_width"] * np.abs(w)
     moving = np.abs(v) + rim > MOVING * np.quantile(np.abs(v) + rim, FASTEST)
@@ -333,7 +333,7 @@ def _cost(fit: Polished, data: Data) -> float:
 
 
 def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float) -> Offer | Refused:
-    """Return the best of some fits with a law, if it holds, with those indistinguishable from it."""
+    """Return the best of some fits with a law, if it holds, with those that are not distinguished from it."""
     problem, names = data.problem, before.model.names
     best = min(fits, key=lambda fit: _cost(fit, data))
     after = polished_twice(problem, names, best, data.fitted) or best

@@ -11,7 +11,7 @@ from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 SIDES = ("left", "right")
-BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share subtracts from the duty; see cmr.model.stages
+BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share takes off the duty; see cmr.model.stages
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Variables:
 def variables_of(
     predictors: Sequence[Predictor], errors: Sequence[Errors], values: Mapping[str, float]
 ) -> list[Variables]:
-    """Return the variables in all segments, for a robot with these values and the motion in `errors`."""
+    """Return the variables in all segments, in which a robot with these values moved as `errors` say."""
     return [_of_segment(one, error.motion, values) for one, error in zip(predictors, errors, strict=True)]
 
 

@@ -1,1 +1,1 @@
-"""What is inside of the emulated controllers, behind their protocols: tables of commands, motors, registers."""
+"""The emulated controllers behind their protocols: tables of commands, motors, registers."""

@@ -1,4 +1,4 @@
-"""The topics of an emulated MBot control board, by number: what it takes, and what it says.
+"""The topics of an emulated MBot control board, by number: those it receives, and those it sends.
 
 Layouts as for `struct`, low bytes first. Sources: mbot-project/mbot_firmware, src/mbot_channels.h and
 src/mbot_comms.c; mbot_lcm_base, mbot_msgs.
@@ -12,7 +12,7 @@ ODOMETRY, IMU, ENCODERS, ANALOG_IN, MOTOR_VEL, MOTOR_PWM, VEL = 210, 220, 221, 2
 
 
 class Topic(NamedTuple):
-    """A topic: its name in the firmware, what it holds, and how."""
+    """A topic: its name in the firmware, its content, and its layout."""
 
     name: str
     what: str

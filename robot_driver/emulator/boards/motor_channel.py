@@ -1,6 +1,6 @@
-"""What a motor controller makes of a command to one motor: a duty, at once or along a ramp, or a speed that it keeps.
+"""The channel of a motor controller for one motor: a duty, at once or along a ramp, or a regulated speed.
 
-All emulated boards with a velocity loop of their own have this one.
+All emulated boards with a velocity loop use this one.
 """
 
 import math
@@ -12,7 +12,7 @@ LOOP_PERIOD = 0.005  # s between steps of the loop
 class Gains(NamedTuple):
     """The loop's gains as shares of the full duty: `p` for an error of the full speed, `i` in 1/s, `d` in s.
 
-    `full_speed` is what the wheel does at full duty (counts/s): the wanted share of it is the duty without any error.
+    `full_speed` is the wheel's speed at full duty (counts/s): its share demanded is the feed-forward duty.
     """
 
     p: float
@@ -22,7 +22,7 @@ class Gains(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """How fast a duty (1/s) or a speed (counts/s^2) may grow, and fall; infinity for at once."""
+    """Limits of the growth and the fall of a duty (1/s) or a speed (counts/s^2); infinity for none."""
 
     up: float = math.inf
     down: float = math.inf
@@ -34,35 +34,36 @@ AT_ONCE = Rates()
 class MotorChannel:
     """One motor and its loop.
 
-    `duty` (-1 to 1) is what the motor gets, `speed` the set point of the loop now (counts/s), None while it keeps none.
+    `duty` (-1 to 1) is applied to the motor, `speed` is the current set point of the loop (counts/s), None while it is
+    off.
     """
 
     def __init__(self) -> None:
         self.duty = 0.0
         self.speed: float | None = None
-        self._goal = 0.0  # a speed while one is kept, else a duty
+        self._goal = 0.0  # a speed while one is regulated, else a duty
         self._rates = AT_ONCE
         self._integral = 0.0
         self._error = 0.0
 
     @property
     def is_busy(self) -> bool:
-        """Whether it has to be stepped: a speed is kept, or the duty is on its way."""
+        """Whether it must be stepped: a speed is regulated, or the duty is still ramping."""
         return self.speed is not None or self.duty != self._goal
 
     @property
     def drives(self) -> bool:
-        """Whether the motor turns, or is to."""
+        """Whether the motor turns, or is commanded to."""
         return self.is_busy or self.duty != 0.0
 
     def drive(self, duty: float, rates: Rates = AT_ONCE) -> None:
-        """Give the motor a duty; one beyond -1 to 1 is the full one."""
+        """Set a duty; values beyond -1 to 1 are clipped."""
         self._goal, self._rates, self.speed = _within_one(duty), rates, None
         if rates == AT_ONCE:
             self.duty = self._goal
 
     def follow(self, speed: float, measured: float, rates: Rates = AT_ONCE) -> None:
-        """Keep a speed (counts/s); a ramp begins at the set point, else at the `measured` speed."""
+        """Regulate a speed (counts/s); a ramp begins at the set point, else at the `measured` speed."""
         if self.speed is None:
             self.speed, self._integral, self._error = measured, 0.0, 0.0
         self._goal, self._rates = speed, rates
@@ -70,7 +71,7 @@ class MotorChannel:
             self.speed = speed
 
     def step(self, measured: float, seconds: float, gains: Gains) -> None:
-        """Go on by a time (s) with a wheel of a `measured` speed (counts/s)."""
+        """Advance by a time (s), given the `measured` speed of the wheel (counts/s)."""
         if self.speed is None:
             self.duty = _towards(self.duty, self._goal, self._rates, seconds)
         else:
@@ -86,7 +87,7 @@ class MotorChannel:
         integral = self._integral + gains.i * error * seconds
         wanted = speed / gains.full_speed + gains.p * error + integral + gains.d * slope
         duty = _within_one(wanted)
-        if duty == wanted:  # a motor that can do no more learns nothing
+        if duty == wanted:  # no integration while the duty is saturated
             self._integral = integral
         self._error = error
         return duty
@@ -97,7 +98,9 @@ def _within_one(duty: float) -> float:
 
 
 def _towards(value: float, goal: float, rates: Rates, seconds: float) -> float:
-    """Return a value after some time on its way to a goal; away from 0 it grows, and it falls towards 0."""
+    """Return a value after some time on its ramp to a goal; the rate of growth applies away from 0, that of fall
+    towards 0.
+    """
     grows = abs(goal) > abs(value) and goal * value >= 0.0
     rate = rates.up if grows else rates.down
     if math.isinf(rate):

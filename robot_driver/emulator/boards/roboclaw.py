@@ -1,7 +1,7 @@
-"""What is behind the packets of an emulated RoboClaw: motors with their loops, encoders, registers, the timeout.
+"""The state of an emulated RoboClaw: motors with their loops, encoders, registers, the timeout.
 
-Motor and encoder 1 are the left side, 2 the right side. The manual does not print the law of the velocity loop; that
-of `motor_channel` takes the P, I and D of the registers as shares of the full duty, times 65536.
+Motor and encoder 1 are the left side, 2 the right side. The manual does not print the law of the velocity loop;
+`motor_channel` takes the P, I and D of the registers as shares of the full duty, times 65536.
 """
 
 import math
@@ -25,13 +25,13 @@ Pair: TypeAlias = Sequence[int | None]  # of motors 1 and 2; None: as before
 
 
 class RefusedError(ValueError):
-    """A value that the manual does not allow; the packet is met with silence."""
+    """A value that the manual does not allow; the packet is not answered."""
 
 
 class RoboclawBoard:
-    """The board behind one address; it drives `plant`, by `command` if that is given.
+    """The board behind one address; it drives `plant`, through `command` if that is given.
 
-    `time` (s) is now. `registers` are all settings by name, `memory` is what of them is kept without power.
+    `time` (s) is now. `registers` are all settings by name, `memory` those in non-volatile memory.
     """
 
     def __init__(self, settings: Settings, plant: Plant, command: Callable[[float, float], None] | None = None) -> None:
@@ -53,16 +53,16 @@ class RoboclawBoard:
 
     @property
     def duty(self) -> list[int]:
-        """What the motors get."""
+        """The duties applied to the motors."""
         return [round(motor.duty * FULL_DUTY) for motor in self.motors]
 
     @property
     def drives(self) -> bool:
-        """Whether a motor turns, or is to."""
+        """Whether a motor turns, or is commanded to."""
         return any(motor.drives for motor in self.motors)
 
     def drive(self, duties: Pair, accelerations: Pair = (None, None)) -> None:
-        """Give the motors duties, which change by so much a second; by default as the registers say; 0: at once."""
+        """Set duties, with these rates of change per second; by default those in the registers; 0: at once."""
         for motor, duty, acceleration in zip(MOTORS, duties, accelerations, strict=True):
             default = self.registers[f"duty_acceleration_{motor + 1}"]
             rate = (default if acceleration is None else acceleration) / FULL_DUTY
@@ -71,7 +71,7 @@ class RoboclawBoard:
         self._step(0.0)
 
     def turn(self, speeds: Pair, accelerations: Sequence[int] = (0, 0)) -> None:
-        """Have the motors keep speeds (counts/s), which change by so much a second; 0: at once."""
+        """Regulate speeds (counts/s), with these rates of change per second; 0: at once."""
         measured = self.speeds()
         for motor, speed, acceleration in zip(MOTORS, speeds, accelerations, strict=True):
             if speed is not None:
@@ -92,14 +92,14 @@ class RoboclawBoard:
         self._step(0.0)
 
     def switch_on(self) -> None:
-        """Begin again with what is in the memory, as after power-off."""
+        """Restart from the memory, as after power-off."""
         self.registers, self.timeout, self._mix = dict(self.memory), 0.0, {}
         for motor in MOTORS:
             self.set_count(motor, 0)
         self.stop()
 
     def go_on(self) -> None:
-        """Do what is due by now: step the loops, measure the average speeds."""
+        """Perform everything due by now: step the loops, measure the average speeds."""
         while self.loop_due <= self.time:
             self.loop_due += LOOP_PERIOD
             self._step(LOOP_PERIOD)
@@ -110,7 +110,7 @@ class RoboclawBoard:
             self.average_due += AVERAGE_PERIOD
 
     def set_count(self, motor: int, count: int) -> None:
-        """Have an encoder count on from there; the average speeds, differences of what it turned, do not see it."""
+        """Set an encoder's count; the average speeds are not affected."""
         self.encoder_zero[motor] = self.counts()[motor] - count
 
     def save(self, key: int) -> None:
@@ -121,11 +121,11 @@ class RoboclawBoard:
         self.saves += 1
 
     def restore_factory_settings(self) -> None:
-        """Have the registers as they come from the factory."""
+        """Restore the factory settings."""
         self.registers = factory_settings()
 
     def counts(self) -> tuple[int, int]:
-        """Return what both encoders have turned since power-up."""
+        """Return the counts of both encoders since power-up."""
         left, right = self.plant.encoder_counts()
         return math.floor(left), math.floor(right)
 
@@ -140,11 +140,11 @@ class RoboclawBoard:
         return round(left), round(right)
 
     def set_speeds(self) -> list[int]:
-        """Return the speeds that are kept now (counts/s); 0 for none."""
+        """Return the speeds regulated now (counts/s); 0 for none."""
         return [round(motor.speed or 0.0) for motor in self.motors]
 
     def speed_errors(self) -> list[int]:
-        """Return by how much the speeds that are kept are missed (counts/s); 0 where none is kept."""
+        """Return the errors of the regulated speeds (counts/s); 0 where none is regulated."""
         both = zip(self.motors, self.speeds(), strict=True)
         return [abs(round(motor.speed) - speed) if motor.speed is not None else 0 for motor, speed in both]
 
@@ -154,7 +154,7 @@ class RoboclawBoard:
         return round(left * 100.0), round(right * 100.0)
 
     def _step(self, seconds: float) -> None:
-        """Step what is on its way, and have the motors driven so."""
+        """Step channels that are busy, and apply their duties to the motors."""
         measured = self.plant.encoder_speeds()
         for motor, channel in enumerate(self.motors):
             if channel.is_busy:
@@ -171,14 +171,14 @@ class RoboclawBoard:
 
 
 def factory_settings() -> dict[str, int]:
-    """Return all registers as they come from the factory; those that are not named here are 0."""
+    """Return all registers with their factory values; those not named here are 0."""
     limits = {"main_min": 60, "main_max": 340, "logic_min": 60, "logic_max": 340}  # 0.1 V
     loop = {"velocity_qpps": 44000, "velocity_p": 0x10000, "velocity_i": 0x8000, "velocity_d": 0x4000}
     return dict.fromkeys(_REGISTERS, 0) | limits | _of_both(loop) | _of_both({"current_max": 3000})  # 10 mA
 
 
 def set_up_settings(settings: Settings) -> dict[str, int]:
-    """Return all registers as they are when somebody has set the robot up, and has tuned its loops."""
+    """Return all registers of a robot that was set up, with tuned loops."""
     robot, loop = settings.robot, settings.speed_loop
     gains = {f"velocity_{gain}": round(getattr(loop, gain) * PID_UNIT) for gain in "pid"}
     full_speed = {"velocity_qpps": round(robot.ticks_per_turn / (TURN * robot.k1))}
@@ -186,11 +186,11 @@ def set_up_settings(settings: Settings) -> dict[str, int]:
 
 
 def _of_both(values: dict[str, int]) -> dict[str, int]:
-    """Return registers of both motors, alike."""
+    """Return registers of both motors with the same values."""
     return {f"{name}_{motor + 1}": value for name, value in values.items() for motor in MOTORS}
 
 
-# Names of registers of which one is there for each motor, and of the others.
+# Names of registers that exist per motor, and of the others.
 _OF_A_MOTOR = (
     *("velocity_p", "velocity_i", "velocity_d", "velocity_qpps"),
     *("position_p", "position_i", "position_d", "position_max_i", "position_deadzone", "position_min", "position_max"),

@@ -1,7 +1,7 @@
 """The commands that an emulated RoboClaw knows, by number: layouts of request and answer, and what each does.
 
-Source: RoboClaw user manual, "Packet Serial", for firmware 4.2; layouts as for `struct`, high bytes first. What is in
-no table is met with silence, as by a real one of another firmware.
+Source: RoboClaw user manual, "Packet Serial", for firmware 4.2; layouts as for `struct`, high bytes first. A command in
+no table is not answered, as by a real device with another firmware.
 """
 
 import struct
@@ -19,7 +19,7 @@ MIDDLE = 64
 
 
 class Write(NamedTuple):
-    """A command that is acknowledged with 0xFF: layout of its data, and what is done with them."""
+    """A command that is acknowledged with 0xFF: layout of its data, and the action."""
 
     what: str
     layout: str
@@ -27,7 +27,9 @@ class Write(NamedTuple):
 
 
 class Read(NamedTuple):
-    """A command that is answered: layout of the answer, None where its length differs, and what composes it."""
+    """A command that is answered: layout of the answer, None if its length varies, and the function that composes
+    it.
+    """
 
     what: str
     layout: str | None
@@ -50,14 +52,14 @@ def _numbers(what: str, layout: str, numbers: Callable[[RoboclawBoard], tuple[in
 
 
 def _part(byte: int) -> int:
-    """Return the duty that 0 to 127 stand for, of which 127 is the full one."""
+    """Return the duty for 0 to 127, where 127 is full duty."""
     if byte > LARGEST_BYTE:
         raise RefusedError
     return round(FULL_DUTY * byte / LARGEST_BYTE)
 
 
 def _either_way(byte: int) -> int:
-    """Return the duty that 0 to 127 stand for: full backwards, none at 64, full forwards."""
+    """Return the duty for 0 to 127: full backwards, none at 64, full forwards."""
     if byte > LARGEST_BYTE:
         raise RefusedError
     return round(FULL_DUTY * (byte - MIDDLE) / (MIDDLE if byte < MIDDLE else LARGEST_BYTE - MIDDLE))
@@ -73,17 +75,17 @@ def _tenths(value: float) -> int:
 
 
 def _lowest_volts(byte: int) -> int:
-    """Return tenths of a volt: 0.2 V a step, from 6 V."""
+    """Convert a byte to tenths of a volt: steps of 0.2 V from 6 V."""
     return 60 + 2 * byte
 
 
 def _highest_volts(byte: int) -> int:
-    """Return tenths of a volt of which 5.12 steps are one."""
+    """Convert a byte to tenths of a volt: steps of 1/5.12 V."""
     return round(10.0 * byte / 5.12)
 
 
 def _set(name: str, value: Callable[[int], int]) -> Callable[[RoboclawBoard, int], None]:
-    """Return what sets a register from one byte."""
+    """Return a function that sets a register from one byte."""
     return lambda board, byte: board.registers.update({name: value(byte)})
 
 

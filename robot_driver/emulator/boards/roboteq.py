@@ -1,7 +1,7 @@
-"""What is behind the lines of an emulated Roboteq: two channels with their loops, encoders, configuration.
+"""The state of an emulated Roboteq: two channels with their loops, encoders, configuration.
 
-Motor and encoder 1 are the left side, 2 the right side. What a motor is given is one of these, by `^MMOD`: in open loop
-a power, in closed-loop speed (1, and 6, in which the position is followed as well) a share of the speed `^MXRPM`.
+Motor and encoder 1 are the left side, 2 the right side. The meaning of a motor's command depends on `^MMOD`: in open
+loop a power, in closed-loop speed (1, and 6, in which the position is followed as well) a share of the speed `^MXRPM`.
 """
 
 import math
@@ -38,10 +38,10 @@ class RoboteqBoard:
         self.switch_on()
 
     def switch_on(self) -> None:
-        """Begin again with what is kept in the flash."""
+        """Restart from the flash."""
         self.loop_due = math.inf
         self.configuration = default_configuration(self.settings)
-        self._wanted: list[float] = [0, 0]  # to go on with at the next action after the watchdog; 1000 for all
+        self._wanted: list[float] = [0, 0]  # resumed at the next action after the watchdog; 1000 is full
         self._motors = (MotorChannel(), MotorChannel())
         self._encoder_zero = list(self.counts())
         self._asked_before = [0, 0]  # counts at the last ?CR
@@ -49,17 +49,17 @@ class RoboteqBoard:
 
     @property
     def duty(self) -> list[int]:
-        """What the motors get, in steps of 0.001."""
+        """The duties applied to the motors, in steps of 0.001."""
         return [round(FULL_DUTY * duty) for duty in self._limited()]
 
     @property
     def drives(self) -> bool:
-        """Whether a motor turns, or is to."""
+        """Whether a motor turns, or is commanded to."""
         return any(motor.drives for motor in self._motors)
 
     @property
     def wanted(self) -> list[int]:
-        """What the channels are to do, 1000 for all that they can."""
+        """The commands of the channels, 1000 for full."""
         return [round(value) for value in self._wanted]
 
     def stop(self) -> None:
@@ -75,20 +75,20 @@ class RoboteqBoard:
             self._step(LOOP_PERIOD)
 
     def want(self, channel: int, value: float) -> None:
-        """Have a channel do so much, -1000 to 1000; more is as much."""
+        """Command a channel, -1000 to 1000; larger values are clipped."""
         self._wanted[_place(channel)] = max(-FULL_DUTY, min(FULL_DUTY, value))
 
     def want_both(self, first: int, second: int) -> None:
-        """Have both channels do so much."""
+        """Command both channels."""
         self.want(1, first)
         self.want(2, second)
 
     def want_rpm(self, channel: int, speed: int) -> None:
-        """Have a channel turn so fast; in open loop that is a share of the power."""
+        """Command a channel's speed (rpm); in open loop it is converted to a share of the power."""
         self.want(channel, FULL_DUTY * speed / self.configuration["MXRPM"][_place(channel)])
 
     def set_ramp(self, name: str, channel: int, value: int) -> None:
-        """Have a channel change so fast from now on, unless one of its ramps was configured away."""
+        """Set a ramp of a channel, unless one of its ramps was configured away."""
         place = _place(channel)
         if value < 0:
             raise ValueError
@@ -105,7 +105,7 @@ class RoboteqBoard:
         self.faults &= ~EMERGENCY_STOP
 
     def set_count(self, channel: int, value: int) -> None:
-        """Have an encoder count on from there."""
+        """Set an encoder's count."""
         place = _place(channel)
         self._encoder_zero[place] = self.counts()[place] - value
         self._asked_before[place] = value
@@ -115,7 +115,7 @@ class RoboteqBoard:
         self.saves += 1
 
     def counts(self) -> tuple[int, int]:
-        """Return what both encoders have turned since the robot was built."""
+        """Return the counts of both encoders since the robot was built."""
         left, right = self.plant.encoder_counts()
         return math.floor(left), math.floor(right)
 
@@ -124,7 +124,7 @@ class RoboteqBoard:
         return [_signed(count - zero) for count, zero in zip(self.counts(), self._encoder_zero, strict=True)]
 
     def encoders_since_asked(self) -> list[int]:
-        """Return what both encoders counted since this was asked last."""
+        """Return the counts of both encoders since the last such query."""
         now, before = self.encoders(), self._asked_before
         self._asked_before = now
         return [_signed(new - old) for new, old in zip(now, before, strict=True)]
@@ -145,12 +145,12 @@ class RoboteqBoard:
         return [round(current * 10.0) for current in self.plant.motor_currents()]
 
     def battery_currents(self) -> list[int]:
-        """Return what both channels take from the battery in units of 0.1 A."""
+        """Return the currents that both channels draw from the battery in units of 0.1 A."""
         both = zip(self.plant.motor_currents(), self._limited(), strict=True)
         return [round(current * duty * 10.0) for current, duty in both]
 
     def _apply(self, wanted: list[float]) -> None:
-        """Have the channels do this from now on; nothing while the emergency stop is engaged."""
+        """Apply these commands to the channels; nothing while the emergency stop is engaged."""
         if self.faults & EMERGENCY_STOP:
             self.stop()
             return
@@ -165,7 +165,7 @@ class RoboteqBoard:
         self._step(0.0)
 
     def _step(self, seconds: float) -> None:
-        """Step what is on its way, and have the motors driven so."""
+        """Step channels that are busy, and apply their duties to the motors."""
         measured = self.plant.encoder_speeds()
         for place, motor in enumerate(self._motors):
             if motor.is_busy:
@@ -190,13 +190,13 @@ class RoboteqBoard:
         return self.configuration["MXRPM"][place] * self.configuration["EPPR"][place] * COUNTS_A_PULSE / MINUTE
 
     def _ramp(self, name: str, place: int) -> float:
-        """Return how fast a channel changes (1/s), as a share of all that it can; infinity for at once."""
+        """Return the rate of change of a channel (1/s), as a share of its full range; infinity for none."""
         rate = self.configuration[name][place]
         return TENTH * rate / self.configuration["MXRPM"][place] if rate else math.inf
 
 
 def default_configuration(settings: Settings) -> dict[str, list[int]]:
-    """Return all settings as they are when a robot has been set up, without ramps."""
+    """Return all settings of a robot that was set up, without ramps."""
     own, robot, loop = settings.roboteq, settings.robot, settings.speed_loop
     of_channel = {
         **{"MMOD": OPEN_LOOP, "CLIN": 0, "MAC": 0, "MDEC": 0, "MXPF": 100, "MXPR": 100},
@@ -209,12 +209,12 @@ def default_configuration(settings: Settings) -> dict[str, list[int]]:
 
 
 def _place(channel: int) -> int:
-    """Return where a channel, counted from 1, is in a list."""
+    """Return the index of a channel, counted from 1."""
     if channel not in CHANNELS:
         raise ValueError
     return channel - 1
 
 
 def _signed(count: int) -> int:
-    """Return a count as a register of 32 bits has it."""
+    """Return a count as a signed number of 32 bits."""
     return (count + 2**31) % 2**32 - 2**31

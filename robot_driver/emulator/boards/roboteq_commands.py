@@ -1,6 +1,6 @@
 """The commands that an emulated Roboteq knows, by name: actions (!), queries (?) and settings (^, read by ~).
 
-Source: Roboteq "Advanced Digital Motor Controller User Manual", commands reference. What is in no table is refused.
+Source: Roboteq "Advanced Digital Motor Controller User Manual", commands reference. Commands in no table are refused.
 """
 
 from collections.abc import Callable, Container
@@ -18,14 +18,14 @@ INTERNAL_VOLTAGE, FIVE_VOLTS = 135, 4730  # 0.1 V, mV
 
 
 class Action(NamedTuple):
-    """An action: what it does, given the numbers after its name."""
+    """An action: the function to call with the numbers after its name."""
 
     what: str
     do: Callable[..., object]
 
 
 class Query(NamedTuple):
-    """A query: what it reads, one value for each channel or whatever else it reports."""
+    """A query: the function that reads its values, mostly one per channel."""
 
     what: str
     read: Callable[[RoboteqBoard], list[int]]
