@@ -109,6 +109,11 @@ class Linearised:
         """The variables of formulas in each segment."""
         return variables_of(self.problem.predictors, self.errors, self.values)
 
+    def says(self, place: str) -> bool:
+        """Tell whether a law at a place would show: at the motors and encoders only where wheels are predicted."""
+        rolls = any(len(predictor.segment.observations.given) for predictor in self.problem.predictors)
+        return not (rolls and place in OF_WHEELS)
+
     @cached_property
     def usual(self) -> dict[str, float]:
         """The usual sizes of some variables in these drives."""

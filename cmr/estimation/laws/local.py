@@ -38,7 +38,8 @@ SIZE = 4  # of a formula with a moment, a frequency or a place: what is chosen a
 def local_laws(model: Linearised, rest: Rest, more: bool) -> list[Candidate]:
     """Return laws that belong to a frequency for what a model leaves; where there is `more`, to a moment or place."""
     vibrations = _of_frequencies(rest)
-    return [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
+    laws = [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
+    return [one for one in laws if model.says(one.place)]
 
 
 def _times(first: str, other: str) -> tuple[str, ...]:

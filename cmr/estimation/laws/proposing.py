@@ -1,8 +1,9 @@
 """Propose laws for what a search of the catalogue has left, and put them into the model."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain, measure
@@ -19,23 +20,25 @@ from cmr.estimation.laws.rivals import (
     against_both,
     against_names,
     beside_names,
+    by_chance,
     effects_of,
+    fitted_of,
     leaves_nothing,
     still_needed,
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Offer, Refused, Scanned
+from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Data, Offer, Refused, Scanned
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.chance import chance_on_commands
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
-from cmr.estimation.unexplained.generic import Extension
+from cmr.estimation.unexplained.generic import Extension, improves
 from cmr.model.catalogue import LAWS, learn, unlearn
 from cmr.model.laws.law import Law
 from cmr.model.laws.places import PLACES
 
-BY_FREE_RUNS = "Models were fitted to free runs, whose errors say nothing of single moments: no law was looked for."
 WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
 LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm,
 LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
@@ -73,51 +76,76 @@ class Proposal:
     laws: Laws
     extension: Extension | None = None
     before: Fit | None = None
+    problem: Problem | None = None
     withdrawn: tuple[str, ...] = ()
     seen: Polished | None = None
 
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
     """Look for laws beside what a search of a problem found, and without it; `more` says that structure remains."""
-    if not problem.one_step:
-        return Proposal(Laws(reasons=(BY_FREE_RUNS,)))
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
     beside = beside_names(found, other)
-    promising = PROMISING if more else _least_unseen(beside)
+    promising = PROMISING if more or not problem.one_step else _least_unseen(beside)  # else free runs decide
+    both = cache(lambda: beside.offer(promising))
     effects = effects_of(found)
-    if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best > ANOTHER):
-        return _answered(beside, beside.offer(promising), found, held_out)
-    alone = without_names(problem, found, other)
+    several = len(effects) > 1 or (effects and (more or beside.best > ANOTHER))
+    if problem.one_step and several:  # free runs name what motors do, of which errors of the body say nothing
+        # As it was recorded first: what one law explains may have looked as if commands were lost, too.
+        for given in dict.fromkeys((problem, found.problem)):
+            proposal = _instead_of_names(without_names(given, found, beside), beside, both, found, held_out)
+            if proposal and (given is found.problem or not _acts_by_chance(proposal)):
+                return proposal
+    return _answered(beside, both(), found, held_out)
+
+
+def _acts_by_chance(proposal: Proposal) -> bool:
+    """Return whether effects of chance on the commands show, or may, beside the laws of a proposal."""
+    if proposal.extension is None or proposal.problem is None:
+        return True
+    fit = proposal.extension.fit
+    return chance_on_commands(proposal.problem, (), (), fit, fit) is not None
+
+
+def _instead_of_names(
+    alone: Hypothesis,
+    beside: Hypothesis,
+    both: Callable[[], Offer | Refused],
+    found: Search,
+    held_out: Sequence[Segment],
+) -> Proposal | None:
+    """Return the proposal of a law that stands in place of names, or that ties with them; None where names are better.
+
+    `both` returns the law that stands beside them.
+    """
+    effects = effects_of(found)
     if not alone.is_worth_it(effects):
-        return _answered(beside, beside.offer(promising), found, held_out)
+        return None
     law = alone.offer()  # something is there, as the effects say
     if isinstance(law, Refused) or beside.before is None:
-        return _answered(beside, beside.offer(promising), found, held_out)
+        return None
     rivalry = against_names(alone.data, law, beside.before, len(effects))
     if rivalry is Rivalry.BETTER and leaves_nothing(law):
-        return _alone(alone, law, found, other, held_out)
-    both = beside.offer(promising)
-    if isinstance(both, Offer) and rivalry is not Rivalry.WORSE:
-        rivalry = against_both(alone.data, law, both)
+        return _alone(alone, law, found, held_out)
+    with_names = both()
+    if isinstance(with_names, Offer) and rivalry is not Rivalry.WORSE:
+        rivalry = against_both(alone.data, law, with_names)
     if rivalry is Rivalry.BETTER:
-        return _alone(alone, law, found, other, held_out)
-    if rivalry is Rivalry.TIED:
-        return _tied(alone, law, found, held_out)
-    return _answered(beside, both, found, held_out)
+        return _alone(alone, law, found, held_out)
+    return _tied(alone, law, found, held_out) if rivalry is Rivalry.TIED else None
 
 
-def _alone(
-    alone: Hypothesis, law: Offer, found: Search, other: Problem | None, held_out: Sequence[Segment]
-) -> Proposal:
+def _alone(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
     """Return the proposal of a law that stands without names, but for those that explain something beside it."""
-    needed, named = still_needed(law, found), [one.candidate.effect.name for one in found.named]
+    needed = still_needed(law, found)
+    gone = [one.effect.name for one in fitted_of(found) if one.effect.name not in needed]
+    if alone.problem is not found.problem:
+        gone += [one.candidate.effect.name for one in by_chance(found)]
     if not needed:
-        return _in_the_model(alone, law, found, held_out, tuple(named))
-    some = with_needed_names(found, needed, other)
-    both = some.offer()
-    return _answered(some, both, found, held_out, tuple(name for name in named if name not in needed))
+        return _in_the_model(alone, law, found, held_out, tuple(gone))
+    some = with_needed_names(alone.problem, found, needed, alone.data.other)
+    return _answered(some, some.offer(), found, held_out, tuple(gone))
 
 
 def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
@@ -126,7 +154,7 @@ def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segme
     Effects that were too small to be named are no answer: then the law stands in the model.
     """
     reason = f"{' and '.join(one.effect.name for one in effects_of(found))} together explain the errors as well."
-    if any(not one.estimates for one in found.named):
+    if fitted_of(found):
         rivals = (_rival(law.after),)
         return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(reason,), manoeuvre=MANOEUVRE))
     proposal = _in_the_model(alone, law, found, held_out, ())
@@ -154,9 +182,14 @@ def _answered(
 
 
 def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
-    """Return the problem of segments held out; None without any, or where effects of chance were taken out of data."""
+    """Return the problem of segments held out; None without any, or where effects of chance were taken out of data.
+
+    Beside models that were fitted by free runs, errors are those of the body beside its wheels as they were measured.
+    """
     segments = [one for one in held_out if len(one.observations.given) == 0]
-    if not segments or any(one.estimates for one in found.named):
+    if not found.problem.one_step:
+        segments = [one.rolling for one in held_out if len(one.rolled)]
+    if not segments or by_chance(found):
         return None
     return Problem([Predictor(one) for one in segments], found.problem.gains, found.problem.excitation)
 
@@ -176,11 +209,13 @@ def _in_the_model(
         learn(law, {name: sizes[name] for name in law.coefficients})
     constants = {law.parameter_of(name): value for law in laws for name, value in law.constants.items()}
     start = {**before.values, **_moved(before, offer), **sizes, **constants}
-    fit = data.problem.fit(start, (*before.names, *sizes), offer.after.noise, renew=1)
-    segments = [predictor.segment for predictor in data.problem.predictors]
-    gain = measure(data.problem, before, fit, {}, segments, held_out).gain
+    problem = beside.problem
+    noise = offer.after.noise if problem.one_step else before.noise
+    fit = problem.fit(start, (*before.names, *sizes), noise, renew=1)
+    segments = [predictor.segment for predictor in problem.predictors]
+    gain = measure(problem, before, fit, {}, segments, held_out).gain
     stands = tuple(_found(law, fit, offer, gain, found.inflation) for law in laws)
-    why_not = _why_not(offer, gain, stands)
+    why_not = _why_not(offer, gain, stands, problem)
     if why_not:
         _forget([law for law in laws if law.name not in known])
         seen = offer.after if offer.gain >= SEEN and why_not != UNDETERMINED else None
@@ -191,21 +226,24 @@ def _in_the_model(
         found=stands,
         rivals=tuple(map(_rival, offer.alike)),
         names_withdrawn=withdrawn,
-        reasons=_reasons(offer, held_out),
+        reasons=_reasons(offer, data),
         curve=tuple(curve_of(offer.after, number, law, *tried) for number, law in enumerate(laws)),
         manoeuvre=MANOEUVRE if _answer(offer) == TIE else "",
     )
     extension = Extension(tuple(sizes), fit, 0.5 * offer.held_out, gain)
-    return Proposal(result, extension, before, withdrawn, offer.after)
+    return Proposal(result, extension, before, beside.problem, withdrawn, offer.after)
 
 
-def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound]) -> str:
-    """Return why laws are not taken as they stand in a fit; empty if they are."""
+def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound], problem: Problem) -> str:
+    """Return why laws are not taken as they stand in a fit of a problem; empty if they are.
+
+    Single moments of a robot that is judged by free runs prove nothing: there these decide.
+    """
     if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
         return HARM
     if any(all(abs(one.value) < SURE * one.std for one in law.estimates.values()) for law in laws):
         return UNDETERMINED
-    return "" if _matters(offer, gain) else TOO_LITTLE
+    return "" if (_matters(offer, gain) if problem.one_step else improves(gain)) else TOO_LITTLE
 
 
 def _matters(offer: Offer, gain: Gain) -> bool:
@@ -262,12 +300,12 @@ def _answer(offer: Offer) -> str:
     return TIE if offer.tied else LAW
 
 
-def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
+def _reasons(offer: Offer, data: Data) -> tuple[str, ...]:
     reasons = [
         f"It lowers -2 log likelihood by {offer.gain:.0f} on the fitted data, and by {offer.held_out:.0f} on data that "
         "it was not fitted to."
     ]
-    if not held_out:
+    if data.other is None:
         reasons.append(LAST_THIRD)
     if offer.left > LEFT:
         reasons.append(STRUCTURE_LEFT)

@@ -23,6 +23,7 @@ from cmr.estimation.laws.misfit import misfit_of, variables_of_law
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of, times_of
 from cmr.estimation.laws.scan import Score, penalty, scan
+from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
 from cmr.recordings.signal import Mask
 
@@ -195,14 +196,17 @@ class Scanned:
         return Catalogued(self.before.model, self.rest, self.selected)
 
 
-def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned | Refused:
-    """Score all laws beside a model which has some effects `selected`, or say why none can be told."""
+def scanned(data: Data, model: Linearised, selected: Sequence[str], noise: Noise | None = None) -> Scanned | Refused:
+    """Score all laws beside a model which has some effects `selected`, or say why none can be told.
+
+    They are scored with a `noise`; by default with that which the model leaves.
+    """
     if narrow(model):
         return Refused(NARROW, several=True)
     before = polished(model, (), data.fitted)
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
-    rest = rest_of(model, before.noise, data.fitted)
+    rest = rest_of(model, noise or before.noise, data.fitted)
     return Scanned(data, before, rest, tuple(Further.beside(model, rest).with_local()), tuple(selected))
 
 
