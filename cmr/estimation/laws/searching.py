@@ -18,7 +18,7 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.further import Further
 from cmr.estimation.laws.known import Catalogued
-from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.linearised import Linearised, is_of_wheels
 from cmr.estimation.laws.misfit import misfit_of, variables_of_law
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of, times_of
@@ -218,7 +218,7 @@ def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Of
     fits = _fits(first)
     if isinstance(fits, Refused):
         return replace(fits, before=before)
-    found = _judged(first.data, before, fits, named)
+    found = _judged(first.data, before, fits, named, first.selected)
     if isinstance(found, Offer) and found.left > ANOTHER:
         found = _with_second(first.data, found, first.selected)
     if isinstance(found, Offer) and found.left > found.score:
@@ -282,7 +282,7 @@ def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.laws)
     if not fits:
         return first
-    second = _judged(data, first.after, fits, OF_NAMES * first.gain)
+    second = _judged(data, first.after, fits, OF_NAMES * first.gain, selected)
     if isinstance(second, Refused) or second.left > first.left:
         return first
     return replace(
@@ -336,10 +336,15 @@ def _cost(fit: Polished, data: Data) -> float:
     return fit.quality() + sum(penalty(law, int(np.count_nonzero(data.fitted))) for law in fit.laws)
 
 
-def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float) -> Offer | Refused:
+def _judged(
+    data: Data, before: Polished, fits: Sequence[Polished], named: float, selected: Sequence[str]
+) -> Offer | Refused:
     """Return the best of some fits with a law, if it holds, with those that are not distinguished from it."""
     problem, names = data.problem, before.model.names
     best = min(fits, key=lambda fit: _cost(fit, data))
+    # What both wheels do alike, or against each other, is the body's.
+    of_body = [fit for fit in fits if not is_of_wheels(fit.laws[-1].place) and _is_same(fit, best)]
+    best = min(of_body, key=lambda fit: _cost(fit, data)) if of_body else best
     after = polished_twice(problem, names, best, data.fitted) or best
     if not _makes_sense(replace(after, model=before.model)):
         after = best
@@ -360,7 +365,8 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     if len(tied) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
         return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
-    left, misfit = further.best(further.inflation()), misfit_of(after) - INEXACT * gain
+    left = further.best(further.inflation(), Catalogued(after.model, after.rest, selected).is_of_model)
+    misfit = misfit_of(after) - INEXACT * gain
     loose = undetermined(after, SET)
     return Offer(before, after, gain, score, held_out, left, further, alike, tied, misfit, loose)
 
