@@ -26,7 +26,7 @@ class Further:
     def beside(cls, model: Linearised, rest: Rest) -> "Further":
         """Look for laws beside a model that leaves a rest."""
         foreseen = Foreseen(model, rest)
-        expected = foreseen.expected([one for one in candidates() if model.says(one.place)])
+        expected = foreseen.expected([one for one in candidates() if model.shows(one)])
         return cls(foreseen, expected, scan(model, rest, expected.best()))
 
     def inflation(self, place: str = "") -> float:

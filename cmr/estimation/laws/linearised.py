@@ -48,6 +48,7 @@ SIDES: Mapping[str, Floats] = {
     "left": np.array([1.0, 0.0]),
     "right": np.array([0.0, 1.0]),
 }
+OF_COMMANDS = frozenset(("u", "other_u", "s", "effort", "other_effort", "load", "charge"))
 MAGNITUDES = ("v", "w", "v * w", "s", "u", "effort", "psi")
 USUAL = 0.95  # quantile of a quantity's size in the drives that is taken for its usual size
 
@@ -109,10 +110,17 @@ class Linearised:
         """The variables of formulas in each segment."""
         return variables_of(self.problem.predictors, self.errors, self.values)
 
-    def says(self, place: str) -> bool:
-        """Tell whether a law at a place would show: at the motors and encoders only where wheels are predicted."""
-        rolls = any(len(predictor.segment.observations.given) for predictor in self.problem.predictors)
-        return not (rolls and place in OF_WHEELS)
+    @cached_property
+    def rolls(self) -> bool:
+        """Whether wheels are as they were measured, in place of being predicted from commands."""
+        return any(len(predictor.segment.observations.given) for predictor in self.problem.predictors)
+
+    def shows(self, law: Candidate) -> bool:
+        """Tell whether a law would show: what speaks of motors, encoders or commands only where these move wheels."""
+        if not self.rolls:
+            return True
+        spoken = {name for text in law.formulas for name in parse(text, tuple(law.constants)).variables}
+        return law.place not in OF_WHEELS and not spoken & OF_COMMANDS
 
     @cached_property
     def usual(self) -> dict[str, float]:

@@ -39,7 +39,7 @@ def local_laws(model: Linearised, rest: Rest, more: bool) -> list[Candidate]:
     """Return laws that belong to a frequency for what a model leaves; where there is `more`, to a moment or place."""
     vibrations = _of_frequencies(rest)
     laws = [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
-    return [one for one in laws if model.says(one.place)]
+    return [one for one in laws if model.shows(one)]
 
 
 def _times(first: str, other: str) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Propose laws for what a search of the catalogue has left, and put them into the model."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -29,13 +29,13 @@ from cmr.estimation.laws.rivals import (
     without_names,
 )
 from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Data, Offer, Refused, Scanned
+from cmr.estimation.laws.standing import stood
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.chance import chance_on_commands
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.generic import Extension, improves
-from cmr.model.catalogue import LAWS, learn, unlearn
 from cmr.model.laws.law import Law
 from cmr.model.laws.places import PLACES
 
@@ -122,7 +122,7 @@ def _instead_of_names(
     effects = effects_of(found)
     if not alone.is_worth_it(effects):
         return None
-    law = alone.offer()  # something is there, as the effects say
+    law = alone.offer(least=-math.inf)  # something is there, as the effects say: against them it must be better
     if isinstance(law, Refused) or beside.before is None:
         return None
     rivalry = against_names(alone.data, law, beside.before, len(effects))
@@ -198,26 +198,14 @@ def _in_the_model(
     beside: Hypothesis, offer: Offer, found: Search, held_out: Sequence[Segment], withdrawn: tuple[str, ...]
 ) -> Proposal:
     """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on."""
-    data, before, known = beside.data, beside.fit, set(LAWS)
-    laws = [law_of(candidate) for candidate in offer.laws]
-    sizes = {
-        name: value
-        for law, own in zip(laws, offer.after.coefficients, strict=True)
-        for name, value in zip(law.coefficients, own, strict=True)
-    }
-    for law in laws:
-        learn(law, {name: sizes[name] for name in law.coefficients})
-    constants = {law.parameter_of(name): value for law in laws for name, value in law.constants.items()}
-    start = {**before.values, **_moved(before, offer), **sizes, **constants}
-    problem = beside.problem
-    noise = offer.after.noise if problem.one_step else before.noise
-    fit = problem.fit(start, (*before.names, *sizes), noise, renew=1)
+    standing = stood(beside, offer)
+    data, before, problem = beside.data, beside.fit, beside.problem
     segments = [predictor.segment for predictor in problem.predictors]
-    gain = measure(problem, before, fit, {}, segments, held_out).gain
-    stands = tuple(_found(law, fit, offer, gain, found.inflation) for law in laws)
+    gain = measure(problem, before, standing.fit, {}, segments, held_out).gain
+    stands = tuple(_found(law, standing.fit, offer, gain, found.inflation) for law in standing.laws)
     why_not = _why_not(offer, gain, stands, problem)
     if why_not:
-        _forget([law for law in laws if law.name not in known])
+        standing.forget()
         seen = offer.after if offer.gain >= SEEN and why_not != UNDETERMINED else None
         return Proposal(Laws(answer=NO_LAW, reasons=(why_not,)), seen=seen)
     tried = data.tried_on(offer.after)
@@ -227,11 +215,11 @@ def _in_the_model(
         rivals=tuple(map(_rival, offer.alike)),
         names_withdrawn=withdrawn,
         reasons=_reasons(offer, data),
-        curve=tuple(curve_of(offer.after, number, law, *tried) for number, law in enumerate(laws)),
+        curve=tuple(curve_of(offer.after, number, law, *tried) for number, law in enumerate(standing.laws)),
         manoeuvre=MANOEUVRE if _answer(offer) == TIE else "",
     )
-    extension = Extension(tuple(sizes), fit, 0.5 * offer.held_out, gain)
-    return Proposal(result, extension, before, beside.problem, withdrawn, offer.after)
+    extension = Extension(standing.names, standing.fit, 0.5 * offer.held_out, gain)
+    return Proposal(result, extension, before, problem, withdrawn, offer.after)
 
 
 def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound], problem: Problem) -> str:
@@ -272,12 +260,6 @@ def _least_unseen(beside: Hypothesis) -> float:
     return _decisive([first.scores[0].candidate]) if isinstance(first, Scanned) and first.scores else DECISIVE
 
 
-def _forget(laws: Sequence[Law]) -> None:
-    """Take laws that were only tried out of the catalogue."""
-    for law in laws:
-        unlearn(law.name)
-
-
 def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
     """Return a law as it stands in a fit."""
     estimates = {
@@ -287,11 +269,6 @@ def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> La
     return LawFound(
         law=law, estimates=estimates, gain=gain, held_out=0.5 * offer.held_out, score=offer.score, left=offer.left
     )
-
-
-def _moved(before: Fit, offer: Offer) -> Mapping[str, float]:
-    """Return the values of the model's own parameters as they are with the laws."""
-    return {name: offer.after.values[name] for name in before.names if name in offer.after.values}
 
 
 def _answer(offer: Offer) -> str:

@@ -78,15 +78,23 @@ class Hypothesis:
         return self.first.scores[0].gain >= WORTH * sum(gains.get(one.effect.name, 0.0) for one in effects)
 
     @property
+    def selected(self) -> tuple[str, ...]:
+        """The effects that the model has."""
+        return self.first.selected if isinstance(self.first, Scanned) else ()
+
+    @property
     def before(self) -> Polished | None:
         """The model without a law; None where laws cannot be told."""
         return self.first.before
 
-    def offer(self, promising: float = PROMISING) -> Offer | Refused:
-        """Return the law that stands beside the model, or why there is none; it must score as much to first order."""
+    def offer(self, promising: float = PROMISING, least: float = LEAST) -> Offer | Refused:
+        """Return the law that stands beside the model, or why there is none.
+
+        It must be `promising` to first order, and score at `least` so much.
+        """
         if isinstance(self.first, Refused):
             return self.first
-        return offered_of(self.first, self.explained, promising)
+        return offered_of(self.first, self.explained, promising, least)
 
 
 def fitted_of(found: Search) -> list[CandidateEffect]:

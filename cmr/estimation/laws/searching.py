@@ -210,15 +210,15 @@ def scanned(data: Data, model: Linearised, selected: Sequence[str], noise: Noise
     return Scanned(data, before, rest, tuple(Further.beside(model, rest).with_local()), tuple(selected))
 
 
-def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Offer | Refused:
-    """Return the law that stands beside a model where laws were scored; see `offered`."""
+def offered_of(first: Scanned, named: float, promising: float = PROMISING, least: float = LEAST) -> Offer | Refused:
+    """Return the law that stands beside a model where laws were scored, if its score is `least`; see `offered`."""
     before = first.before
     if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
     fits = _fits(first)
     if isinstance(fits, Refused):
         return replace(fits, before=before)
-    found = _judged(first.data, before, fits, named, first.selected)
+    found = _judged(first.data, before, fits, named, first.selected, least)
     if isinstance(found, Offer) and found.left > ANOTHER:
         found = _with_second(first.data, found, first.selected)
     if isinstance(found, Offer) and found.left > found.score:
@@ -337,7 +337,12 @@ def _cost(fit: Polished, data: Data) -> float:
 
 
 def _judged(
-    data: Data, before: Polished, fits: Sequence[Polished], named: float, selected: Sequence[str]
+    data: Data,
+    before: Polished,
+    fits: Sequence[Polished],
+    named: float,
+    selected: Sequence[str],
+    least: float = LEAST,
 ) -> Offer | Refused:
     """Return the best of some fits with a law, if it holds, with those that are not distinguished from it."""
     problem, names = data.problem, before.model.names
@@ -352,16 +357,12 @@ def _judged(
     at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     held_out = data.held_out(before, after)
-    seen = after if score >= LEAST and gain >= max(SEEN, OF_NAMES * named) else None
-    if score < LEAST or gain < OF_NAMES * named:
+    seen = after if score >= least and gain >= max(SEEN, OF_NAMES * named) else None
+    if score < least or gain < OF_NAMES * named:
         return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
     if held_out < max(LEAST, HOLDS * gain * data.share_tried):
         return Refused("The best formula does not hold on data that it was not fitted on.", before, seen=seen)
-    at_best = _cost(best, data) + _tried(data, best)
-    others = [fit for fit in fits if fit is not best and not _is_same(fit, best)]
-    behind = [(_cost(fit, data) + _tried(data, fit) - at_best, fit) for fit in others]
-    alike = tuple(fit for off, fit in behind if off < max(SET, SHARE_OF_SET * gain))
-    tied = tuple(fit for off, fit in behind if off < SET)
+    alike, tied = _alike(data, best, fits, gain)
     if len(tied) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
         return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
@@ -369,6 +370,17 @@ def _judged(
     misfit = misfit_of(after) - INEXACT * gain
     loose = undetermined(after, SET)
     return Offer(before, after, gain, score, held_out, left, further, alike, tied, misfit, loose)
+
+
+def _alike(
+    data: Data, best: Polished, fits: Sequence[Polished], gain: float
+) -> tuple[tuple[Polished, ...], tuple[Polished, ...]]:
+    """Return the fits that are not distinguished from the best one, and those of them that are as good."""
+    at_best = _cost(best, data) + _tried(data, best)
+    others = [fit for fit in fits if fit is not best and not _is_same(fit, best)]
+    behind = [(_cost(fit, data) + _tried(data, fit) - at_best, fit) for fit in others]
+    alike = tuple(fit for off, fit in behind if off < max(SET, SHARE_OF_SET * gain))
+    return alike, tuple(fit for off, fit in behind if off < SET)
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:
