@@ -14,13 +14,14 @@ import numpy as np
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.gauss_newton import moves_of, one_by_one
 from cmr.estimation.laws.candidates import Candidate
-from cmr.estimation.laws.variables import Variables, variables_of
+from cmr.estimation.laws.variables import Variables, steadied, variables_of
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import SIGNALS, Batch, Errors, Predictor
+from cmr.estimation.prediction import FREE, SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.model.laws.grammar import parse
 from cmr.model.laws.places import PLACES
+from cmr.model.observer.observer import Observer
 from cmr.recordings.signal import Floats
 
 # What a law disturbs, by its place; those of wheels on the left and on the right.
@@ -80,7 +81,8 @@ def shares_of(place: str, values: Mapping[str, float]) -> list[dict[str, float]]
 class Linearised:
     """A problem about some `values`: `errors` there, and `slopes` by the free parameters `names`, per unit of each.
 
-    Both are errors of each segment, in the units of the signals: one column, and one for each name.
+    Both are errors of each segment, in the units of the signals: one column, and one for each name. Where it is
+    `steady`, formulas are of speeds that owe less to the observer; see `steadied`.
     """
 
     problem: Problem
@@ -88,6 +90,7 @@ class Linearised:
     names: tuple[str, ...]
     errors: Sequence[Errors]
     slopes: Sequence[Errors]
+    steady: bool = False
 
     @classmethod
     def about(cls, problem: Problem, values: Mapping[str, float], names: Sequence[str]) -> "Linearised":
@@ -108,7 +111,13 @@ class Linearised:
     @cached_property
     def variables(self) -> list[Variables]:
         """The variables of formulas in each segment."""
-        return variables_of(self.problem.predictors, self.errors, self.values)
+        motions = [error.motion for error in self.errors]
+        if self.steady and not self.rolls:
+            batch = self.problem.batch
+            free = [error.motion for error in batch.split(batch.errors(Observer(self.values, FREE)))]
+            pairs = zip(self.problem.predictors, motions, free, strict=True)
+            motions = [steadied(motion, by_commands, one.segment) for one, motion, by_commands in pairs]
+        return variables_of(self.problem.predictors, motions, self.values)
 
     @cached_property
     def rolls(self) -> bool:

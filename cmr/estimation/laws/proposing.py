@@ -12,6 +12,7 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.curves import curve_of
 from cmr.estimation.laws.linearised import is_of_wheels
 from cmr.estimation.laws.naming import law_of
+from cmr.estimation.laws.offers import LEFT, Data, Offer, Refused
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.result import APPROXIMATION, LAW, NO_LAW, TIE, LawFound, Laws
 from cmr.estimation.laws.rivals import (
@@ -28,7 +29,7 @@ from cmr.estimation.laws.rivals import (
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Data, Offer, Refused, Scanned
+from cmr.estimation.laws.searching import ANOTHER, PROMISING, SEEN, Scanned
 from cmr.estimation.laws.standing import stood
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
@@ -43,6 +44,9 @@ WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was lo
 LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm,
 LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
+BUT_HOLDS = (
+    "From moment to moment it holds there: what disturbs the robot may matter more in free runs than the formula."
+)
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
 UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
 SURE = 3.0  # standard deviations from 0 that a coefficient of each law must have
@@ -155,7 +159,7 @@ def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segme
     """
     reason = f"{' and '.join(one.effect.name for one in effects_of(found))} together explain the errors as well."
     if fitted_of(found):
-        rivals = (_rival(law.after),)
+        rivals = (_rival(law.settled),)
         return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(reason,), manoeuvre=MANOEUVRE))
     proposal = _in_the_model(alone, law, found, held_out, ())
     if not proposal.laws.found:
@@ -207,15 +211,18 @@ def _in_the_model(
     if why_not:
         standing.forget()
         seen = offer.after if offer.gain >= SEEN and why_not != UNDETERMINED else None
+        if why_not == HARM and offer.held_out >= _decisive(offer.laws) and not gain.interval[1] < 1.0:
+            rivals = tuple(map(_rival, (offer.settled, *offer.alike)))
+            return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(why_not, BUT_HOLDS)), seen=seen)
         return Proposal(Laws(answer=NO_LAW, reasons=(why_not,)), seen=seen)
-    tried = data.tried_on(offer.after)
+    tried = data.tried_on(offer.settled)
     result = Laws(
         answer=_answer(offer),
         found=stands,
         rivals=tuple(map(_rival, offer.alike)),
         names_withdrawn=withdrawn,
         reasons=_reasons(offer, data),
-        curve=tuple(curve_of(offer.after, number, law, *tried) for number, law in enumerate(standing.laws)),
+        curve=tuple(curve_of(offer.settled, number, law, *tried) for number, law in enumerate(standing.laws)),
         manoeuvre=MANOEUVRE if _answer(offer) == TIE else "",
     )
     extension = Extension(standing.names, standing.fit, 0.5 * offer.held_out, gain)

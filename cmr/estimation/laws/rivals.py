@@ -14,6 +14,7 @@ import numpy as np
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.laws.known import known_beside
 from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.offers import Data, Offer, Refused
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.scan import penalty
 from cmr.estimation.laws.searching import (
@@ -24,9 +25,6 @@ from cmr.estimation.laws.searching import (
     PROMISING,
     SET,
     SHARE_OF_SET,
-    Data,
-    Offer,
-    Refused,
     Scanned,
     offered_of,
     scanned,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.laws.naming import law_of
+from cmr.estimation.laws.offers import Offer
 from cmr.estimation.laws.rivals import Hypothesis
-from cmr.estimation.laws.searching import Offer
 from cmr.model.catalogue import LAWS, learn, unlearn
 from cmr.model.laws.law import Law
 
@@ -34,14 +34,14 @@ def stood(beside: Hypothesis, offer: Offer) -> Standing:
     laws = tuple(law_of(candidate) for candidate in offer.laws)
     sizes = {
         name: value
-        for law, own in zip(laws, offer.after.coefficients, strict=True)
+        for law, own in zip(laws, offer.settled.coefficients, strict=True)
         for name, value in zip(law.coefficients, own, strict=True)
     }
     for law in laws:
         learn(law, {name: sizes[name] for name in law.coefficients})
     constants = {law.parameter_of(name): value for law in laws for name, value in law.constants.items()}
-    moved = {name: offer.after.values[name] for name in before.names if name in offer.after.values}
-    noise = offer.after.noise if beside.problem.one_step else before.noise
+    moved = {name: offer.settled.values[name] for name in before.names if name in offer.settled.values}
+    noise = offer.settled.noise if beside.problem.one_step else before.noise
     start = {**before.values, **moved, **sizes, **constants}
     fit = beside.problem.fit(start, (*before.names, *sizes), noise, renew=1)
     return Standing(laws, fit, tuple(sizes), tuple(law for law in laws if law.name not in known))
