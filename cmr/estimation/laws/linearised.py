@@ -14,7 +14,7 @@ import numpy as np
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.gauss_newton import moves_of, one_by_one
 from cmr.estimation.laws.candidates import Candidate
-from cmr.estimation.laws.variables import Variables, steadied, variables_of
+from cmr.estimation.laws.variables import Speeds, Variables, commanded, steadied, variables_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import FREE, SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem
@@ -81,8 +81,8 @@ def shares_of(place: str, values: Mapping[str, float]) -> list[dict[str, float]]
 class Linearised:
     """A problem about some `values`: `errors` there, and `slopes` by the free parameters `names`, per unit of each.
 
-    Both are errors of each segment, in the units of the signals: one column, and one for each name. Where it is
-    `steady`, formulas are of speeds that owe less to the observer; see `steadied`.
+    Both are errors of each segment, in the units of the signals: one column, and one for each name. Formulas are
+    of these `speeds`.
     """
 
     problem: Problem
@@ -90,7 +90,7 @@ class Linearised:
     names: tuple[str, ...]
     errors: Sequence[Errors]
     slopes: Sequence[Errors]
-    steady: bool = False
+    speeds: Speeds = Speeds.OBSERVED
 
     @classmethod
     def about(cls, problem: Problem, values: Mapping[str, float], names: Sequence[str]) -> "Linearised":
@@ -112,11 +112,14 @@ class Linearised:
     def variables(self) -> list[Variables]:
         """The variables of formulas in each segment."""
         motions = [error.motion for error in self.errors]
-        if self.steady and not self.rolls:
+        if self.speeds is not Speeds.OBSERVED and not self.rolls:
             batch = self.problem.batch
             free = [error.motion for error in batch.split(batch.errors(Observer(self.values, FREE)))]
-            pairs = zip(self.problem.predictors, motions, free, strict=True)
-            motions = [steadied(motion, by_commands, one.segment) for one, motion, by_commands in pairs]
+            steady, segments = self.speeds is Speeds.STEADY, [one.segment for one in self.problem.predictors]
+            motions = [
+                steadied(motion, by_commands, segment) if steady else commanded(motion, by_commands)
+                for motion, by_commands, segment in zip(motions, free, segments, strict=True)
+            ]
         return variables_of(self.problem.predictors, motions, self.values)
 
     @cached_property

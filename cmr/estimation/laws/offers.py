@@ -112,7 +112,7 @@ class Data:
         if self.other is None:
             return None, self.tried
         if fit not in self._elsewhere:
-            model = replace(Linearised.about(self.other, fit.values, ()), steady=fit.model.steady)
+            model = replace(Linearised.about(self.other, fit.values, ()), speeds=fit.model.speeds)
             self._elsewhere[fit] = polished(model, fit.laws, fixed=fit.coefficients)
         return self._elsewhere[fit], None
 

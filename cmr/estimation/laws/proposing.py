@@ -29,7 +29,7 @@ from cmr.estimation.laws.rivals import (
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import ANOTHER, PROMISING, SEEN, Scanned
+from cmr.estimation.laws.searching import ANOTHER, PROMISING, Scanned, is_seen
 from cmr.estimation.laws.standing import stood
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
@@ -210,7 +210,8 @@ def _in_the_model(
     why_not = _why_not(offer, gain, stands, problem)
     if why_not:
         standing.forget()
-        seen = offer.after if offer.gain >= SEEN and why_not != UNDETERMINED else None
+        there = why_not != UNDETERMINED and is_seen(offer.before, offer.after, data)
+        seen = offer.after if there else None
         if why_not == HARM and offer.held_out >= _decisive(offer.laws) and not gain.interval[1] < 1.0:
             rivals = tuple(map(_rival, (offer.settled, *offer.alike)))
             return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(why_not, BUT_HOLDS)), seen=seen)

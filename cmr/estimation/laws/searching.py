@@ -24,6 +24,7 @@ from cmr.estimation.laws.offers import Data, Offer, Refused
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of
 from cmr.estimation.laws.scan import Score, penalty, scan
+from cmr.estimation.laws.variables import Speeds
 from cmr.estimation.noise import Noise
 from cmr.model.laws.places import PLACES
 
@@ -38,9 +39,7 @@ BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise b
 SETTLED = 3  # best of these whose constants are found again,
 SHARE_TO_SETTLE = 0.5  # unless they lie further behind the best one than by this share of the way to the worst
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
-# Formulas of a noisy state imitate its noise: sign(w) does where a robot drives straight on, and gained up to 225 in 56
-# robots that hid nothing.
-SEEN = 300.0  # gain from which something is there, even where no formula holds
+SEEN = 100.0  # gain from which something is there, even where no formula holds: what is inexact gains some 50
 INEXACT = 0.01  # share of a law's gain that the shape of its formula may leave: signs, for one, are smoothed
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
 MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speeds, from which a robot moves
@@ -247,7 +246,7 @@ def _judged(
     at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     held_out = data.held_out(before, after)
-    seen = after if score >= least and gain >= max(SEEN, OF_NAMES * named) else None
+    seen = after if score >= least and gain >= OF_NAMES * named and is_seen(before, after, data) else None
     if score < least or gain < OF_NAMES * named:
         return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
     if held_out < max(LEAST, HOLDS * gain * data.share_tried):
@@ -263,6 +262,14 @@ def _judged(
     return Offer(before, after, settled, gain, score, held_out, left, further, alike, tied, misfit, loose)
 
 
+def is_seen(before: Polished, after: Polished, data: Data) -> bool:
+    """Return whether what laws explain is there, whatever the formula: also where speeds are those by commands."""
+    if before.quality() - after.quality() < SEEN:
+        return False
+    by_commands = polished(replace(after.model, speeds=Speeds.COMMANDED), after.laws, data.fitted)
+    return by_commands is not None and before.quality() - by_commands.quality() >= SEEN
+
+
 def _steadily(fit: Polished, data: Data) -> Polished:
     """Return a fit with the inner constants that laws have where their variables owe less to the observer.
 
@@ -272,7 +279,7 @@ def _steadily(fit: Polished, data: Data) -> Polished:
     moving = [k for k, law in enumerate(laws) if law.constants and not PLACES[law.place].of_sensors]
     if not moving or fit.model.rolls:
         return fit
-    model = replace(fit.model, steady=True)
+    model = replace(fit.model, speeds=Speeds.STEADY)
     for number in moving:
         steady = polished(model, laws, data.fitted)
         if steady is not None:

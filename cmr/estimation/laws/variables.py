@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
@@ -32,6 +33,26 @@ def variables_of(
 ) -> list[Variables]:
     """Return the variables in all segments, in which a robot with these values moved like this."""
     return [_of_segment(one, motion, values) for one, motion in zip(predictors, motions, strict=True)]
+
+
+class Speeds(Enum):
+    """Which speeds of the wheels formulas are of: the observer's, its own apart, or those by commands alone."""
+
+    OBSERVED = "as the observer has them"
+    STEADY = "by commands, and smoothly as encoders say"
+    COMMANDED = "by commands alone"
+
+
+def commanded(motion: Floats, free: Floats) -> Floats:
+    """Return how a robot moved, (T + 1, columns of MOTION), with the speeds that its wheels have by commands, `free`.
+
+    They have none of the readings' noise, so that what a formula of them explains is there (instrumental variables;
+    L. Ljung, System Identification, 2nd ed., 1999, section 7.6).
+    """
+    columns = [MOTION.index(f"psi_{name}") for name in SIDES]
+    result = motion.copy()
+    result[:, columns] = free[:, columns]
+    return result
 
 
 def steadied(motion: Floats, free: Floats, segment: Segment) -> Floats:
