@@ -7,7 +7,7 @@ again with a law in the model, which the noise would otherwise swallow.
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import FREE, SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
-from cmr.model.laws.grammar import parse
+from cmr.model.laws.grammar import Formula, parse
 from cmr.model.laws.places import PLACES
 from cmr.model.observer.observer import Observer
 from cmr.recordings.signal import Floats
@@ -131,7 +131,7 @@ class Linearised:
         """Tell whether a law would show: what speaks of motors, encoders or commands only where these move wheels."""
         if not self.rolls:
             return True
-        spoken = {name for text in law.formulas for name in parse(text, tuple(law.constants)).variables}
+        spoken = {name for text in law.formulas for name in parsed(text, tuple(law.constants)).variables}
         return law.place not in OF_WHEELS and not spoken & OF_COMMANDS
 
     @cached_property
@@ -220,7 +220,7 @@ class Linearised:
         if key not in self._known:
             of = self.variables[number]
             given = of.body if side < 0 else of.wheels[side]
-            value = parse(text, tuple(name for name, _ in named)).evaluate({**given, **dict(named)})
+            value = parsed(text, tuple(name for name, _ in named)).evaluate({**given, **dict(named)})
             self._known[key] = np.broadcast_to(value, given["v"].shape)
         return self._known[key]
 
@@ -228,6 +228,12 @@ class Linearised:
         """Return traces of laws of one place, made white, in rows of those signals alone."""
         batch = self._only(signals)
         return noise.all_white(batch, batch.joined(self.raw(laws, signals)))
+
+
+@lru_cache(maxsize=4096)
+def parsed(text: str, constants: tuple[str, ...]) -> Formula:
+    """Return a formula; the same texts come again with other values of their constants."""
+    return parse(text, constants)
 
 
 def mixed(candidate: Candidate, columns: Floats) -> Floats:
