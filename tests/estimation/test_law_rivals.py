@@ -103,7 +103,8 @@ def test_only_the_names_that_are_not_needed_are_withdrawn() -> None:
 
 
 def test_a_law_of_what_was_recorded_stands_if_no_commands_seem_lost_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    recorded, cleaned = (SimpleNamespace(one_step=True) for _ in range(2))
+    recorded: Any = SimpleNamespace(one_step=True)
+    cleaned: Any = SimpleNamespace(one_step=True)
     times = SimpleNamespace(times={"yaw_rate": np.empty(0)})
     cleaned.predictors = [times]
     tried: list[Any] = []
@@ -123,8 +124,7 @@ def test_a_law_of_what_was_recorded_stands_if_no_commands_seem_lost_beside_it(mo
     for lost, expected in ((None, recorded), (object(), cleaned)):
         tried.clear()
         monkeypatch.setattr(proposing, "chance_on_commands", lambda *_all, lost=lost: lost)
-        given: Any = recorded
-        assert proposing.proposed(given, found, (), True).problem is expected
+        assert proposing.proposed(recorded, found, (), True).problem is expected
         assert tried == ([recorded] if lost is None else [recorded, cleaned])
 
 

@@ -97,7 +97,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     several = len(effects) > 1 or (effects and (more or beside.best > ANOTHER))
     if problem.one_step and several:  # free runs name what motors do, of which errors of the body say nothing
         # As it was recorded first: what one law explains may have looked as if commands were lost, too.
-        for given in dict.fromkeys((problem, found.problem)):
+        for given in [problem] if found.problem is problem else [problem, found.problem]:
             proposal = _instead_of_names(without_names(given, found, beside), beside, both, found, held_out)
             if proposal and (given is found.problem or not _acts_by_chance(proposal)):
                 return proposal
