@@ -9,8 +9,8 @@ from cmr.diagnosis.result import LAW_FOUND, Diagnosis
 from cmr.estimation.checks import looked_at
 from cmr.estimation.gain import Gain
 from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.laws.offers import LEFT
 from cmr.estimation.laws.result import LAW
-from cmr.estimation.laws.searching import LEFT
 from cmr.estimation.preparation import prepare
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import CandidateEffect, SelectedEffect

@@ -8,9 +8,9 @@ import pytest
 
 from cmr.estimation.laws import proposing, rivals
 from cmr.estimation.laws.candidates import Candidate
-from cmr.estimation.laws.result import NO_LAW, TIE
+from cmr.estimation.laws.offers import Refused
+from cmr.estimation.laws.result import NO_LAW, TIE, Laws
 from cmr.estimation.laws.rivals import Rivalry, against_both, against_names, still_needed
-from cmr.estimation.laws.searching import Refused
 from cmr.estimation.search.criteria import THRESHOLD
 from cmr.estimation.search.selection import Search
 from cmr.estimation.unexplained import extending
@@ -46,6 +46,8 @@ def data(held_out: float) -> Any:
     [
         (2, 100.0, 50.0, Rivalry.BETTER),
         (2, 100.0, 5.0, Rivalry.TIED),  # not better where nothing was fitted
+        (3, 100.0, 5.0, Rivalry.BETTER),  # many effects are no simpler answer,
+        (3, 100.0, -5.0, Rivalry.TIED),  # but no worse one where they explain more
         (2, -20.0, -10.0, Rivalry.TIED),
         (2, -200.0, -10.0, Rivalry.WORSE),
         (2, -20.0, -100.0, Rivalry.WORSE),
@@ -98,6 +100,32 @@ def test_only_the_names_that_are_not_needed_are_withdrawn() -> None:
     assert [(one.effect.name, why) for one, why in left.others] == [("slope", extending.BY_A_LAW)]
     assert left.final is final
     assert left.doubts == {"k1": 0.1}
+
+
+def test_a_law_of_what_was_recorded_stands_if_no_commands_seem_lost_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded: Any = SimpleNamespace(one_step=True)
+    cleaned: Any = SimpleNamespace(one_step=True)
+    times = SimpleNamespace(times={"yaw_rate": np.empty(0)})
+    cleaned.predictors = [times]
+    tried: list[Any] = []
+    extension: Any = SimpleNamespace(fit=None)
+
+    def instead(alone: Any, *_all: Any) -> Any:
+        tried.append(alone)
+        return proposing.Proposal(Laws(), extension, problem=alone)
+
+    beside = SimpleNamespace(best=1000.0, offer=lambda *_all: None)
+    monkeypatch.setattr(proposing, "beside_names", lambda *_all: beside)
+    monkeypatch.setattr(proposing, "effects_of", lambda _found: ["one", "another"])
+    monkeypatch.setattr(proposing, "without_names", lambda given, *_all: given)
+    monkeypatch.setattr(proposing, "_instead_of_names", instead)
+    by_chance = SimpleNamespace(estimates={"command_loss": 0.1})
+    found: Any = SimpleNamespace(problem=cleaned, named=[by_chance])
+    for lost, expected in ((None, recorded), (object(), cleaned)):
+        tried.clear()
+        monkeypatch.setattr(proposing, "chance_on_commands", lambda *_all, lost=lost: lost)
+        assert proposing.proposed(recorded, found, (), True).problem is expected
+        assert tried == ([recorded] if lost is None else [recorded, cleaned])
 
 
 def test_where_no_formula_holds_what_was_seen_is_handed_on() -> None:

@@ -11,21 +11,23 @@ from cmr.estimation.laws.candidates import Candidate, candidates
 from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.curves import curve_of
 from cmr.estimation.laws.further import Further
-from cmr.estimation.laws.known import ALIKE, Known, known_beside
+from cmr.estimation.laws.known import ALIKE, Catalogued, Known, known_beside
 from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed, seen_in
 from cmr.estimation.laws.misfit import misfit_of
 from cmr.estimation.laws.naming import law_of
+from cmr.estimation.laws.offers import Data, Offer, Refused
 from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
-from cmr.estimation.laws.searching import LEAST, SET, Data, Offer, Refused, narrow, offered
+from cmr.estimation.laws.searching import LEAST, SET, narrow, offered
+from cmr.estimation.laws.variables import steadied
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.screening import changes_of
 from cmr.estimation.segments import segments_of
 from cmr.estimation.unexplained.by_formula import structure_of
 from cmr.model.catalogue import CATALOGUE
-from cmr.model.observer.observer import Gains
+from cmr.model.observer.observer import MOTION, Gains
 from cmr.recordings.signal import Floats
 from tests.reference_plant import NEUTRAL, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
@@ -187,6 +189,45 @@ def test_other_names_of_what_the_catalogue_has_are_known_and_nothing_else() -> N
         assert not known.same_as(about, law)
 
 
+@pytest.mark.parametrize(
+    ("effect", "law"),
+    [
+        ("pose_offset", Candidate("lateral_speed", ("w",), 1)),  # a point ahead goes sideways as the robot turns
+        ("turn_slip", Candidate("yaw_rate", ("w", "abs(w)"), 2)),
+        ("gyro_bias", Candidate("gyro", ("1",), 1)),
+    ],
+)
+def test_a_law_that_says_what_an_effect_of_the_model_does_is_known(effect: str, law: Candidate) -> None:
+    about = model()
+    beside = Linearised.about(about.problem, {**ROBOT, effect: 1e-3}, (*FREE, effect))
+    known = Catalogued(beside, rest_of(beside, about.problem.found(about.errors)), (effect,))
+    assert known.is_of_model(law)
+    assert not any(known.is_of_model(other) for other, _ in HIDDEN.values())
+
+
+def test_where_wheels_are_as_measured_no_law_speaks_of_motors_or_commands() -> None:
+    about = model()
+    (rolling,) = (Predictor(one.segment.rolling) for one in about.problem.predictors)
+    beside = replace(about, problem=Problem([rolling], GAINS, about.problem.excitation))
+    shown = [law for law in candidates() if beside.shows(law)]
+    assert all(about.shows(law) for law in candidates())
+    assert {law.place for law in shown} == {law.place for law in candidates()} - {"wheel_voltage", "encoder_rate"}
+    assert not any(name in formula for law in shown for formula in law.formulas for name in ("effort", "load", "u **"))
+
+
+def test_speeds_without_the_observer_are_those_by_commands_and_what_encoders_say_beyond() -> None:
+    segment, error = predictor().segment, model().errors[0]
+    free = error.motion.copy()
+    side = MOTION.index("psi_left")
+    faster = 0.5 * (free[1:, [side, side + 1]] + free[:-1, [side, side + 1]]) + np.array([0.3, 0.0])
+    steady = steadied(free + 1e-9, free, replace(segment, rolled=faster))
+    assert steady[:, side] == pytest.approx(free[:, side] + 0.3, abs=1e-6)
+    assert steady[:, side + 1] == pytest.approx(free[:, side + 1], abs=1e-6)
+    held = free.copy()
+    held[:100, side] = 0.0
+    assert np.all(steadied(held, free, replace(segment, rolled=faster))[:100, side] == 0.0)
+
+
 def test_a_picture_shows_the_law_before_and_nothing_after() -> None:
     law, size = HIDDEN["a cubic motor"]
     about = simulated(law, size, 6)
@@ -282,7 +323,7 @@ def test_two_terms_of_the_same_variables_at_one_place_are_a_series() -> None:
     for laws, is_series in (((square, cube), True), ((square, ahead), False), ((square,), False)):
         fit = polished(about, laws)
         assert fit is not None
-        offer = Offer(bare, fit, 100.0, 50.0, 50.0, -5.0, further=Further.beside(about, fit.rest), alike=())
+        offer = Offer(bare, fit, fit, 100.0, 50.0, 50.0, -5.0, further=Further.beside(about, fit.rest), alike=())
         assert offer.series is is_series
         assert offer.approximate is is_series
 

@@ -27,13 +27,15 @@ from cmr.estimation.unexplained.remaining import (
 )
 from cmr.estimation.unexplained.scores import Remainder, Score
 from cmr.estimation.unexplained.share import coloured, share_predicted
-from cmr.estimation.unexplained.terms import Term, drives_of, terms_for
+from cmr.estimation.unexplained.terms import FADED, FADING, Drive, Term, _swinging, drives_of, terms_for
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
 from cmr.model.observer.observer import MOTION, Gains
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 from tests.hidden_effects import hidden_recording
+from tests.hidden_effects.cases import RICH, Case
+from tests.hidden_effects.hiding import recorded, truth_of
 from tests.reference_plant import NEUTRAL, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
 
@@ -313,3 +315,26 @@ def test_what_explains_next_to_nothing_of_the_errors_is_no_finding(monkeypatch: 
     monkeypatch.setattr("cmr.estimation.unexplained.remaining.share_predicted", lambda *_: 0.9 * SMALLEST_SHARE)
     case = hidden_recording("quadratic_drag", seed=SEED)
     assert not remaining_of([case.recording], case.recording.parameters).unexplained.present
+
+
+def test_what_swings_answers_a_jolt_by_a_swing_that_fades() -> None:
+    dt, at, frequency = 0.01, 100, 1.26
+    still, speed = np.zeros(1000), np.zeros(1000)
+    speed[at:] = 1.0
+    pair = still, still
+    drive = Drive(still, still, still, still, speed, still, pair, pair, pair, pair, dt)
+    away, moving = _swinging(frequency, drive)
+    rate, since = 2.0 * np.pi * frequency, dt * np.arange(1000 - at)
+    fading = np.exp(-FADING * rate * since)
+    assert away == pytest.approx(np.concatenate([np.zeros(at), fading * np.sin(rate * since)]), abs=np.exp(-FADED))
+    assert moving == pytest.approx(np.concatenate([np.zeros(at), fading * np.cos(rate * since)]), abs=np.exp(-FADED))
+
+
+@pytest.mark.slow
+def test_a_liquid_that_swings_is_seen_beside_encoders_whose_errors_are_their_ticks() -> None:
+    """So a robot that only carries an open tank is never called one that has nothing."""
+    truth = truth_of(Case(("slosh",), RICH, 1001))
+    case = recorded(truth)
+    left = remaining_of([case.recording], case.recording.parameters)
+    assert left.unexplained.present
+    assert left.unexplained.regressors == ("acceleration",)

@@ -1,11 +1,11 @@
 """Further laws beside a fit: what all of them explain is foreseen, and the most promising are observed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.laws.candidates import candidates
+from cmr.estimation.laws.candidates import Candidate, candidates
 from cmr.estimation.laws.foreseen import Expected, Foreseen
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.local import local_laws
@@ -26,7 +26,7 @@ class Further:
     def beside(cls, model: Linearised, rest: Rest) -> "Further":
         """Look for laws beside a model that leaves a rest."""
         foreseen = Foreseen(model, rest)
-        expected = foreseen.expected(candidates())
+        expected = foreseen.expected([one for one in candidates() if model.shows(one)])
         return cls(foreseen, expected, scan(model, rest, expected.best()))
 
     def inflation(self, place: str = "") -> float:
@@ -37,9 +37,14 @@ class Further:
         gains = self.expected.of_one_coefficient(place)
         return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if len(gains) else 1.0
 
-    def best(self, inflation: float) -> float:
-        """Return the best score that a law has, with this inflation."""
-        return max((one.gain / inflation - (one.gain - one.score) for one in self.scores), default=0.0)
+    def best(self, inflation: float, known: Callable[[Candidate], bool]) -> float:
+        """Return the best score that a law has, with this inflation, of those that are not `known`; else 0.
+
+        What effects of the model do is not left, however exactly they are fitted.
+        """
+        again = [(one.gain / inflation - (one.gain - one.score), one.candidate) for one in self.scores]
+        ordered = sorted(again, key=lambda one: -one[0])
+        return next((score for score, law in ordered if score <= 0.0 or not known(law)), 0.0)
 
     def with_local(self) -> list[Score]:
         """Return the best scores of all laws; those local in time or space only if others find something."""

@@ -19,6 +19,7 @@ from cmr.estimation.laws.rest import Rest
 from cmr.estimation.laws.scan import LEAST_OWN
 from cmr.estimation.search.screening import changes_of
 from cmr.model.catalogue import CATALOGUE, definition
+from cmr.model.parameters import DEFINITIONS as PAPER
 from cmr.recordings.signal import Floats
 
 SMALL = 0.1  # of the usual size, at which an effect is compared with a law, too
@@ -38,16 +39,7 @@ class Known:
 
     def same_as(self, model: Linearised, law: Candidate) -> str:
         """Return the name of the effect that does what a law does; empty if there is none."""
-        signals = seen_in(law.place)
-        rows = self.rest.rows(signals)
-        traces = np.zeros((len(self.rest.white), len(law.formulas)))
-        traces[rows] = mixed(law, model.white_traces([law], self.rest.noise, signals))
-        traces *= self.rest.mask[:, None]
-        own = _orthonormal(traces - self.rest.basis @ (self.rest.basis.T @ traces), traces)
-        for name, columns in self.columns:
-            if own.shape[1] and float(np.sum((columns.T @ own) ** 2)) > ALIKE * own.shape[1]:
-                return name
-        return ""
+        return _alike(_traces_of(model, law, self.rest), self.rest.basis, self.columns)
 
 
 class Catalogued:
@@ -65,13 +57,52 @@ class Catalogued:
         return known_beside(self.model, self._rest, self._selected)
 
     def has(self, law: Candidate) -> bool:
-        """Tell whether an effect does what a law does."""
-        return bool(self.effects.same_as(self.model, law))
+        """Tell whether an effect does what a law does: one that the model has, or another one."""
+        return self.is_of_model(law) or bool(self.effects.same_as(self.model, law))
+
+    def is_of_model(self, law: Candidate) -> bool:
+        """Tell whether an effect of the model does what a law does: one of both would be for nothing."""
+        basis, columns = self._selected_columns
+        return bool(columns and _alike(_traces_of(self.model, law, self._rest), basis, columns))
+
+    @cached_property
+    def _selected_columns(self) -> tuple[Floats, list[tuple[str, Floats]]]:
+        """What the paper's parameters do, orthonormal (n, p), and what each effect of the model does beside them."""
+        model, mask = self.model, self._rest.mask[:, None]
+        slopes = model.problem.made_white(model.slopes, self._rest.noise) * mask
+        basis = np.linalg.qr(slopes[:, [name in PAPER for name in model.names]])[0]
+        columns = []
+        for effect in self._selected:
+            own = {parameter.name for parameter in CATALOGUE[effect].parameters}
+            moves = slopes[:, [name in own for name in model.names]]
+            part = _orthonormal(moves - basis @ (basis.T @ moves), moves)
+            columns += [(effect, part)] if part.shape[1] else []
+        return basis, columns
 
     @cached_property
     def best(self) -> float:
         """What the best effect explains, to first order."""
         return max(self.effects.gains.values(), default=0.0)
+
+
+def _traces_of(model: Linearised, law: Candidate, rest: Rest) -> Floats:
+    """Return the white traces (n, k) of a law, where errors count."""
+    signals = seen_in(law.place)
+    traces = np.zeros((len(rest.white), len(law.formulas)))
+    traces[rest.rows(signals)] = mixed(law, model.white_traces([law], rest.noise, signals))
+    return traces * rest.mask[:, None]
+
+
+def _alike(traces: Floats, basis: Floats, effects: Sequence[tuple[str, Floats]]) -> str:
+    """Return the first of some effects that does what a law does whose traces are (n, k); empty if there is none.
+
+    All is compared beyond what a `basis` (n, p) says, orthonormal, as are the columns of the effects.
+    """
+    own = _orthonormal(traces - basis @ (basis.T @ traces), traces)
+    for name, columns in effects:
+        if own.shape[1] and float(np.sum((columns.T @ own) ** 2)) > ALIKE * own.shape[1]:
+            return name
+    return ""
 
 
 def known_beside(model: Linearised, rest: Rest, selected: Sequence[str], among: Collection[str] | None = None) -> Known:

@@ -7,20 +7,21 @@ the model; otherwise the noise would absorb the law.
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.gauss_newton import moves_of, one_by_one
 from cmr.estimation.laws.candidates import Candidate
-from cmr.estimation.laws.variables import Variables, variables_of
+from cmr.estimation.laws.variables import Speeds, Variables, commanded, steadied, variables_of
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import SIGNALS, Batch, Errors, Predictor
+from cmr.estimation.prediction import FREE, SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.unexplained.traces import DISTURBED, SEEN_IN, Disturbances, only, traces
-from cmr.model.laws.grammar import parse
+from cmr.model.laws.grammar import Formula, parse
 from cmr.model.laws.places import PLACES
+from cmr.model.observer.observer import Observer
 from cmr.recordings.signal import Floats
 
 # The quantities that a law disturbs, by its place; for wheels, left and right.
@@ -48,6 +49,7 @@ SIDES: Mapping[str, Floats] = {
     "left": np.array([1.0, 0.0]),
     "right": np.array([0.0, 1.0]),
 }
+OF_COMMANDS = frozenset(("u", "other_u", "s", "effort", "other_effort", "load", "charge"))
 MAGNITUDES = ("v", "w", "v * w", "s", "u", "effort", "psi")
 USUAL = 0.95  # quantile of a quantity's magnitude in the drives that counts as its usual size
 
@@ -81,7 +83,8 @@ def shares_of(place: str, values: Mapping[str, float]) -> list[dict[str, float]]
 class Linearised:
     """A problem about some `values`: `errors` there, and `slopes` by the free parameters `names`, per unit of each.
 
-    Both are errors of each segment, in the units of the signals: one column, and one for each name.
+    Both are errors of each segment, in the units of the signals: one column, and one for each name. Formulas are
+    of these `speeds`.
     """
 
     problem: Problem
@@ -89,6 +92,7 @@ class Linearised:
     names: tuple[str, ...]
     errors: Sequence[Errors]
     slopes: Sequence[Errors]
+    speeds: Speeds = Speeds.OBSERVED
 
     @classmethod
     def about(cls, problem: Problem, values: Mapping[str, float], names: Sequence[str]) -> "Linearised":
@@ -109,7 +113,28 @@ class Linearised:
     @cached_property
     def variables(self) -> list[Variables]:
         """The variables of formulas in each segment."""
-        return variables_of(self.problem.predictors, self.errors, self.values)
+        motions = [error.motion for error in self.errors]
+        if self.speeds is not Speeds.OBSERVED and not self.rolls:
+            batch = self.problem.batch
+            free = [error.motion for error in batch.split(batch.errors(Observer(self.values, FREE)))]
+            steady, segments = self.speeds is Speeds.STEADY, [one.segment for one in self.problem.predictors]
+            motions = [
+                steadied(motion, by_commands, segment) if steady else commanded(motion, by_commands)
+                for motion, by_commands, segment in zip(motions, free, segments, strict=True)
+            ]
+        return variables_of(self.problem.predictors, motions, self.values)
+
+    @cached_property
+    def rolls(self) -> bool:
+        """Whether wheels are as they were measured, in place of being predicted from commands."""
+        return any(len(predictor.segment.observations.given) for predictor in self.problem.predictors)
+
+    def shows(self, law: Candidate) -> bool:
+        """Tell whether a law would show: what speaks of motors, encoders or commands only where these move wheels."""
+        if not self.rolls:
+            return True
+        spoken = {name for text in law.formulas for name in parsed(text, tuple(law.constants)).variables}
+        return law.place not in OF_WHEELS and not spoken & OF_COMMANDS
 
     @cached_property
     def usual(self) -> dict[str, float]:
@@ -197,7 +222,7 @@ class Linearised:
         if key not in self._known:
             of = self.variables[number]
             given = of.body if side < 0 else of.wheels[side]
-            value = parse(text, tuple(name for name, _ in named)).evaluate({**given, **dict(named)})
+            value = parsed(text, tuple(name for name, _ in named)).evaluate({**given, **dict(named)})
             self._known[key] = np.broadcast_to(value, given["v"].shape)
         return self._known[key]
 
@@ -205,6 +230,12 @@ class Linearised:
         """Return traces of laws of one place, made white, in rows of those signals alone."""
         batch = self._only(signals)
         return noise.all_white(batch, batch.joined(self.raw(laws, signals)))
+
+
+@lru_cache(maxsize=4096)
+def parsed(text: str, constants: tuple[str, ...]) -> Formula:
+    """Return a formula; the same texts come again with other values of their constants."""
+    return parse(text, constants)
 
 
 def mixed(candidate: Candidate, columns: Floats) -> Floats:

@@ -38,7 +38,8 @@ SIZE = 4  # of a formula with a time, frequency or place, which counts the selec
 def local_laws(model: Linearised, rest: Rest, more: bool) -> list[Candidate]:
     """Return laws with a frequency for the residuals of a model and, with `more`, laws with a time or place."""
     vibrations = _of_frequencies(rest)
-    return [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
+    laws = [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
+    return [one for one in laws if model.shows(one)]
 
 
 def _times(first: str, other: str) -> tuple[str, ...]:

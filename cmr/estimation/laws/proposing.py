@@ -1,8 +1,9 @@
 """Propose laws for the residuals of a search of the catalogue, and add them to the model."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gain import Gain, measure
@@ -11,6 +12,7 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.curves import curve_of
 from cmr.estimation.laws.linearised import is_of_wheels
 from cmr.estimation.laws.naming import law_of
+from cmr.estimation.laws.offers import LEFT, Data, Offer, Refused
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.result import APPROXIMATION, LAW, NO_LAW, TIE, LawFound, Laws
 from cmr.estimation.laws.rivals import (
@@ -19,27 +21,32 @@ from cmr.estimation.laws.rivals import (
     against_both,
     against_names,
     beside_names,
+    by_chance,
     effects_of,
+    fitted_of,
     leaves_nothing,
     still_needed,
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import ANOTHER, LEFT, PROMISING, SEEN, Offer, Refused, Scanned
+from cmr.estimation.laws.searching import ANOTHER, PROMISING, Scanned, is_seen
+from cmr.estimation.laws.standing import stood
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.chance import chance_on_commands
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
-from cmr.estimation.unexplained.generic import Extension
-from cmr.model.catalogue import LAWS, learn, unlearn
+from cmr.estimation.unexplained.generic import Extension, improves
 from cmr.model.laws.law import Law
 from cmr.model.laws.places import PLACES
 
-BY_FREE_RUNS = "Models were fitted to free runs, whose errors say nothing of single moments: no law was looked for."
 WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
 LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm,
 LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
+BUT_HOLDS = (
+    "From moment to moment it holds there: what disturbs the robot may matter more in free runs than the formula."
+)
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
 UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
 SURE = 3.0  # standard deviations from 0 required of at least one coefficient of each law
@@ -73,51 +80,76 @@ class Proposal:
     laws: Laws
     extension: Extension | None = None
     before: Fit | None = None
+    problem: Problem | None = None
     withdrawn: tuple[str, ...] = ()
     seen: Polished | None = None
 
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
     """Look for laws beside what a search of a problem found, and without it; `more` says that structure remains."""
-    if not problem.one_step:
-        return Proposal(Laws(reasons=(BY_FREE_RUNS,)))
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
     beside = beside_names(found, other)
-    promising = PROMISING if more else _least_unseen(beside)
+    promising = PROMISING if more or not problem.one_step else _least_unseen(beside)  # else free runs decide
+    both = cache(lambda: beside.offer(promising))
     effects = effects_of(found)
-    if not effects or found.problem is not problem or not (len(effects) > 1 or more or beside.best > ANOTHER):
-        return _answered(beside, beside.offer(promising), found, held_out)
-    alone = without_names(problem, found, other)
+    several = len(effects) > 1 or (effects and (more or beside.best > ANOTHER))
+    if problem.one_step and several:  # free runs name what motors do, of which errors of the body say nothing
+        # As it was recorded first: what one law explains may have looked as if commands were lost, too.
+        for given in [problem] if found.problem is problem else [problem, found.problem]:
+            proposal = _instead_of_names(without_names(given, found, beside), beside, both, found, held_out)
+            if proposal and (given is found.problem or not _acts_by_chance(proposal)):
+                return proposal
+    return _answered(beside, both(), found, held_out)
+
+
+def _acts_by_chance(proposal: Proposal) -> bool:
+    """Return whether effects of chance on the commands show, or may, beside the laws of a proposal."""
+    if proposal.extension is None or proposal.problem is None:
+        return True
+    fit = proposal.extension.fit
+    return chance_on_commands(proposal.problem, (), (), fit, fit) is not None
+
+
+def _instead_of_names(
+    alone: Hypothesis,
+    beside: Hypothesis,
+    both: Callable[[], Offer | Refused],
+    found: Search,
+    held_out: Sequence[Segment],
+) -> Proposal | None:
+    """Return the proposal of a law that stands in place of names, or that ties with them; None where names are better.
+
+    `both` returns the law that stands beside them.
+    """
+    effects = effects_of(found)
     if not alone.is_worth_it(effects):
-        return _answered(beside, beside.offer(promising), found, held_out)
-    law = alone.offer()  # something is there, as the effects say
+        return None
+    law = alone.offer(least=-math.inf)  # something is there, as the effects say: against them it must be better
     if isinstance(law, Refused) or beside.before is None:
-        return _answered(beside, beside.offer(promising), found, held_out)
+        return None
     rivalry = against_names(alone.data, law, beside.before, len(effects))
     if rivalry is Rivalry.BETTER and leaves_nothing(law):
-        return _alone(alone, law, found, other, held_out)
-    both = beside.offer(promising)
-    if isinstance(both, Offer) and rivalry is not Rivalry.WORSE:
-        rivalry = against_both(alone.data, law, both)
+        return _alone(alone, law, found, held_out)
+    with_names = both()
+    if isinstance(with_names, Offer) and rivalry is not Rivalry.WORSE:
+        rivalry = against_both(alone.data, law, with_names)
     if rivalry is Rivalry.BETTER:
-        return _alone(alone, law, found, other, held_out)
-    if rivalry is Rivalry.TIED:
-        return _tied(alone, law, found, held_out)
-    return _answered(beside, both, found, held_out)
+        return _alone(alone, law, found, held_out)
+    return _tied(alone, law, found, held_out) if rivalry is Rivalry.TIED else None
 
 
-def _alone(
-    alone: Hypothesis, law: Offer, found: Search, other: Problem | None, held_out: Sequence[Segment]
-) -> Proposal:
+def _alone(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
     """Return the proposal of a law that stands without names, but for those that explain something beside it."""
-    needed, named = still_needed(law, found), [one.candidate.effect.name for one in found.named]
+    needed = still_needed(law, found)
+    gone = [one.effect.name for one in fitted_of(found) if one.effect.name not in needed]
+    if alone.problem is not found.problem:
+        gone += [one.candidate.effect.name for one in by_chance(found)]
     if not needed:
-        return _in_the_model(alone, law, found, held_out, tuple(named))
-    some = with_needed_names(found, needed, other)
-    both = some.offer()
-    return _answered(some, both, found, held_out, tuple(name for name in named if name not in needed))
+        return _in_the_model(alone, law, found, held_out, tuple(gone))
+    some = with_needed_names(alone.problem, found, needed, alone.data.other)
+    return _answered(some, some.offer(), found, held_out, tuple(gone))
 
 
 def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
@@ -126,8 +158,8 @@ def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segme
     If the effects were too small to be named, the law is used in the model instead.
     """
     reason = f"{' and '.join(one.effect.name for one in effects_of(found))} together explain the errors as well."
-    if any(not one.estimates for one in found.named):
-        rivals = (_rival(law.after),)
+    if fitted_of(found):
+        rivals = (_rival(law.settled),)
         return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(reason,), manoeuvre=MANOEUVRE))
     proposal = _in_the_model(alone, law, found, held_out, ())
     if not proposal.laws.found:
@@ -154,9 +186,14 @@ def _answered(
 
 
 def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
-    """Return the problem of segments held out; None without any, or where effects of chance were taken out of data."""
+    """Return the problem of segments held out; None without any, or where effects of chance were taken out of data.
+
+    Beside models that were fitted by free runs, errors are those of the body beside its wheels as they were measured.
+    """
     segments = [one for one in held_out if len(one.observations.given) == 0]
-    if not segments or any(one.estimates for one in found.named):
+    if not found.problem.one_step:
+        segments = [one.rolling for one in held_out if len(one.rolled)]
+    if not segments or by_chance(found):
         return None
     return Problem([Predictor(one) for one in segments], found.problem.gains, found.problem.excitation)
 
@@ -165,47 +202,44 @@ def _in_the_model(
     beside: Hypothesis, offer: Offer, found: Search, held_out: Sequence[Segment], withdrawn: tuple[str, ...]
 ) -> Proposal:
     """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on."""
-    data, before, known = beside.data, beside.fit, set(LAWS)
-    laws = [law_of(candidate) for candidate in offer.laws]
-    sizes = {
-        name: value
-        for law, own in zip(laws, offer.after.coefficients, strict=True)
-        for name, value in zip(law.coefficients, own, strict=True)
-    }
-    for law in laws:
-        learn(law, {name: sizes[name] for name in law.coefficients})
-    constants = {law.parameter_of(name): value for law in laws for name, value in law.constants.items()}
-    start = {**before.values, **_moved(before, offer), **sizes, **constants}
-    fit = data.problem.fit(start, (*before.names, *sizes), offer.after.noise, renew=1)
-    segments = [predictor.segment for predictor in data.problem.predictors]
-    gain = measure(data.problem, before, fit, {}, segments, held_out).gain
-    stands = tuple(_found(law, fit, offer, gain, found.inflation) for law in laws)
-    why_not = _why_not(offer, gain, stands)
+    standing = stood(beside, offer)
+    data, before, problem = beside.data, beside.fit, beside.problem
+    segments = [predictor.segment for predictor in problem.predictors]
+    gain = measure(problem, before, standing.fit, {}, segments, held_out).gain
+    stands = tuple(_found(law, standing.fit, offer, gain, found.inflation) for law in standing.laws)
+    why_not = _why_not(offer, gain, stands, problem)
     if why_not:
-        _forget([law for law in laws if law.name not in known])
-        seen = offer.after if offer.gain >= SEEN and why_not != UNDETERMINED else None
+        standing.forget()
+        there = why_not != UNDETERMINED and is_seen(offer.before, offer.after, data)
+        seen = offer.after if there else None
+        if why_not == HARM and offer.held_out >= _decisive(offer.laws) and not gain.interval[1] < 1.0:
+            rivals = tuple(map(_rival, (offer.settled, *offer.alike)))
+            return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(why_not, BUT_HOLDS)), seen=seen)
         return Proposal(Laws(answer=NO_LAW, reasons=(why_not,)), seen=seen)
-    tried = data.tried_on(offer.after)
+    tried = data.tried_on(offer.settled)
     result = Laws(
         answer=_answer(offer),
         found=stands,
         rivals=tuple(map(_rival, offer.alike)),
         names_withdrawn=withdrawn,
-        reasons=_reasons(offer, held_out),
-        curve=tuple(curve_of(offer.after, number, law, *tried) for number, law in enumerate(laws)),
+        reasons=_reasons(offer, data),
+        curve=tuple(curve_of(offer.settled, number, law, *tried) for number, law in enumerate(standing.laws)),
         manoeuvre=MANOEUVRE if _answer(offer) == TIE else "",
     )
-    extension = Extension(tuple(sizes), fit, 0.5 * offer.held_out, gain)
-    return Proposal(result, extension, before, withdrawn, offer.after)
+    extension = Extension(standing.names, standing.fit, 0.5 * offer.held_out, gain)
+    return Proposal(result, extension, before, problem, withdrawn, offer.after)
 
 
-def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound]) -> str:
-    """Return why laws are not taken as they stand in a fit; empty if they are."""
+def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound], problem: Problem) -> str:
+    """Return why laws are not taken as they stand in a fit of a problem; empty if they are.
+
+    Single moments of a robot that is judged by free runs prove nothing: there these decide.
+    """
     if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
         return HARM
     if any(all(abs(one.value) < SURE * one.std for one in law.estimates.values()) for law in laws):
         return UNDETERMINED
-    return "" if _matters(offer, gain) else TOO_LITTLE
+    return "" if (_matters(offer, gain) if problem.one_step else improves(gain)) else TOO_LITTLE
 
 
 def _matters(offer: Offer, gain: Gain) -> bool:
@@ -234,12 +268,6 @@ def _least_unseen(beside: Hypothesis) -> float:
     return _decisive([first.scores[0].candidate]) if isinstance(first, Scanned) and first.scores else DECISIVE
 
 
-def _forget(laws: Sequence[Law]) -> None:
-    """Take laws that were only tried out of the catalogue."""
-    for law in laws:
-        unlearn(law.name)
-
-
 def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
     """Return a law as it stands in a fit."""
     estimates = {
@@ -251,23 +279,18 @@ def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> La
     )
 
 
-def _moved(before: Fit, offer: Offer) -> Mapping[str, float]:
-    """Return the values of the model's own parameters as they are with the laws."""
-    return {name: offer.after.values[name] for name in before.names if name in offer.after.values}
-
-
 def _answer(offer: Offer) -> str:
     if offer.approximate:
         return APPROXIMATION
     return TIE if offer.tied else LAW
 
 
-def _reasons(offer: Offer, held_out: Sequence[Segment]) -> tuple[str, ...]:
+def _reasons(offer: Offer, data: Data) -> tuple[str, ...]:
     reasons = [
         f"It lowers -2 log likelihood by {offer.gain:.0f} on the fitted data, and by {offer.held_out:.0f} on data that "
         "it was not fitted to."
     ]
-    if not held_out:
+    if data.other is None:
         reasons.append(LAST_THIRD)
     if offer.left > LEFT:
         reasons.append(STRUCTURE_LEFT)

@@ -14,6 +14,7 @@ import numpy as np
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.laws.known import known_beside
 from cmr.estimation.laws.linearised import Linearised
+from cmr.estimation.laws.offers import Data, Offer, Refused
 from cmr.estimation.laws.polish import Polished
 from cmr.estimation.laws.scan import penalty
 from cmr.estimation.laws.searching import (
@@ -24,19 +25,18 @@ from cmr.estimation.laws.searching import (
     PROMISING,
     SET,
     SHARE_OF_SET,
-    Data,
-    Offer,
-    Refused,
     Scanned,
     offered_of,
     scanned,
 )
+from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect
+from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect, SelectedEffect
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 
 # Share of what effects explain that a law alone must explain, to first order, to be fitted in their place.
 WORTH = 0.3
+MANY = 3  # effects that a law makes up for: where one formula does it, that they are no less likely is no wonder
 
 
 class Rivalry(Enum):
@@ -51,11 +51,12 @@ class Rivalry(Enum):
 class Hypothesis:
     """A model that laws may extend: its data, how laws score beside it, and the fit that is extended.
 
-    `explained` is how much its effects explain.
+    `explained` is how much its effects explain. `problem` is the one that `fit` is a fit of.
     """
 
     data: Data
     first: Scanned | Refused
+    problem: Problem
     fit: Fit
     explained: float
 
@@ -75,50 +76,90 @@ class Hypothesis:
         return self.first.scores[0].gain >= WORTH * sum(gains.get(one.effect.name, 0.0) for one in effects)
 
     @property
+    def selected(self) -> tuple[str, ...]:
+        """The effects that the model has."""
+        return self.first.selected if isinstance(self.first, Scanned) else ()
+
+    @property
     def before(self) -> Polished | None:
         """The model without a law; None where laws cannot be told."""
         return self.first.before
 
-    def offer(self, promising: float = PROMISING) -> Offer | Refused:
-        """Return the law that stands beside the model, or why there is none; it must score as much to first order."""
+    def offer(self, promising: float = PROMISING, least: float = LEAST) -> Offer | Refused:
+        """Return the law that stands beside the model, or why there is none.
+
+        It must be `promising` to first order, and score at `least` so much.
+        """
         if isinstance(self.first, Refused):
             return self.first
-        return offered_of(self.first, self.explained, promising)
+        return offered_of(self.first, self.explained, promising, least)
+
+
+def fitted_of(found: Search) -> list[CandidateEffect]:
+    """Return the effects that a search named and fitted."""
+    return [one.candidate for one in found.named if not one.estimates]
 
 
 def effects_of(found: Search) -> list[CandidateEffect]:
     """Return the effects that a search fitted: those named, and those too small to be named."""
-    return [*(one.candidate for one in found.named if not one.estimates), *small_effects(found)]
+    return [*fitted_of(found), *small_effects(found)]
+
+
+def by_chance(found: Search) -> list[SelectedEffect]:
+    """Return the effects that a search named and that no fit has, as they act by chance or are read off."""
+    return [one for one in found.named if one.estimates]
 
 
 def beside_names(found: Search, other: Problem | None) -> Hypothesis:
     """Return the model with all effects found, including those too small to be named."""
     fit = with_small_effects(found)
     names = [one.candidate.effect.name for one in found.named] + [one.effect.name for one in small_effects(found)]
-    by_chance = sum(max(one.candidate.drop, 0.0) for one in found.named if one.estimates)
-    explained = max(0.0, found.base.squares - found.final.squares) + by_chance
+    of_chance = sum(max(one.candidate.drop, 0.0) for one in by_chance(found))
+    explained = max(0.0, found.base.squares - found.final.squares) + of_chance
     return _hypothesis(found.problem, fit, found.final, names, explained, other)
 
 
-def without_names(problem: Problem, found: Search, other: Problem | None) -> Hypothesis:
-    """Return the paper's model."""
-    return _hypothesis(problem, found.base, found.base, (), 0.0, other)
+def without_names(problem: Problem, found: Search, beside: Hypothesis) -> Hypothesis:
+    """Return the paper's model, of the recordings or, where the search went on without it, of what chance left.
+
+    Laws are scored with the noise that all names leave, as that `beside` them is: what a law is to explain instead
+    would be noise, and made white, where the noise was found with neither.
+    """
+    base = found.base
+    if by_chance(found) and problem is found.problem:
+        base = problem.fit(base.values, base.names, found.final.noise, renew=1)
+    noise = beside.before.noise if beside.before else None
+    return _hypothesis(problem, base, base, (), 0.0, beside.data.other, noise)
 
 
-def with_needed_names(found: Search, needed: Sequence[str], other: Problem | None) -> Hypothesis:
-    """Return the model with some of the effects that were named."""
-    leaving = [one.candidate.effect for one in found.named if one.candidate.effect.name not in needed]
+def with_needed_names(problem: Problem, found: Search, needed: Sequence[str], other: Problem | None) -> Hypothesis:
+    """Return the model of a problem with some of the effects that were named."""
+    leaving = [one.effect for one in fitted_of(found) if one.effect.name not in needed]
     (fit,) = found.problem.without(found.final, [leaving])
+    if problem is not found.problem:
+        fit = problem.fit(fit.values, fit.names, fit.noise, renew=1)
     explained = max(0.0, found.base.squares - fit.squares)
-    return _hypothesis(found.problem, fit, fit, needed, explained, other)
+    return _hypothesis(problem, fit, fit, needed, explained, other)
 
 
 def _hypothesis(
-    problem: Problem, about: Fit, fit: Fit, names: Sequence[str], explained: float, other: Problem | None
+    problem: Problem,
+    about: Fit,
+    fit: Fit,
+    names: Sequence[str],
+    explained: float,
+    other: Problem | None,
+    noise: Noise | None = None,
 ) -> Hypothesis:
-    model = Linearised.about(problem, about.values, about.names)
-    data = Data.of(problem, model, other)
-    return Hypothesis(data, scanned(data, model, names), fit, explained)
+    """Return the model that a fit of a problem is, linearised about another one.
+
+    Laws are judged by one-step errors: of a model that was fitted by free runs, those of the body beside its wheels as
+    they were measured.
+    """
+    judging, about = problem.one_step_of(about)
+    model = Linearised.about(judging, about.values, about.names)
+    data = Data.of(judging, model, other)
+    return Hypothesis(data, scanned(data, model, names, noise), problem, fit, explained)
 
 
 def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Rivalry:
@@ -132,7 +173,7 @@ def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Ri
     spared += 2.0 * effects * math.log(len(data.problem.effects))
     more = names.quality() - alone.after.quality() + spared - sum(penalty(law, samples) for law in alone.laws)
     held_out = data.held_out(names, alone.after)
-    if more > LEAST and held_out > LEAST:
+    if more > LEAST and held_out > (LEAST if effects < MANY else 0.0):
         return Rivalry.BETTER
     near, near_there = (max(SET, SHARE_OF_SET * gain) for gain in (alone.gain, alone.held_out))
     return Rivalry.TIED if effects > 1 and more > -near and held_out > -near_there else Rivalry.WORSE
@@ -153,7 +194,7 @@ def leaves_nothing(alone: Offer) -> bool:
 
 def still_needed(alone: Offer, found: Search) -> list[str]:
     """Return the named effects that explain something beside laws that do without them."""
-    names = [one.candidate.effect.name for one in found.named if not one.estimates]
+    names = [one.effect.name for one in fitted_of(found)]
     if not names:
         return []
     gains = known_beside(alone.after.model, alone.after.rest, (), among=names).gains

@@ -9,7 +9,7 @@ approximation of something unknown.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,32 +18,30 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.constants import undetermined
 from cmr.estimation.laws.further import Further
 from cmr.estimation.laws.known import Catalogued
-from cmr.estimation.laws.linearised import Linearised
-from cmr.estimation.laws.misfit import misfit_of, variables_of_law
+from cmr.estimation.laws.linearised import Linearised, is_of_wheels
+from cmr.estimation.laws.misfit import misfit_of
+from cmr.estimation.laws.offers import Data, Offer, Refused
 from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
-from cmr.estimation.laws.rest import Rest, rest_of, times_of
+from cmr.estimation.laws.rest import Rest, rest_of
 from cmr.estimation.laws.scan import Score, penalty, scan
-from cmr.estimation.problem import Problem
-from cmr.recordings.signal import Mask
+from cmr.estimation.laws.variables import Speeds
+from cmr.estimation.noise import Noise
+from cmr.model.laws.places import PLACES
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
 PROMISING = -5.0  # first-order score from which a law is fitted: noise estimated without it hides part of its gain
 HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
-LEFT = 15.0  # score of a further law from which a law is only an approximation,
-ANOTHER = 0.0  # and from which such a law is fitted: noise that was found without it hides a part of it
+ANOTHER = 0.0  # score from which a second law is fitted: noise that was found without it hides a part of it
 LARGEST_MOVE = 0.3  # share by which a law may move K2/K3: beyond, law and parameter run away against each other
 BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise brings
 SETTLED = 3  # best of these whose constants are found again,
 SHARE_TO_SETTLE = 0.5  # unless they lie further behind the best one than by this share of the way to the worst
 SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
-# Formulas of a noisy state imitate its noise: sign(w) does where a robot drives straight on, and gained up to 225 in 56
-# robots that hid nothing.
-SEEN = 300.0  # gain from which something is there, even where no formula holds
+SEEN = 100.0  # gain from which something is there, even where no formula holds: what is inexact gains some 50
 INEXACT = 0.01  # share of a law's gain that the shape of its formula may leave: signs, for one, are smoothed
 MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
-TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
 MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speeds, from which a robot moves
 # Spread of the speed as a share of its mean (0.05 on figure-eights, 0.9 on the rich drive), and of how much of the
 # wheels' way is turning, from 0 to 1: with less the drive has one speed, or one radius.
@@ -53,110 +51,6 @@ IDENTICAL = 0.99  # share of a law's own trace that another does where both are 
 RESCORED = 400  # best laws that are rescored with the noise of the best one
 SHOWN = 40  # best scores that are compared with what the catalogue has
 NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
-
-
-@dataclass(frozen=True)
-class Offer:
-    """Laws beside a model: the fit `before` them and `after`, and what they are worth.
-
-    `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
-    laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
-    those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
-    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are laws
-    beside them. `undetermined` says that other constants explain as much, and say something else.
-    """
-
-    before: Polished
-    after: Polished
-    gain: float
-    score: float
-    held_out: float
-    left: float
-    further: Further
-    alike: tuple[Polished, ...]
-    tied: tuple[Polished, ...] = ()
-    misfit: float = 0.0
-    undetermined: bool = False
-
-    @property
-    def laws(self) -> tuple[Candidate, ...]:
-        """The laws."""
-        return self.after.laws
-
-    @property
-    def series(self) -> bool:
-        """Whether two laws at one place have the same variables: terms of a series, in place of a formula unknown."""
-        if len(self.laws) < 2:
-            return False
-        places, variables = ({of(law) for law in self.laws} for of in (_where, variables_of_law))
-        return len(places) == len(variables) == 1
-
-    @property
-    def approximate(self) -> bool:
-        """Whether structure is left, or the formula is not quite right, or its constants need not be."""
-        return self.left > LEFT or self.misfit > 0.0 or self.series or self.undetermined
-
-
-@dataclass(frozen=True)
-class Refused:
-    """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
-
-    `several` says that another drive could tell. `seen` is the best fit with a formula where something is there that
-    no formula holds for.
-    """
-
-    reason: str
-    before: Polished | None = None
-    several: bool = False
-    rivals: tuple[Polished, ...] = ()
-    seen: Polished | None = None
-
-
-@dataclass(frozen=True)
-class Data:
-    """A problem, which of its errors are fitted, and on which a law is tried: others of them, or another problem."""
-
-    problem: Problem
-    fitted: Mask
-    tried: Mask | None
-    other: Problem | None = None
-    _elsewhere: dict[Polished, Polished | None] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, problem: Problem, model: Linearised, other: Problem | None) -> "Data":
-        """Return the data: of a problem alone, the last third of the time is for trying."""
-        times = times_of(model)
-        if other is not None:
-            return cls(problem, np.ones(len(times), np.bool_), None, other)
-        border = float(times.min()) + TRAINING * float(np.ptp(times))
-        return cls(problem, times < border, times >= border)
-
-    def held_out(self, before: Polished, after: Polished) -> float:
-        """Return by how much -2 log likelihood drops with laws on data that nothing was fitted on."""
-        if self.other is None:
-            assert self.tried is not None
-            return before.quality(self.tried) - after.quality(self.tried)
-        return self._left_elsewhere(before) - self._left_elsewhere(after)
-
-    @property
-    def share_tried(self) -> float:
-        """How many errors a law is tried on for each that it is fitted to, at most 1."""
-        tried = self.other.batch.rows if self.other is not None else int(np.count_nonzero(~self.fitted))
-        return min(1.0, tried / max(int(np.count_nonzero(self.fitted)), 1))
-
-    def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
-        """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
-        if self.other is None:
-            return None, self.tried
-        if fit not in self._elsewhere:
-            model = Linearised.about(self.other, fit.values, ())
-            self._elsewhere[fit] = polished(model, fit.laws, fixed=fit.coefficients)
-        return self._elsewhere[fit], None
-
-    def _left_elsewhere(self, fit: Polished) -> float:
-        """Return -2 log likelihood of the other problem with all as it was fitted."""
-        fixed, _ = self.tried_on(fit)
-        return np.inf if fixed is None else fixed.quality()
 
 
 def offered(
@@ -195,26 +89,29 @@ class Scanned:
         return Catalogued(self.before.model, self.rest, self.selected)
 
 
-def scanned(data: Data, model: Linearised, selected: Sequence[str]) -> Scanned | Refused:
-    """Score all laws beside a model which has some effects `selected`, or say why none can be told."""
+def scanned(data: Data, model: Linearised, selected: Sequence[str], noise: Noise | None = None) -> Scanned | Refused:
+    """Score all laws beside a model which has some effects `selected`, or say why none can be told.
+
+    They are scored with a `noise`; by default with that which the model leaves.
+    """
     if narrow(model):
         return Refused(NARROW, several=True)
     before = polished(model, (), data.fitted)
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
-    rest = rest_of(model, before.noise, data.fitted)
+    rest = rest_of(model, noise or before.noise, data.fitted)
     return Scanned(data, before, rest, tuple(Further.beside(model, rest).with_local()), tuple(selected))
 
 
-def offered_of(first: Scanned, named: float, promising: float = PROMISING) -> Offer | Refused:
-    """Return the law that stands beside a model where laws were scored; see `offered`."""
+def offered_of(first: Scanned, named: float, promising: float = PROMISING, least: float = LEAST) -> Offer | Refused:
+    """Return the law that stands beside a model where laws were scored, if its score is `least`; see `offered`."""
     before = first.before
     if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
     fits = _fits(first)
     if isinstance(fits, Refused):
         return replace(fits, before=before)
-    found = _judged(first.data, before, fits, named)
+    found = _judged(first.data, before, fits, named, first.selected, least)
     if isinstance(found, Offer) and found.left > ANOTHER:
         found = _with_second(first.data, found, first.selected)
     if isinstance(found, Offer) and found.left > found.score:
@@ -257,10 +154,6 @@ def _settled(data: Data, fits: Sequence[Polished], known: Catalogued) -> list[Po
     return ordered
 
 
-def _where(law: Candidate) -> tuple[str, ...]:
-    return law.place, law.side
-
-
 def narrow(model: Linearised) -> bool:
     """Return whether a robot drove at one speed, or round one radius: formulas are then the same to its sensors."""
     v, w = (np.concatenate([of.body[name] for of in model.variables]) for name in ("v", "w"))
@@ -275,10 +168,10 @@ def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     model, rest = first.after.model, first.after.rest
     known = Catalogued(model, rest, selected)
     promising = [one.candidate for one in _promising(first.further.with_local(), known)]
-    fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.laws)
+    fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.after.laws)
     if not fits:
         return first
-    second = _judged(data, first.after, fits, OF_NAMES * first.gain)
+    second = _judged(data, first.after, fits, OF_NAMES * first.gain, selected)
     if isinstance(second, Refused) or second.left > first.left:
         return first
     return replace(
@@ -332,10 +225,20 @@ def _cost(fit: Polished, data: Data) -> float:
     return fit.quality() + sum(penalty(law, int(np.count_nonzero(data.fitted))) for law in fit.laws)
 
 
-def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float) -> Offer | Refused:
+def _judged(
+    data: Data,
+    before: Polished,
+    fits: Sequence[Polished],
+    named: float,
+    selected: Sequence[str],
+    least: float = LEAST,
+) -> Offer | Refused:
     """Return the best of some fits with a law, if it holds, with those that are not distinguished from it."""
     problem, names = data.problem, before.model.names
     best = min(fits, key=lambda fit: _cost(fit, data))
+    # What both wheels do alike, or against each other, is the body's.
+    of_body = [fit for fit in fits if not is_of_wheels(fit.laws[-1].place) and _is_same(fit, best)]
+    best = min(of_body, key=lambda fit: _cost(fit, data)) if of_body else best
     after = polished_twice(problem, names, best, data.fitted) or best
     if not _makes_sense(replace(after, model=before.model)):
         after = best
@@ -343,22 +246,57 @@ def _judged(data: Data, before: Polished, fits: Sequence[Polished], named: float
     at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     held_out = data.held_out(before, after)
-    seen = after if score >= LEAST and gain >= max(SEEN, OF_NAMES * named) else None
-    if score < LEAST or gain < OF_NAMES * named:
+    seen = after if score >= least and gain >= OF_NAMES * named and is_seen(before, after, data) else None
+    if score < least or gain < OF_NAMES * named:
         return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
     if held_out < max(LEAST, HOLDS * gain * data.share_tried):
         return Refused("The best formula does not hold on data that it was not fitted on.", before, seen=seen)
+    alike, tied = _alike(data, best, fits, gain)
+    if len(tied) >= MOST_ALIKE:
+        reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
+        return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
+    left = further.best(further.inflation(), Catalogued(after.model, after.rest, selected).is_of_model)
+    misfit = misfit_of(after) - INEXACT * gain
+    settled = _steadily(after, data)
+    loose = undetermined(settled, SET)
+    return Offer(before, after, settled, gain, score, held_out, left, further, alike, tied, misfit, loose)
+
+
+def is_seen(before: Polished, after: Polished, data: Data) -> bool:
+    """Return whether what laws explain is there, whatever the formula: also where speeds are those by commands."""
+    if before.quality() - after.quality() < SEEN:
+        return False
+    by_commands = polished(replace(after.model, speeds=Speeds.COMMANDED), after.laws, data.fitted)
+    return by_commands is not None and before.quality() - by_commands.quality() >= SEEN
+
+
+def _steadily(fit: Polished, data: Data) -> Polished:
+    """Return a fit with the inner constants that laws have where their variables owe less to the observer.
+
+    What they gain so is no evidence: a law could take the observer's noise out, too.
+    """
+    laws = list(fit.laws)
+    moving = [k for k, law in enumerate(laws) if law.constants and not PLACES[law.place].of_sensors]
+    if not moving or fit.model.rolls:
+        return fit
+    model = replace(fit.model, speeds=Speeds.STEADY)
+    for number in moving:
+        steady = polished(model, laws, data.fitted)
+        if steady is not None:
+            laws[number] = with_best_constants(model, laws[number], steady.rest_without(number))
+    settled = polished(model, laws, data.fitted)
+    return settled if settled is not None and _cost(settled, data) < _cost(fit, data) - SET else fit
+
+
+def _alike(
+    data: Data, best: Polished, fits: Sequence[Polished], gain: float
+) -> tuple[tuple[Polished, ...], tuple[Polished, ...]]:
+    """Return the fits that are not distinguished from the best one, and those of them that are as good."""
     at_best = _cost(best, data) + _tried(data, best)
     others = [fit for fit in fits if fit is not best and not _is_same(fit, best)]
     behind = [(_cost(fit, data) + _tried(data, fit) - at_best, fit) for fit in others]
     alike = tuple(fit for off, fit in behind if off < max(SET, SHARE_OF_SET * gain))
-    tied = tuple(fit for off, fit in behind if off < SET)
-    if len(tied) >= MOST_ALIKE:
-        reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
-        return Refused(reason, before, several=True, rivals=(best, *tied), seen=seen)
-    left, misfit = further.best(further.inflation()), misfit_of(after) - INEXACT * gain
-    loose = undetermined(after, SET)
-    return Offer(before, after, gain, score, held_out, left, further, alike, tied, misfit, loose)
+    return alike, tuple(fit for off, fit in behind if off < SET)
 
 
 def _is_same(fit: Polished, best: Polished) -> bool:

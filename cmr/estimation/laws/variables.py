@@ -2,15 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
-from cmr.estimation.prediction import Errors, Predictor
+from cmr.estimation.prediction import Predictor
+from cmr.estimation.segments import Segment
 from cmr.model.laws.words import TURNING
 from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 SIDES = ("left", "right")
+STEADY = 0.2  # s to either side over which what encoders say beyond commands is smoothed, less and less
 BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share takes off the duty; see cmr.model.stages
 
 
@@ -26,10 +29,52 @@ class Variables:
 
 
 def variables_of(
-    predictors: Sequence[Predictor], errors: Sequence[Errors], values: Mapping[str, float]
+    predictors: Sequence[Predictor], motions: Sequence[Floats], values: Mapping[str, float]
 ) -> list[Variables]:
-    """Return the variables in all segments, in which a robot with these values moved as `errors` say."""
-    return [_of_segment(one, error.motion, values) for one, error in zip(predictors, errors, strict=True)]
+    """Return the variables in all segments, in which a robot with these values moved like this."""
+    return [_of_segment(one, motion, values) for one, motion in zip(predictors, motions, strict=True)]
+
+
+class Speeds(Enum):
+    """Which speeds of the wheels formulas are of: the observer's, its own apart, or those by commands alone."""
+
+    OBSERVED = "as the observer has them"
+    STEADY = "by commands, and smoothly as encoders say"
+    COMMANDED = "by commands alone"
+
+
+def commanded(motion: Floats, free: Floats) -> Floats:
+    """Return how a robot moved, (T + 1, columns of MOTION), with the speeds that its wheels have by commands, `free`.
+
+    They have none of the readings' noise, so that what a formula of them explains is there (instrumental variables;
+    L. Ljung, System Identification, 2nd ed., 1999, section 7.6).
+    """
+    columns = [MOTION.index(f"psi_{name}") for name in SIDES]
+    result = motion.copy()
+    result[:, columns] = free[:, columns]
+    return result
+
+
+def steadied(motion: Floats, free: Floats, segment: Segment) -> Floats:
+    """Return how a robot moved, (T + 1, columns of MOTION), with the speeds of its wheels found without an observer.
+
+    An observer is drawn to where its model holds a wheel, and away from where a law does that the model lacks: a
+    formula's limit then seems to lie elsewhere. So a wheel is taken to turn as by the commands alone, `free`, and what
+    its encoder says beyond that is smoothed over STEADY.
+    """
+    result = motion.copy()
+    if not len(segment.rolled):
+        return result
+    window = np.hanning(2 * round(STEADY / segment.observations.dt) + 3)[1:-1]
+    weight = np.convolve(np.ones(len(segment.rolled)), window, "same")
+    steps = np.arange(len(segment.rolled))
+    for side, name in enumerate(SIDES):
+        column = MOTION.index(f"psi_{name}")
+        beyond = segment.rolled[:, side] - 0.5 * (free[1:, column] + free[:-1, column])
+        smooth = np.convolve(beyond, window, "same") / weight
+        steady = free[:, column] + np.interp(np.arange(len(free)), steps + 0.5, smooth)
+        result[:, column] = np.where(motion[:, column] == 0.0, 0.0, steady)
+    return result
 
 
 def _of_segment(predictor: Predictor, motion: Floats, values: Mapping[str, float]) -> Variables:

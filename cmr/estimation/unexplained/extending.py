@@ -72,7 +72,7 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
     unexplained = _unexplained(found)
     proposal = proposed(problem, found, held_out, unexplained.present)
     if proposal.extension:
-        return _with_laws(problem, found, proposal, unexplained)
+        return _with_laws(found, proposal, unexplained)
     if proposal.seen and not unexplained.present and not unexplained.not_judged:
         return Extended(found, structure_of(proposal.seen), laws=proposal.laws)
     if not unexplained.present:
@@ -81,12 +81,13 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
     return result if problem.one_step or _matters(result) else Extended(found, Unexplained(), laws=proposal.laws)
 
 
-def _with_laws(problem: Problem, found: Search, proposal: Proposal, without: Unexplained) -> Extended:
+def _with_laws(found: Search, proposal: Proposal, without: Unexplained) -> Extended:
     """Return what was found with the laws that stand in the model, and what remains beside them and `without` them."""
     assert proposal.extension is not None
     assert proposal.before is not None
+    assert proposal.problem is not None
     if proposal.withdrawn:
-        found = _without_names(problem, found, BY_A_LAW, proposal.withdrawn, proposal.before)
+        found = _without_names(proposal.problem, found, BY_A_LAW, proposal.withdrawn, proposal.before)
     left = remaining(found.problem, proposal.extension.fit, found.base).unexplained
     if proposal.seen and not without.present and not without.not_judged:
         without = structure_of(proposal.seen)

@@ -18,7 +18,7 @@ from cmr.estimation.unexplained.bursts import Bursts, bursts
 from cmr.estimation.unexplained.result import Unexplained, not_judged
 from cmr.estimation.unexplained.scores import Score, predicted_by, remainder, scores
 from cmr.estimation.unexplained.share import share_predicted
-from cmr.estimation.unexplained.terms import drives_of
+from cmr.estimation.unexplained.terms import ACCELERATION, drives_of
 
 LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is reported
 SURELY = 1.5  # factor beyond doubt, without the few blocks that support the term most,
@@ -70,7 +70,7 @@ def remaining(problem: Problem, fit: Fit, base: Fit) -> Remaining:
     loud = bursts(rest)
     spread, least = spread_of(tested), max(LEAST, LEAST_SHARE * len(rest.white), LEFT_BY_EFFECTS * explained)
     rounded = [name for name in WHEELS if only_rounding(name, problem, errors)]
-    holding = [score for score in tested if holds(score, spread, least) and score.signal not in rounded][:1]
+    holding = [one for one in tested if holds(one, spread, least) and not (one.signal in rounded and may_beat(one))][:1]
     predicted = [predicted_by(score.term, problem, fit, errors, rest, drives) for score in holding]
     found = [
         _structure(score, share_predicted(problem.predictors, fit.noise, rest.white, by_term, score.signal), least)
@@ -102,6 +102,11 @@ def only_rounding(signal: str, problem: Problem, errors: Sequence[Errors]) -> bo
         return False
     error, doubt = (np.concatenate(column) for column in zip(*known, strict=True))
     return bool(np.mean(error**2) <= 2.0 * np.mean(doubt**2))
+
+
+def may_beat(score: Score) -> bool:
+    """Return whether rounding may make what a term explains: ticks beat with the speed, not with what swings."""
+    return ACCELERATION not in score.term.regressors
 
 
 def spread_of(tested: Sequence[Score]) -> float:

@@ -23,7 +23,11 @@ MEMORIES = (0.1, 1.0)  # s for which a command may be remembered
 REVERSED = 0.02  # of the top speed, beyond which a direction counts
 SINCE_REVERSAL = ((0.0, 0.15), (0.15, 0.3), (0.3, 0.5), (0.5, 1.0))  # s
 SPEEDS = 5  # knots of what an encoder may miss at speed
+# Hz at which something on the robot may swing, three to an octave, and how its swings fade, as a share of critical.
+SWINGS, FADING = (0.5, 0.63, 0.79, 1.0, 1.26, 1.59, 2.0, 2.52, 3.17, 4.0), 0.1
+FADED = 6.0  # times the time in which a swing fades to 1/e, after which it has no part in what follows
 NOTHING = 1e-6  # rad/s; m; s
+ACCELERATION = "acceleration"  # a regressor
 
 Column = tuple[Mapping[str, float], Floats]
 WHEELS = ("left", "right")
@@ -154,6 +158,7 @@ def _of_both_wheels(knots: Knots) -> list[Term]:
                 *_with_heading(sides, lambda d: _moving(d.speed), ("heading", "speed")),
                 _one(sides, ("x",), lambda d: [_moving(d.speed) * hat for hat in _hats(d.x, knots.x)]),
                 _one(sides, ("y",), lambda d: [_moving(d.speed) * hat for hat in _hats(d.y, knots.y)]),
+                *(_one(sides, (ACCELERATION,), partial(_swinging, frequency)) for frequency in SWINGS),
             ]
     return terms
 
@@ -165,7 +170,7 @@ def _of_motion(name: str, knots: Knots) -> list[Term]:
         _one(one, ("speed",), lambda d: [abs(d.speed), d.speed**2, d.speed * abs(d.speed), _moving(d.speed)]),
         _one(one, ("yaw_rate",), _of_turning),
         _one(one, ("speed_times_yaw_rate",), _products),
-        _one(one, ("acceleration",), _of_acceleration),
+        _one(one, (ACCELERATION,), _of_acceleration),
         *_with_heading(one, lambda d: _moving(abs(d.speed) + abs(d.yaw_rate)), ("heading",)),
         *_with_heading(one, lambda d: d.speed, ("heading", "speed")),
         _one(one, ("x",), lambda d: [d.speed * hat for hat in _hats(d.x, knots.x)]),
@@ -190,7 +195,7 @@ def _of_reading(name: str, knots: Knots) -> list[Term]:
             _one(one, ("speed",), lambda d: [d.speed, abs(d.speed), d.speed * abs(d.speed)]),
             _one(one, ("yaw_rate",), _of_turning),
             _one(one, ("speed_times_yaw_rate",), _products),
-            _one(one, ("acceleration",), _of_acceleration),
+            _one(one, (ACCELERATION,), _of_acceleration),
         ]
     return terms
 
@@ -234,6 +239,18 @@ def _squares(values: Floats) -> list[Floats]:
 def _products(drive: Drive) -> list[Floats]:
     speed, turning = drive.speed, drive.yaw_rate
     return [speed * turning, np.abs(speed) * turning, speed * np.abs(turning)]
+
+
+def _swinging(frequency: float, drive: Drive) -> list[Floats]:
+    """Return how far something swings on a robot that accelerates, and how fast: liquids do, and loads that hang."""
+    rate = 2.0 * np.pi * frequency
+    acceleration = np.diff(drive.speed, prepend=drive.speed[:1])
+    count = min(len(acceleration), int(FADED / (FADING * rate * drive.dt)) + 1)
+    since = drive.dt * np.arange(count)
+    swings = [np.exp(-FADING * rate * since) * of(rate * since) for of in (np.sin, np.cos)]
+    length = 1 << int(np.ceil(np.log2(len(acceleration) + count)))
+    driven = np.fft.rfft(acceleration, length)
+    return [np.fft.irfft(driven * np.fft.rfft(of, length), length)[: len(acceleration)] for of in swings]
 
 
 def _moving(speed: Floats) -> Floats:
