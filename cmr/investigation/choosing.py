@@ -1,14 +1,16 @@
 """Choose the next movement: one that keeps to the floor, and best separates the explanations that are left."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.candidates import Trial, is_rough, lanes_of, locality, size, trials
+from cmr.estimation.candidates import Trial, is_limit, is_rough, lanes_of, locality, size, trials
 from cmr.estimation.gauss_newton import moves_of
-from cmr.estimation.prediction import Errors
+from cmr.estimation.problem import LARGE, temper
+from cmr.estimation.search.screening import changes_of
 from cmr.investigation import separation
 from cmr.investigation.floor import Floor
 from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
@@ -23,8 +25,10 @@ from cmr.recordings.signal import Floats
 PREDICTED = 36  # movements that keep to the floor, whose information is predicted
 SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
 MOST_AS_FITTED = 2  # explanations besides that must
-SEEN = 30.0  # squared distance at which an effect that is there would have shown
+SEEN = 30.0  # squared distance at which an effect that is there would have shown, whatever the data say
+EXCLUDED = 2.0 * math.log(1000.0)  # evidence against an effect at its usual size: the odds at which one is named
 LEFT = 0.01  # of that distance: what others leave less of, they imitate
+QUIET = 0.75  # of the effects: so many must have shown before only the others are driven for
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
 SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
 
@@ -33,13 +37,15 @@ SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the sa
 class Told:
     """What is known by the data so far: the information of each column, and which columns belong to what.
 
-    The effects of `imitated` would have shown by now, if those that are named together could not imitate them. Nothing
-    is driven for those of `hopeless`.
+    `contrary` is twice the logarithm of the odds against each effect at its usual size, by name. The effects of
+    `imitated` would have shown by now, if those that are named together could not imitate them. Nothing is driven for
+    those of `hopeless`.
     """
 
     information: Floats
     columns: Columns
     sets: tuple[Mapping[str, float], ...]
+    contrary: Mapping[str, float] = field(default_factory=dict)
     imitated: frozenset[str] = frozenset()
     hopeless: frozenset[str] = frozenset()
 
@@ -49,35 +55,64 @@ class Told:
         own = separation.own(separation.projected(self.information, self.columns), self.columns)
         return dict(zip(self.columns.names, own.tolist(), strict=True))
 
+    @cached_property
+    def shown(self) -> frozenset[str]:
+        """The effects that would have shown by now at their usual size, if they were there."""
+        names = self.columns.names
+        return frozenset(n for n in names if self.seen[n] >= SEEN or self.contrary.get(n, 0.0) >= EXCLUDED)
+
 
 @dataclass(frozen=True)
 class Choice:
     """The movement to drive next, what it is `worth`, and where it leads: places (n, members, 2) [m; world frame].
 
     `movement` is None where no candidate keeps to the floor. `parted` are the two explanations that it separates most.
+    `best_rates` are the squared distances [1/s] that the best candidate for each effect adds, by name.
     """
 
     movement: Movement | None
     worth: float = 0.0
     path: Floats | None = None
     parted: tuple[str, str] = (NOTHING, NOTHING)
+    best_rates: Mapping[str, float] = field(default_factory=dict)
 
 
 def told(judgement: Judgement, time: float) -> Told:
     """Return the information of the data so far; changes at a time that were not seen may begin at `time` [s]."""
     sets, columns = _column_sets(judgement, time)
     problem = judgement.problem
-    errors = problem.joint_errors(lanes_of(sets))
-    of = {name: every - every[:, :1] for name, every in errors.of.items()}
-    white = judgement.noise.all_white(problem.batch, Errors(of, errors.motion, errors.followed))[:, 1:]
-    known = white.T @ white
-    for number, name in enumerate(problem.own):
+    white = judgement.noise.all_white(problem.batch, changes_of(problem.joint_errors(lanes_of(sets))))
+    errors = np.ascontiguousarray(white[:, 0])
+    temper(errors, LARGE)
+    white[:, 0] = errors
+    products = np.nan_to_num(white.T @ white)
+    for number, name in enumerate(problem.own, 1):
         if name in problem.prior:
-            step = sets[1 + number][name] - sets[0][name]
-            known[number, number] += (step / problem.prior[name][1]) ** 2
-    known = np.nan_to_num(known)
+            mean, std = problem.prior[name]
+            step = (sets[number][name] - sets[0][name]) / std
+            products[number, number] += step**2
+            products[[0, number], [number, 0]] += step * (sets[0][name] - mean) / std
+    known = products[1:, 1:]
     imitated = _imitated(known, columns, len(problem.own))
-    return Told(known, columns, tuple(sets), imitated, imitated)
+    return Told(known, columns, tuple(sets), _contrary(products, columns), imitated, imitated)
+
+
+def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
+    """Return twice the logarithm of the odds against each effect at its usual size, by name.
+
+    `products` (1 + m, 1 + m) are those of the errors that are left, and the columns.
+    """
+    last = np.roll(products, -1, axis=(0, 1))  # the errors behind the columns
+    left = separation.projected(last, columns)
+    one_sided = [name for name in columns.names if _is_one_sided(CATALOGUE[name])]
+    found = separation.against(left[:-1, :-1], left[:-1, -1], columns, one_sided)
+    return dict(zip(columns.names, found.tolist(), strict=True))
+
+
+def _is_one_sided(effect: Effect) -> bool:
+    """Tell whether an effect has one sign only."""
+    switches = [parameter for parameter in effect.parameters if parameter.switches]
+    return all(is_limit(parameter) or parameter.lower == parameter.neutral for parameter in switches)
 
 
 def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
@@ -123,8 +158,11 @@ def choose(
     seconds = np.array([movement.seconds for movement in movements])
     worth, need, gained, weights = _worth(judgement, known, added, seconds)
     number = int(np.argmax(worth))
-    pair = _parted(known.columns.names, need, gained[number], weights)
-    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair)
+    names = known.columns.names
+    pair = _parted(names, need, gained[number], weights)
+    rates = np.max(np.diagonal(gained, axis1=1, axis2=2) / seconds[:, None], axis=0)
+    best = dict(zip(names, rates.tolist(), strict=True))
+    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair, best)
 
 
 def keeps_to(floor: Floor, path: Floats, doubt: Floats | float = 0.0) -> bool:
@@ -162,21 +200,32 @@ def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) ->
         separation.separations(separation.projected(information, known.columns), known.columns)
         for information in (known.information, known.information + added)
     )
+    need, weights = _needs(judgement, known, before)
+    gained = after - before
+    if _is_quiet(judgement, known):
+        alone = np.diagonal(need)
+        need = np.where(np.eye(len(alone), dtype=bool), need, np.inf)
+        return separation.progress(np.diagonal(gained, axis1=1, axis2=2), alone, seconds), need, gained, weights
+    return separation.scores(before, after, need, weights, seconds), need, gained, weights
+
+
+def _is_quiet(judgement: Judgement, known: Told) -> bool:
+    """Tell whether all that is left is to let a few effects show: nothing that matters is seen."""
     names = known.columns.names
-    need, weights = _needs(judgement, names, before, known.hopeless)
-    return separation.scores(before, after, need, weights, seconds), need, after - before, weights
+    seen = [name for name in names if _evidence(judgement, name) > EVIDENT and not _is_settled(judgement, name)]
+    return not seen and len(known.shown) > QUIET * len(names)
 
 
-def _needs(
-    judgement: Judgement, names: Sequence[str], before: Floats, hopeless: frozenset[str]
-) -> tuple[Floats, Floats]:
+def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, Floats]:
     """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights.
 
     Two that would both have shown, and did not, need not be separated.
     """
+    names = known.columns.names
     evidence = np.array([_evidence(judgement, name) for name in names])
     left = {one.name for one in judgement.left}
-    settled = np.array([name in hopeless or _is_settled(judgement, name) for name in names])
+    settled = np.array([name in known.hopeless or _is_settled(judgement, name) for name in names])
+    shown = np.array([name in known.shown for name in names])
     is_left = np.array([name in left for name in names]) & ~settled
     need = np.full(before.shape, np.inf)
     both = is_left[:, None] & is_left[None, :]
@@ -185,11 +234,13 @@ def _needs(
         ENOUGH - np.abs(evidence[:, None] - evidence[None, :]),
         ENOUGH_UNSEEN - before,
     )
-    excluded = (np.diagonal(before) >= SEEN) & (evidence <= EVIDENT)
+    excluded = shown & (evidence <= EVIDENT)
     both &= ~(excluded[:, None] & excluded[None, :])
     need[both] = apart[both]
+    against = np.array([known.contrary.get(name, 0.0) for name in names])
+    unshown = np.minimum(SEEN - np.diagonal(before), EXCLUDED - against)
     index = np.arange(len(names))
-    unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, SEEN - np.diagonal(before))
+    unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, np.where(shown, 0.0, unshown))
     need[index, index] = unseen
     for i, one in enumerate(names):
         for j, other in enumerate(names):
@@ -231,8 +282,13 @@ def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, floa
     moves = moves_of(base, free, problem.excitation)
     sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
     of: dict[str, tuple[int, ...]] = {}
-    # The size of a fit that explains nothing says nothing: what would have shown is a matter of usual sizes.
-    left = {one.name: one for one in judgement.left if one.fitted and one.evidence > 0.0}
+    # The size of a fit that explains nothing, or that does not matter, says nothing: what would have shown is a matter
+    # of usual sizes.
+    left = {
+        one.name: one
+        for one in judgement.left
+        if one.fitted and one.evidence > 0.0 and judgement.is_large(one.name, one.values)
+    }
     for effect in problem.effects:
         if effect.name in judgement.named or effect.beside:
             continue

@@ -16,6 +16,7 @@ from cmr.estimation.noise import Noise, foreign_sums, sums_of_past, whiten
 from cmr.estimation.prediction import FREE, POSE_SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.segments import Segment
 from cmr.investigation.movements import Movement, ramped
+from cmr.investigation.resting import GYRO, NoiseWithRests, resting
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
@@ -238,4 +239,8 @@ def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:
         )  # fmt: skip
         for part, one in zip(parts, np.split(white, padded[1:-1]), strict=True):
             part.append(one[sum(spans) :])
+        if name == GYRO and isinstance(noise, NoiseWithRests):
+            still = np.split(resting(batch), ends[1:-1])
+            for part, one, rows in zip(parts, np.split(own, ends[1:-1]), still, strict=True):
+                part[-1][rows] = one[rows] / noise.size
     return [np.concatenate(part) for part in parts]
