@@ -29,6 +29,7 @@ SEEN = 30.0  # squared distance at which an effect that is there would have show
 EXCLUDED = 2.0 * math.log(1000.0)  # evidence against an effect at its usual size: the odds at which one is named
 LEFT = 0.01  # of that distance: what others leave less of, they imitate
 QUIET = 0.75  # of the effects: so many must have shown before only the others are driven for
+DISGUISED = 1e-4  # the same, of what the robot's own parameters leave
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
 SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
 
@@ -38,8 +39,9 @@ class Told:
     """What is known by the data so far: the information of each column, and which columns belong to what.
 
     `contrary` is twice the logarithm of the odds against each effect at its usual size, by name. The effects of
-    `imitated` would have shown by now, if those that are named together could not imitate them. Nothing is driven for
-    those of `hopeless`.
+    `imitated` would have shown by now, if those that are named together could not imitate them, and so would those of
+    `disguised`, if they did not look like another value of one of the robot's own parameters, by effect. Nothing is
+    driven for those of `hopeless`.
     """
 
     information: Floats
@@ -47,6 +49,7 @@ class Told:
     sets: tuple[Mapping[str, float], ...]
     contrary: Mapping[str, float] = field(default_factory=dict)
     imitated: frozenset[str] = frozenset()
+    disguised: Mapping[str, str] = field(default_factory=dict)
     hopeless: frozenset[str] = frozenset()
 
     @cached_property
@@ -94,7 +97,9 @@ def told(judgement: Judgement, time: float) -> Told:
             products[[0, number], [number, 0]] += step * (sets[0][name] - mean) / std
     known = products[1:, 1:]
     imitated = _imitated(known, columns, len(problem.own))
-    return Told(known, columns, tuple(sets), _contrary(products, columns), imitated, imitated)
+    disguised = _disguised(known, Columns(len(problem.own), columns.of), problem.own)
+    hopeless = imitated | {*disguised}
+    return Told(known, columns, tuple(sets), _contrary(products, columns), imitated, disguised, hopeless)
 
 
 def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
@@ -120,6 +125,21 @@ def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
     beside, alone = (separation.own(separation.projected(known, of), of) for of in (columns, Columns(own, columns.of)))
     gone = (alone > SEEN) & (beside < np.minimum(LEFT * alone, SEEN))
     return frozenset(name for name, one in zip(columns.names, gone, strict=True) if one)
+
+
+def _disguised(known: Floats, columns: Columns, own: Sequence[str]) -> dict[str, str]:
+    """Return the effects of which nothing is left beside the robot's own parameters, and which of these they look like.
+
+    Without poses a gyro that reads too much is a wider base; with them, other columns tell them apart.
+    """
+    whole, left = (separation.own(of, columns) for of in (known, separation.projected(known, columns)))
+    sizes = np.maximum(np.diagonal(known), 1e-300)
+    result = {}
+    for number, name in enumerate(columns.names):
+        if whole[number] > SEEN and left[number] < DISGUISED * whole[number]:
+            alike = np.sum(known[: len(own), list(columns.of[name])] ** 2, axis=1) / sizes[: len(own)]
+            result[name] = own[int(np.argmax(alike))]
+    return result
 
 
 def choose(

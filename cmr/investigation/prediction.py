@@ -99,19 +99,26 @@ def changes(
     gains: Gains,
     noise: Noise,
 ) -> list[Floats]:
-    """Return what other `sets` (s) of values than the first change of the white errors, (n, s - 1), by movement."""
+    """Return what other `sets` (s) of values than the first change of the white errors, (n, s - 1), by movement.
+
+    Only errors that arise after the movement that is being driven count. It is the same for all; and where it is now
+    going on, an encoder with another scale would have followed before.
+    """
     drives = []
     for movement in movements:
         steps = _steps(situation.busy + movement.seconds)
         times = (reading_times(interval, steps * STEP) for interval in situation.intervals)
         drives.append(_observations(situation, movement, steps, *times, seen_first=True))
-    return changes_in(drives, [carried_on(values, situation) for values in sets], gains, noise)
+    return changes_in(drives, [carried_on(values, situation) for values in sets], gains, noise, situation.busy)
 
 
-def changes_in(drives: Sequence[Observations], lanes: Sequence[Values], gains: Gains, noise: Noise) -> list[Floats]:
+def changes_in(
+    drives: Sequence[Observations], lanes: Sequence[Values], gains: Gains, noise: Noise, since: float = 0.0
+) -> list[Floats]:
     """Return what other `lanes` (s) of values than the first change of the white errors, (n, s - 1), by drive.
 
     Of the `drives` only inputs and the times of readings count: their sensors read what the first lane would make them.
+    Errors count that arise from `since` [s] on.
     """
     free = Observer(lanes_of(lanes[:1]), FREE)
     read = [_read(one, free.observe(_unseen(one))) for one in drives]
@@ -120,7 +127,7 @@ def changes_in(drives: Sequence[Observations], lanes: Sequence[Values], gains: G
     errors = batch.errors(Observer(lanes_of(lanes), gains))
     for every in errors.of.values():
         every -= every[:, :1].copy()
-    return [one[:, 1:] for one in _white(batch, errors, noise)]
+    return [one[:, 1:] for one in _white(batch, errors, noise, since)]
 
 
 def _steps(seconds: float) -> int:
@@ -217,8 +224,8 @@ def _segment(observations: Observations, number: int) -> Segment:
     return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, number, np.empty((0, 2)))
 
 
-def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:
-    """Return errors of a batch made white, (n, C) by segment; before they began nothing differed."""
+def _white(batch: Batch, errors: Errors, noise: Noise, since: float) -> list[Floats]:
+    """Return errors of a batch from `since` [s] on, made white, (n, C) by segment; before them nothing differed."""
     parts: list[list[Floats]] = [[] for _ in batch.predictors]
     sums = foreign_sums(batch, errors)
     for name in batch.signals:
@@ -237,10 +244,11 @@ def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:
             np.ascontiguousarray(np.concatenate(pieces)), padded, *sums_of_past(known.past, spans),
             np.full(len(white), 1.0 / size), padded[:-1].copy(), white,
         )  # fmt: skip
-        for part, one in zip(parts, np.split(white, padded[1:-1]), strict=True):
-            part.append(one[sum(spans) :])
+        made_white = [one[sum(spans) :] for one in np.split(white, padded[1:-1])]
         if name == GYRO and isinstance(noise, NoiseWithRests):
             still = np.split(resting(batch), ends[1:-1])
-            for part, one, rows in zip(parts, np.split(own, ends[1:-1]), still, strict=True):
-                part[-1][rows] = one[rows] / noise.size
+            for one, plain, rows in zip(made_white, np.split(own, ends[1:-1]), still, strict=True):
+                one[rows] = plain[rows] / noise.size
+        for part, one, predictor in zip(parts, made_white, batch.predictors, strict=True):
+            part.append(one[predictor.times[name] >= since])
     return [np.concatenate(part) for part in parts]
