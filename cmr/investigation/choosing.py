@@ -30,6 +30,7 @@ EXCLUDED = 2.0 * math.log(1000.0)  # evidence against an effect at its usual siz
 LEFT = 0.01  # of that distance: what others leave less of, they imitate
 QUIET = 0.75  # of the effects: so many must have shown before only the others are driven for
 DISGUISED = 1e-4  # the same, of what the robot's own parameters leave
+UNHURRIED = 1.5  # s of a movement at least while only these are driven for: a decision is not urgent then
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
 SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
 
@@ -152,7 +153,7 @@ def choose(
     least: float = 0.0,
     reckoned: Reckoned | None = None,
 ) -> Choice:
-    """Return the best of many movements, of `least` [s] or longer.
+    """Return the best of many movements, of `least` [s] or longer; they are longer where nothing is suspected.
 
     `at_random` takes the first that keeps to the floor, for comparison. Where the robot is only `reckoned` to be, what
     is not known of its place stays on the floor, too.
@@ -161,6 +162,7 @@ def choose(
     x, y, *_ = situation.state
     away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
     top = best["wheel_radius"] / best["k1"]
+    least = max(least, UNHURRIED) if _is_quiet(judgement, known) else least
     drawn = [*candidates(random, least=least), *towards(max(away, 0.1), top, random, least)]
     kept = [
         (movement, path)

@@ -17,12 +17,11 @@ from cmr.investigation.foreseeing import Growth
 from cmr.investigation.judging import Judgement
 from cmr.investigation.movements import Movement, opening, waiting
 from cmr.investigation.naming import NAMED, ODDS, Naming
-from cmr.investigation.prediction import Situation, paths
+from cmr.investigation.prediction import Situation, effort, paths
 from cmr.investigation.reckoning import Reckoned, reckoned
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
-from cmr.model.effects.motors import HEATING_TIME
 from cmr.model.observer.observer import MOTION
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
@@ -259,15 +258,11 @@ def _interval(utime: Times) -> float | None:
 
 def _effort(problem: Beliefs, motion: Floats, values: Mapping[str, float]) -> tuple[float, float]:
     """Return what the battery has given [s of load share 1] and how warm the motors are, as the model has them."""
-    energy, heat = 0.0, 0.0
+    result = 0.0, 0.0
     borders = problem.batch.borders
     for number, predictor in enumerate(problem.predictors):
         observations = predictor.segment.observations
-        duty, psi = observations.duty, motion[borders[number] : borders[number + 1] - 1]
+        psi = motion[borders[number] : borders[number + 1] - 1]
         psi = psi[:, [MOTION.index("psi_left"), MOTION.index("psi_right")]]
-        energy += float(np.sum(np.maximum(0.0, duty * (duty - 0.8 * values["k1"] * psi)))) * observations.dt
-        kept = np.exp(-observations.dt / HEATING_TIME)
-        squares = np.mean(duty**2, axis=1)
-        weights = kept ** np.arange(len(squares))[::-1]
-        heat = heat * kept ** len(squares) + float(np.sum((1.0 - kept) * weights * squares))
-    return energy, heat
+        result = effort(observations.duty, psi, observations.dt, values["k1"], result)
+    return result

@@ -6,8 +6,10 @@ of SPAN seconds: by more the paths must not part, as a robot that is followed kn
 their readings, filtered, make a squared distance; what other parameters of the robot could do themselves is taken off.
 """
 
+import csv
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -23,7 +25,8 @@ from tests.investigation.investigated import SQUARE, DrivenRobot
 from tests.reference_plant import TYPICAL
 from tests.reference_plant.drives import NOMINAL_TICKS
 
-SECONDS, SPAN = 60.0, 6.0  # s
+TABLE = Path(__file__).with_name("shown.csv")
+SECONDS, SPAN = 60.0, 20.0  # s
 COASTING = 0.6  # s
 AT_ONCE = 20  # movements that are drawn together
 ENOUGH = 6.0  # deviations with which an effect counts as shown
@@ -140,3 +143,9 @@ def _differences(plain: _Driving, others: Sequence[_Driving], number: int) -> tu
     turned = poses[:, 2]
     poses[:, 2] = np.remainder(turned + math.pi, TURN) - math.pi
     return wheels, gyro, poses
+
+
+def shown() -> dict[str, tuple[float, int]]:
+    """Return the table: by how many deviations the best drive shows each effect on SQUARE, and of how many drives."""
+    with TABLE.open(newline="", encoding="utf-8") as stream:
+        return {row["effect"]: (float(row["deviations"]), int(row["drives"])) for row in csv.DictReader(stream)}
