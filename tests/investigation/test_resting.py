@@ -37,11 +37,11 @@ def test_a_robot_rests_until_its_wheels_turn() -> None:
 
 
 def test_at_rest_the_errors_of_a_gyro_are_as_they_are() -> None:
-    """Their size is the gyro's own noise, and a bias of that size is as many deviations as the root of readings."""
+    """Their size is the gyro's own noise, or some more where its means wander; a bias shows there more than in motion."""
     batch, errors = errors_of()
     noise = with_rests(Noise.found(batch, errors), batch, errors)
     assert isinstance(noise, NoiseWithRests)
-    assert noise.size == pytest.approx(GYRO_NOISE, rel=0.3)
+    assert 0.8 * GYRO_NOISE < noise.size < 2.0 * GYRO_NOISE
     biased = Errors({**errors.of, GYRO: errors.of[GYRO] + GYRO_NOISE}, errors.motion, errors.followed)
     change = noise.all_white(batch, biased) - noise.all_white(batch, errors)
     rows = resting(batch)
