@@ -24,6 +24,7 @@ from cmr.model.parameters import RobotParameters
 HOPELESS = "none: "  # so begin the catalogue's texts where nothing distinguishes two effects
 REST = "rest"
 FALLBACK = "rich_drive"
+SHORT = "short_drive"  # shows nearly all that FALLBACK shows, in less than half of its time; no person can follow it
 WITHOUT_POSES = (
     "No poses were recorded (POSE_N), so the path of the robot is unknown: record the poses of a motion-capture or "
     "localisation system in the next drive."
@@ -54,6 +55,9 @@ MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\
 class Driver(Protocol):
     """Who drives the robot, and how to say what to drive."""
 
+    def drives(self, chosen: tuple[Manoeuvre, ...]) -> tuple[Manoeuvre, ...]:
+        """Return what is to be driven to show many effects, for which these manoeuvres were chosen."""
+
     def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return what to drive and what to do with the log; `together` says whether the log so far stays of use."""
 
@@ -64,6 +68,10 @@ class Pilot:
 
     robot_id: int = 0
     robot: RobotParameters = TYPICAL
+
+    def drives(self, chosen: tuple[Manoeuvre, ...]) -> tuple[Manoeuvre, ...]:
+        """Return SHORT instead of the manoeuvre that has something of everything."""
+        return (MANOEUVRES[SHORT],) if chosen == (MANOEUVRES[FALLBACK],) else chosen
 
     def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return the sentence with the command."""
@@ -80,6 +88,10 @@ class AnyDriver:
     """A person or other software drives the robot: what to drive is said in words, for a robot of this pace."""
 
     pace: Pace
+
+    def drives(self, chosen: tuple[Manoeuvre, ...]) -> tuple[Manoeuvre, ...]:
+        """Return the manoeuvres as they are."""
+        return chosen
 
     def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return the drive in words, with the time and the space that it takes."""
@@ -134,6 +146,7 @@ def experiment_to_show(names: Sequence[str], driver: Driver = Pilot()) -> str:
     Raises KeyError for an effect that is not in the catalogue.
     """
     chosen, shown = drive_showing(names)
+    chosen = driver.drives(chosen)
     sentence = f"{causes(shown) or 'any effect'} would be visible in {_listed(one.what for one in chosen)}."
     return f"{sentence[0].upper()}{sentence[1:]} {driver.advice(chosen, together=True)}"
 

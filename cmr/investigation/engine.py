@@ -19,6 +19,7 @@ from cmr.investigation.movements import Movement, opening, waiting
 from cmr.investigation.naming import NAMED, ODDS, Naming
 from cmr.investigation.prediction import Situation, effort, paths
 from cmr.investigation.reckoning import Reckoned, reckoned
+from cmr.investigation.separation import BELIEF
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
@@ -30,7 +31,7 @@ from cmr.recordings.signal import SECONDS, Floats, Times
 NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
 LONGEST = 60.0  # s of driving
 LONG_ENOUGH = 20.0  # s of driving, after which it can be said what will not show
-HOPE = 0.6 * 6.0**2  # squared distance that is worth waiting for: six deviations
+HOPE = BELIEF * 6.0**2  # squared distance that is worth waiting for: six deviations
 OPENING = "opening"  # the name of the first movement
 UNDER_WAY = 0.6  # s: older commands have arrived
 OWN = ("wheel_radius", "k2_over_k3", "k1", "base_width")

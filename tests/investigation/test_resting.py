@@ -37,7 +37,7 @@ def test_a_robot_rests_until_its_wheels_turn() -> None:
 
 
 def test_at_rest_the_errors_of_a_gyro_are_as_they_are() -> None:
-    """Their size is the gyro's own noise, or some more where its means wander; a bias shows there more than in motion."""
+    """Their size is the gyro's own noise, or more where its means wander; there a bias shows more."""
     batch, errors = errors_of()
     noise = with_rests(Noise.found(batch, errors), batch, errors)
     assert isinstance(noise, NoiseWithRests)
