@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -64,6 +64,16 @@ class Told:
         """The effects that would have shown by now at their usual size, if they were there."""
         names = self.columns.names
         return frozenset(n for n in names if self.seen[n] >= SEEN or self.contrary.get(n, 0.0) >= EXCLUDED)
+
+    def only(self, names: Sequence[str]) -> "Told":
+        """Return what is known of some effects alone."""
+        kept, of = [*range(self.columns.free)], {}
+        for name in names:
+            of[name] = tuple(range(len(kept), len(kept) + len(self.columns.of[name])))
+            kept += self.columns.of[name]
+        sets = (self.sets[0], *(self.sets[1 + column] for column in kept))
+        information = self.information[np.ix_(kept, kept)]
+        return replace(self, information=information, columns=Columns(self.columns.free, of), sets=sets)
 
 
 @dataclass(frozen=True)
@@ -158,12 +168,10 @@ def choose(
     `at_random` takes the first that keeps to the floor, for comparison. Where the robot is only `reckoned` to be, what
     is not known of its place stays on the floor, too.
     """
-    best = judgement.best.values
-    x, y, *_ = situation.state
-    away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
-    top = best["wheel_radius"] / best["k1"]
-    least = max(least, UNHURRIED) if _is_quiet(judgement, known) else least
-    drawn = [*candidates(random, least=least), *towards(max(away, 0.1), top, random, least)]
+    is_quiet = _is_quiet(judgement, known)
+    if is_quiet:
+        known, least = known.only(_may_show(known)), max(least, UNHURRIED)
+    drawn = _drawn(judgement.best.values, situation, floor, random, least)
     kept = [
         (movement, path)
         for movement, path in zip(drawn, paths(situation, drawn, ensemble(judgement)), strict=True)
@@ -178,13 +186,23 @@ def choose(
     told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
     added = np.stack([np.nan_to_num(one.T @ one) for one in told_by])
     seconds = np.array([movement.seconds for movement in movements])
-    worth, need, gained, weights = _worth(judgement, known, added, seconds)
+    worth, need, gained, weights = _worth(judgement, known, added, seconds, is_quiet)
     number = int(np.argmax(worth))
     names = known.columns.names
     pair = _parted(names, need, gained[number], weights)
     rates = np.max(np.diagonal(gained, axis1=1, axis2=2) / seconds[:, None], axis=0)
-    best = dict(zip(names, rates.tolist(), strict=True))
-    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair, best)
+    best_rates = dict(zip(names, rates.tolist(), strict=True))
+    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair, best_rates)
+
+
+def _drawn(
+    values: Mapping[str, float], situation: Situation, floor: Floor, random: Random, least: float
+) -> list[Movement]:
+    """Return movements at random, and towards the middle of the floor, of `least` [s] or longer."""
+    x, y, *_ = situation.state
+    away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
+    top = values["wheel_radius"] / values["k1"]
+    return [*candidates(random, least=least), *towards(max(away, 0.1), top, random, least)]
 
 
 def keeps_to(floor: Floor, path: Floats, doubt: Floats | float = 0.0) -> bool:
@@ -213,10 +231,12 @@ def ensemble(judgement: Judgement) -> list[dict[str, float]]:
 
 def worth_of(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> Floats:
     """Return what candidates are worth (c,) that add information `added` (c, m, m) in `seconds` (c,)."""
-    return _worth(judgement, known, added, seconds)[0]
+    return _worth(judgement, known, added, seconds, _is_quiet(judgement, known))[0]
 
 
-def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _worth(
+    judgement: Judgement, known: Told, added: Floats, seconds: Floats, is_quiet: bool
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the worth of candidates (c,), what pairs need (e, e) and get of them (c, e, e), and the weights (e,)."""
     before, after = (
         separation.separations(separation.projected(information, known.columns), known.columns)
@@ -224,7 +244,7 @@ def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) ->
     )
     need, weights = _needs(judgement, known, before)
     gained = after - before
-    if _is_quiet(judgement, known):
+    if is_quiet:
         alone = np.diagonal(need)
         need = np.where(np.eye(len(alone), dtype=bool), need, np.inf)
         return separation.progress(np.diagonal(gained, axis1=1, axis2=2), alone, seconds), need, gained, weights
@@ -235,7 +255,13 @@ def _is_quiet(judgement: Judgement, known: Told) -> bool:
     """Tell whether all that is left is to let a few effects show: nothing that matters is seen."""
     names = known.columns.names
     seen = [name for name in names if _evidence(judgement, name) > EVIDENT and not _is_settled(judgement, name)]
-    return not seen and len(known.shown) > QUIET * len(names)
+    return bool(_may_show(known)) and not seen and len(known.shown) > QUIET * len(names)
+
+
+def _may_show(known: Told) -> list[str]:
+    """Return the effects that would not have shown yet, and still may; one that begins at a time may always come."""
+    names = [name for name in known.columns.names if locality(CATALOGUE[name]) != "time"]
+    return [name for name in names if name not in known.shown and name not in known.hopeless]
 
 
 def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, Floats]:
