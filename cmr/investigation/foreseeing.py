@@ -40,7 +40,7 @@ class Growth:
         now, there = self._times[-1], self._seen[-1][name]
         exponent = self._exponent(name)
         rate = max(self.rates.get(name, 0.0), exponent * there / now)
-        return there + rate * now / exponent * (max(time / now, 1.0) ** exponent - 1.0)
+        return there + rate * now / exponent * (math.pow(max(time / now, 1.0), exponent) - 1.0)
 
     def _exponent(self, name: str) -> float:
         """Return with which power of time the squared distance grew; the largest where nobody knows yet."""

@@ -45,10 +45,10 @@ def with_rests(noise: Noise, batch: Batch, errors: Errors) -> Noise:
         return noise
     own, known = errors.of[GYRO][still, 0], noise.of[GYRO]
     blocks = own[: len(own) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
-    sizes = np.concatenate(known.sizes)
-    least = LEAST_SHARE * float(np.min(sizes))
+    in_motion = np.concatenate(known.sizes)
+    least = LEAST_SHARE * float(np.min(in_motion))
     size = float(np.sqrt(max(np.mean(own**2), BLOCK * np.var(blocks), least**2)))
-    sizes = np.split(np.where(still, size, sizes), batch.ends[GYRO][1:-1])
+    sizes = np.split(np.where(still, size, in_motion), batch.ends[GYRO][1:-1])
     return NoiseWithRests({**noise.of, GYRO: replace(known, sizes=tuple(sizes))}, size)
 
 
