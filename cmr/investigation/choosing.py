@@ -1,6 +1,5 @@
 """Choose the next movement: one that keeps to the floor, and best separates the explanations that are left."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,7 +12,7 @@ from cmr.estimation.problem import LARGE, temper
 from cmr.estimation.search.screening import changes_of
 from cmr.investigation import separation
 from cmr.investigation.floor import Floor
-from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
+from cmr.investigation.judging import NAMED, NOTHING, OPEN, Judgement, own_parameters
 from cmr.investigation.movements import Movement, Random, candidates, towards
 from cmr.investigation.prediction import Situation, changes, paths, times_of
 from cmr.investigation.reckoning import Reckoned
@@ -26,10 +25,9 @@ PREDICTED = 36  # movements that keep to the floor, whose information is predict
 SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
 MOST_AS_FITTED = 2  # explanations besides that must
 SEEN = 30.0  # squared distance at which an effect that is there would have shown, whatever the data say
-EXCLUDED = 2.0 * math.log(1000.0)  # evidence against an effect at its usual size: the odds at which one is named
 LEFT = 0.01  # of that distance: what others leave less of, they imitate
+DISGUISED = 1e-4  # of the same: what the robot's own parameters leave less of is not distinguished from them
 QUIET = 0.75  # of the effects: so many must have shown before only the others are driven for
-DISGUISED = 1e-4  # the same, of what the robot's own parameters leave
 UNHURRIED = 1.5  # s of a movement at least while only these are driven for: a decision is not urgent then
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
 SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
@@ -63,17 +61,7 @@ class Told:
     def shown(self) -> frozenset[str]:
         """The effects that would have shown by now at their usual size, if they were there."""
         names = self.columns.names
-        return frozenset(n for n in names if self.seen[n] >= SEEN or self.contrary.get(n, 0.0) >= EXCLUDED)
-
-    def only(self, names: Sequence[str]) -> "Told":
-        """Return what is known of some effects alone."""
-        kept, of = [*range(self.columns.free)], {}
-        for name in names:
-            of[name] = tuple(range(len(kept), len(kept) + len(self.columns.of[name])))
-            kept += self.columns.of[name]
-        sets = (self.sets[0], *(self.sets[1 + column] for column in kept))
-        information = self.information[np.ix_(kept, kept)]
-        return replace(self, information=information, columns=Columns(self.columns.free, of), sets=sets)
+        return frozenset(n for n in names if self.seen[n] >= SEEN or self.contrary.get(n, 0.0) >= NAMED)
 
 
 @dataclass(frozen=True)
@@ -131,6 +119,17 @@ def _is_one_sided(effect: Effect) -> bool:
     return all(is_limit(parameter) or parameter.lower == parameter.neutral for parameter in switches)
 
 
+def only(known: Told, names: Sequence[str]) -> Told:
+    """Return what is known of some effects alone."""
+    kept, of = [*range(known.columns.free)], {}
+    for name in names:
+        of[name] = tuple(range(len(kept), len(kept) + len(known.columns.of[name])))
+        kept += known.columns.of[name]
+    sets = (known.sets[0], *(known.sets[1 + column] for column in kept))
+    information = known.information[np.ix_(kept, kept)]
+    return replace(known, information=information, columns=Columns(known.columns.free, of), sets=sets)
+
+
 def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
     """Return the effects of which hardly anything is left beside those named; `own` columns are the robot's own."""
     beside, alone = (separation.own(separation.projected(known, of), of) for of in (columns, Columns(own, columns.of)))
@@ -170,7 +169,7 @@ def choose(
     """
     is_quiet = _is_quiet(judgement, known)
     if is_quiet:
-        known, least = known.only(_may_show(known)), max(least, UNHURRIED)
+        known, least = only(known, _may_show(known)), max(least, UNHURRIED)
     drawn = _drawn(judgement.best.values, situation, floor, random, least)
     kept = [
         (movement, path)
@@ -286,7 +285,7 @@ def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, F
     both &= ~(excluded[:, None] & excluded[None, :])
     need[both] = apart[both]
     against = np.array([known.contrary.get(name, 0.0) for name in names])
-    unshown = np.minimum(SEEN - np.diagonal(before), EXCLUDED - against)
+    unshown = np.minimum(SEEN - np.diagonal(before), NAMED - against)
     index = np.arange(len(names))
     unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, np.where(shown, 0.0, unshown))
     need[index, index] = unseen

@@ -14,9 +14,9 @@ from cmr.investigation.choosing import Choice, Told, choose, keeps_to, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.floor import Floor
 from cmr.investigation.foreseeing import Growth
-from cmr.investigation.judging import Judgement
+from cmr.investigation.judging import NAMED, ODDS, Judgement
 from cmr.investigation.movements import Movement, opening, waiting
-from cmr.investigation.naming import NAMED, ODDS, Naming
+from cmr.investigation.naming import Naming
 from cmr.investigation.prediction import Situation, effort, paths
 from cmr.investigation.reckoning import Reckoned, reckoned
 from cmr.investigation.separation import BELIEF

@@ -22,6 +22,8 @@ from cmr.estimation.search.screening import Score, Screening, screen, start_of
 from cmr.investigation.evidence import Beliefs
 from cmr.model.catalogue import CATALOGUE
 
+ODDS = 1000.0  # at which an effect is named, or excluded
+NAMED = 2.0 * math.log(ODDS)
 OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that is left is at most behind the best
 FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
 MOST_FITTED = 10  # explanations that are fitted at once, the most promising ones first

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.investigation.calibrating import averaged, is_calibrated
-from cmr.investigation.choosing import Told
+from cmr.investigation.choosing import Told, only
 from cmr.investigation.separation import BELIEF, Columns
 
 SETS = (
@@ -56,7 +56,7 @@ def test_of_some_effects_alone_is_known_what_is_known_of_them_beside_others() ->
     white = np.random.default_rng(0).standard_normal((30, 6))
     sets = tuple({**SETS[0], "column": float(number)} for number in range(7))
     every = Told(white.T @ white, Columns(3, {"slope": (3, 4), "gyro_scale": (5,)}), sets)
-    some = every.only(["gyro_scale"])
+    some = only(every, ["gyro_scale"])
     assert some.columns.of == {"gyro_scale": (3,)}
     assert some.seen["gyro_scale"] == pytest.approx(every.seen["gyro_scale"])
     assert [one.get("column") for one in some.sets] == [0.0, 1.0, 2.0, 3.0, 6.0]
