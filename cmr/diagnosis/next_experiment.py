@@ -23,6 +23,7 @@ from cmr.model.parameters import RobotParameters
 HOPELESS = "none: "  # start of the catalogue's texts if nothing distinguishes two effects
 REST = "rest"
 FALLBACK = "rich_drive"
+SHORT = "short_drive"  # shows nearly all that FALLBACK shows, in less than half of its time; no person can follow it
 WITHOUT_POSES = (
     "No poses were recorded (POSE_N), so the path of the robot is unknown: record the poses of a motion-capture or "
     "localisation system in the next drive."
@@ -53,6 +54,9 @@ MOTION = re.compile(rf"\b(?:{'|'.join(sorted(MOTIONS, key=len, reverse=True))})\
 class Driver(Protocol):
     """Who drives the robot, which determines how to describe a drive."""
 
+    def drives(self, chosen: tuple[Manoeuvre, ...]) -> tuple[Manoeuvre, ...]:
+        """Return what is to be driven to show many effects, for which these manoeuvres were chosen."""
+
     def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return what to drive and what to do with the log; `together` says whether the current log is still useful."""
 
@@ -63,6 +67,10 @@ class Pilot:
 
     robot_id: int = 0
     robot: RobotParameters = TYPICAL
+
+    def drives(self, chosen: tuple[Manoeuvre, ...]) -> tuple[Manoeuvre, ...]:
+        """Return SHORT instead of the manoeuvre that has something of everything."""
+        return (MANOEUVRES[SHORT],) if chosen == (MANOEUVRES[FALLBACK],) else chosen
 
     def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return the sentence with the command."""
@@ -79,6 +87,10 @@ class AnyDriver:
     """A person or other software drives the robot, so a drive is described in words, for this pace."""
 
     pace: Pace
+
+    def drives(self, chosen: tuple[Manoeuvre, ...]) -> tuple[Manoeuvre, ...]:
+        """Return the manoeuvres as they are."""
+        return chosen
 
     def advice(self, chosen: Sequence[Manoeuvre], together: bool) -> str:
         """Return the drive in words, with the time and the space that it takes."""
@@ -132,6 +144,7 @@ def experiment_to_show(names: Sequence[str], driver: Driver = Pilot()) -> str:
     Without names, any effect would become visible. Raises KeyError for an effect that is not in the catalogue.
     """
     chosen, shown = drive_showing(names)
+    chosen = driver.drives(chosen)
     sentence = f"{causes(shown) or 'any effect'} would be visible in {_listed(one.what for one in chosen)}."
     return f"{sentence[0].upper()}{sentence[1:]} {driver.advice(chosen, together=True)}"
 

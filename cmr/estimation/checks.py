@@ -33,10 +33,8 @@ SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
 REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
 FEWEST = 2  # readings of a sensor from which on it shows a motion
 SHORTEST = 5.0  # s; what is named from less is chance
-DRIVE = "Drive a figure-eight, or cmr-pilot's rich_drive, and record it."
-LONG_ENOUGH = (
-    f"A diagnosis takes {SHORTEST:.0f} s of driving at least; two minutes of cmr-pilot's rich_drive show most."
-)
+DRIVE = "Drive a figure-eight, or cmr-pilot's short_drive, and record it."
+LONG_ENOUGH = f"A diagnosis takes {SHORTEST:.0f} s of driving at least; a minute of cmr-pilot's short_drive shows most."
 WITHOUT_WHEELS = "Neither wheels (MOTOR_FEEDBACK_N) nor commands (MOTOR_COMMAND_N) were recorded: what drove the robot?"
 WITHOUT_MOTION = (
     "Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded beside the wheels: nothing shows how the robot moved."

@@ -1,17 +1,18 @@
 """Choose the next movement: one that keeps to the floor, and best separates the explanations that are left."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.candidates import Trial, is_rough, lanes_of, locality, size, trials
+from cmr.estimation.candidates import Trial, is_limit, is_rough, lanes_of, locality, size, trials
 from cmr.estimation.gauss_newton import moves_of
-from cmr.estimation.prediction import Errors
+from cmr.estimation.problem import LARGE, temper
+from cmr.estimation.search.screening import changes_of
 from cmr.investigation import separation
 from cmr.investigation.floor import Floor
-from cmr.investigation.judging import NOTHING, OPEN, Judgement, own_parameters
+from cmr.investigation.judging import NAMED, NOTHING, OPEN, Judgement, own_parameters
 from cmr.investigation.movements import Movement, Random, candidates, towards
 from cmr.investigation.prediction import Situation, changes, paths, times_of
 from cmr.investigation.reckoning import Reckoned
@@ -23,8 +24,11 @@ from cmr.recordings.signal import Floats
 PREDICTED = 36  # movements that keep to the floor, whose information is predicted
 SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
 MOST_AS_FITTED = 2  # explanations besides that must
-SEEN = 30.0  # squared distance at which an effect that is there would have shown
+SEEN = 30.0  # squared distance at which an effect that is there would have shown, whatever the data say
 LEFT = 0.01  # of that distance: what others leave less of, they imitate
+DISGUISED = 1e-4  # of the same: what the robot's own parameters leave less of is not distinguished from them
+QUIET = 0.75  # of the effects: so many must have shown before only the others are driven for
+UNHURRIED = 1.5  # s of a movement at least while only these are driven for: a decision is not urgent then
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
 SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
 
@@ -33,14 +37,18 @@ SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the sa
 class Told:
     """What is known by the data so far: the information of each column, and which columns belong to what.
 
-    The effects of `imitated` would have shown by now, if those that are named together could not imitate them. Nothing
-    is driven for those of `hopeless`.
+    `contrary` is twice the logarithm of the odds against each effect at its usual size, by name. The effects of
+    `imitated` would have shown by now, if those that are named together could not imitate them, and so would those of
+    `disguised`, if they did not look like another value of one of the robot's own parameters, by effect. Nothing is
+    driven for those of `hopeless`.
     """
 
     information: Floats
     columns: Columns
     sets: tuple[Mapping[str, float], ...]
+    contrary: Mapping[str, float] = field(default_factory=dict)
     imitated: frozenset[str] = frozenset()
+    disguised: Mapping[str, str] = field(default_factory=dict)
     hopeless: frozenset[str] = frozenset()
 
     @cached_property
@@ -49,35 +57,77 @@ class Told:
         own = separation.own(separation.projected(self.information, self.columns), self.columns)
         return dict(zip(self.columns.names, own.tolist(), strict=True))
 
+    @cached_property
+    def shown(self) -> frozenset[str]:
+        """The effects that would have shown by now at their usual size, if they were there."""
+        names = self.columns.names
+        return frozenset(n for n in names if self.seen[n] >= SEEN or self.contrary.get(n, 0.0) >= NAMED)
+
 
 @dataclass(frozen=True)
 class Choice:
     """The movement to drive next, what it is `worth`, and where it leads: places (n, members, 2) [m; world frame].
 
     `movement` is None where no candidate keeps to the floor. `parted` are the two explanations that it separates most.
+    `best_rates` are the squared distances [1/s] that the best candidate for each effect adds, by name.
     """
 
     movement: Movement | None
     worth: float = 0.0
     path: Floats | None = None
     parted: tuple[str, str] = (NOTHING, NOTHING)
+    best_rates: Mapping[str, float] = field(default_factory=dict)
 
 
 def told(judgement: Judgement, time: float) -> Told:
     """Return the information of the data so far; changes at a time that were not seen may begin at `time` [s]."""
     sets, columns = _column_sets(judgement, time)
     problem = judgement.problem
-    errors = problem.joint_errors(lanes_of(sets))
-    of = {name: every - every[:, :1] for name, every in errors.of.items()}
-    white = judgement.noise.all_white(problem.batch, Errors(of, errors.motion, errors.followed))[:, 1:]
-    known = white.T @ white
-    for number, name in enumerate(problem.own):
+    white = judgement.noise.all_white(problem.batch, changes_of(problem.joint_errors(lanes_of(sets))))
+    errors = np.ascontiguousarray(white[:, 0])
+    temper(errors, LARGE)
+    white[:, 0] = errors
+    products = np.nan_to_num(white.T @ white)
+    for number, name in enumerate(problem.own, 1):
         if name in problem.prior:
-            step = sets[1 + number][name] - sets[0][name]
-            known[number, number] += (step / problem.prior[name][1]) ** 2
-    known = np.nan_to_num(known)
+            mean, std = problem.prior[name]
+            step = (sets[number][name] - sets[0][name]) / std
+            products[number, number] += step**2
+            products[[0, number], [number, 0]] += step * (sets[0][name] - mean) / std
+    known = products[1:, 1:]
     imitated = _imitated(known, columns, len(problem.own))
-    return Told(known, columns, tuple(sets), imitated, imitated)
+    disguised = _disguised(known, Columns(len(problem.own), columns.of), problem.own)
+    hopeless = imitated | {*disguised}
+    return Told(known, columns, tuple(sets), _contrary(products, columns), imitated, disguised, hopeless)
+
+
+def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
+    """Return twice the logarithm of the odds against each effect at its usual size, by name.
+
+    `products` (1 + m, 1 + m) are those of the errors that are left, and the columns.
+    """
+    last = np.roll(products, -1, axis=(0, 1))  # the errors behind the columns
+    left = separation.projected(last, columns)
+    one_sided = [name for name in columns.names if _is_one_sided(CATALOGUE[name])]
+    found = separation.against(left[:-1, :-1], left[:-1, -1], columns, one_sided)
+    return dict(zip(columns.names, found.tolist(), strict=True))
+
+
+def _is_one_sided(effect: Effect) -> bool:
+    """Tell whether an effect has one sign only."""
+    switches = [parameter for parameter in effect.parameters if parameter.switches]
+    return all(is_limit(parameter) or parameter.lower == parameter.neutral for parameter in switches)
+
+
+def only(known: Told, names: Sequence[str]) -> Told:
+    """Return what is known of some effects alone."""
+    kept, of = [*range(known.columns.free)], {}
+    for name in names:
+        of[name] = tuple(range(len(kept), len(kept) + len(known.columns.of[name])))
+        kept += known.columns.of[name]
+    sets = (known.sets[0], *(known.sets[1 + column] for column in kept))
+    information = known.information[np.ix_(kept, kept)]
+    return replace(known, information=information, columns=Columns(known.columns.free, of), sets=sets)
 
 
 def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
@@ -85,6 +135,21 @@ def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
     beside, alone = (separation.own(separation.projected(known, of), of) for of in (columns, Columns(own, columns.of)))
     gone = (alone > SEEN) & (beside < np.minimum(LEFT * alone, SEEN))
     return frozenset(name for name, one in zip(columns.names, gone, strict=True) if one)
+
+
+def _disguised(known: Floats, columns: Columns, own: Sequence[str]) -> dict[str, str]:
+    """Return the effects of which nothing is left beside the robot's own parameters, and which of these they look like.
+
+    Without poses a gyro that reads too much is a wider base; with them, other columns tell them apart.
+    """
+    whole, left = (separation.own(of, columns) for of in (known, separation.projected(known, columns)))
+    sizes = np.maximum(np.diagonal(known), 1e-300)
+    result = {}
+    for number, name in enumerate(columns.names):
+        if whole[number] > SEEN and left[number] < DISGUISED * whole[number]:
+            alike = np.sum(known[: len(own), list(columns.of[name])] ** 2, axis=1) / sizes[: len(own)]
+            result[name] = own[int(np.argmax(alike))]
+    return result
 
 
 def choose(
@@ -97,16 +162,15 @@ def choose(
     least: float = 0.0,
     reckoned: Reckoned | None = None,
 ) -> Choice:
-    """Return the best of many movements, of `least` [s] or longer.
+    """Return the best of many movements, of `least` [s] or longer; they are longer where nothing is suspected.
 
     `at_random` takes the first that keeps to the floor, for comparison. Where the robot is only `reckoned` to be, what
     is not known of its place stays on the floor, too.
     """
-    best = judgement.best.values
-    x, y, *_ = situation.state
-    away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
-    top = best["wheel_radius"] / best["k1"]
-    drawn = [*candidates(random, least=least), *towards(max(away, 0.1), top, random, least)]
+    is_quiet = _is_quiet(judgement, known)
+    if is_quiet:
+        known, least = only(known, _may_show(known)), max(least, UNHURRIED)
+    drawn = _drawn(judgement.best.values, situation, floor, random, least)
     kept = [
         (movement, path)
         for movement, path in zip(drawn, paths(situation, drawn, ensemble(judgement)), strict=True)
@@ -121,10 +185,23 @@ def choose(
     told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
     added = np.stack([np.nan_to_num(one.T @ one) for one in told_by])
     seconds = np.array([movement.seconds for movement in movements])
-    worth, need, gained, weights = _worth(judgement, known, added, seconds)
+    worth, need, gained, weights = _worth(judgement, known, added, seconds, is_quiet)
     number = int(np.argmax(worth))
-    pair = _parted(known.columns.names, need, gained[number], weights)
-    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair)
+    names = known.columns.names
+    pair = _parted(names, need, gained[number], weights)
+    rates = np.max(np.diagonal(gained, axis1=1, axis2=2) / seconds[:, None], axis=0)
+    best_rates = dict(zip(names, rates.tolist(), strict=True))
+    return Choice(movements[number], float(worth[number]), kept[number][1][..., :2], pair, best_rates)
+
+
+def _drawn(
+    values: Mapping[str, float], situation: Situation, floor: Floor, random: Random, least: float
+) -> list[Movement]:
+    """Return movements at random, and towards the middle of the floor, of `least` [s] or longer."""
+    x, y, *_ = situation.state
+    away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
+    top = values["wheel_radius"] / values["k1"]
+    return [*candidates(random, least=least), *towards(max(away, 0.1), top, random, least)]
 
 
 def keeps_to(floor: Floor, path: Floats, doubt: Floats | float = 0.0) -> bool:
@@ -153,30 +230,49 @@ def ensemble(judgement: Judgement) -> list[dict[str, float]]:
 
 def worth_of(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> Floats:
     """Return what candidates are worth (c,) that add information `added` (c, m, m) in `seconds` (c,)."""
-    return _worth(judgement, known, added, seconds)[0]
+    return _worth(judgement, known, added, seconds, _is_quiet(judgement, known))[0]
 
 
-def _worth(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _worth(
+    judgement: Judgement, known: Told, added: Floats, seconds: Floats, is_quiet: bool
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the worth of candidates (c,), what pairs need (e, e) and get of them (c, e, e), and the weights (e,)."""
     before, after = (
         separation.separations(separation.projected(information, known.columns), known.columns)
         for information in (known.information, known.information + added)
     )
+    need, weights = _needs(judgement, known, before)
+    gained = after - before
+    if is_quiet:
+        alone = np.diagonal(need)
+        need = np.where(np.eye(len(alone), dtype=bool), need, np.inf)
+        return separation.progress(np.diagonal(gained, axis1=1, axis2=2), alone, seconds), need, gained, weights
+    return separation.scores(before, after, need, weights, seconds), need, gained, weights
+
+
+def _is_quiet(judgement: Judgement, known: Told) -> bool:
+    """Tell whether all that is left is to let a few effects show: nothing that matters is seen."""
     names = known.columns.names
-    need, weights = _needs(judgement, names, before, known.hopeless)
-    return separation.scores(before, after, need, weights, seconds), need, after - before, weights
+    seen = [name for name in names if _evidence(judgement, name) > EVIDENT and not _is_settled(judgement, name)]
+    return bool(_may_show(known)) and not seen and len(known.shown) > QUIET * len(names)
 
 
-def _needs(
-    judgement: Judgement, names: Sequence[str], before: Floats, hopeless: frozenset[str]
-) -> tuple[Floats, Floats]:
+def _may_show(known: Told) -> list[str]:
+    """Return the effects that would not have shown yet, and still may; one that begins at a time may always come."""
+    names = [name for name in known.columns.names if locality(CATALOGUE[name]) != "time"]
+    return [name for name in names if name not in known.shown and name not in known.hopeless]
+
+
+def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, Floats]:
     """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights.
 
     Two that would both have shown, and did not, need not be separated.
     """
+    names = known.columns.names
     evidence = np.array([_evidence(judgement, name) for name in names])
     left = {one.name for one in judgement.left}
-    settled = np.array([name in hopeless or _is_settled(judgement, name) for name in names])
+    settled = np.array([name in known.hopeless or _is_settled(judgement, name) for name in names])
+    shown = np.array([name in known.shown for name in names])
     is_left = np.array([name in left for name in names]) & ~settled
     need = np.full(before.shape, np.inf)
     both = is_left[:, None] & is_left[None, :]
@@ -185,11 +281,13 @@ def _needs(
         ENOUGH - np.abs(evidence[:, None] - evidence[None, :]),
         ENOUGH_UNSEEN - before,
     )
-    excluded = (np.diagonal(before) >= SEEN) & (evidence <= EVIDENT)
+    excluded = shown & (evidence <= EVIDENT)
     both &= ~(excluded[:, None] & excluded[None, :])
     need[both] = apart[both]
+    against = np.array([known.contrary.get(name, 0.0) for name in names])
+    unshown = np.minimum(SEEN - np.diagonal(before), NAMED - against)
     index = np.arange(len(names))
-    unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, SEEN - np.diagonal(before))
+    unseen = np.where(evidence > EVIDENT, ENOUGH - evidence, np.where(shown, 0.0, unshown))
     need[index, index] = unseen
     for i, one in enumerate(names):
         for j, other in enumerate(names):
@@ -231,8 +329,13 @@ def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, floa
     moves = moves_of(base, free, problem.excitation)
     sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
     of: dict[str, tuple[int, ...]] = {}
-    # The size of a fit that explains nothing says nothing: what would have shown is a matter of usual sizes.
-    left = {one.name: one for one in judgement.left if one.fitted and one.evidence > 0.0}
+    # The size of a fit that explains nothing, or that does not matter, says nothing: what would have shown is a matter
+    # of usual sizes.
+    left = {
+        one.name: one
+        for one in judgement.left
+        if one.fitted and one.evidence > 0.0 and judgement.is_large(one.name, one.values)
+    }
     for effect in problem.effects:
         if effect.name in judgement.named or effect.beside:
             continue

@@ -10,18 +10,19 @@ from cmr.estimation.candidates import locality
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.investigation.beyond import unexplained_by
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
-from cmr.investigation.choosing import SEEN, Choice, Told, choose, keeps_to, told
+from cmr.investigation.choosing import Choice, Told, choose, keeps_to, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.floor import Floor
-from cmr.investigation.judging import Judgement
+from cmr.investigation.foreseeing import Growth
+from cmr.investigation.judging import NAMED, ODDS, Judgement
 from cmr.investigation.movements import Movement, opening, waiting
-from cmr.investigation.naming import NAMED, ODDS, Naming
-from cmr.investigation.prediction import Situation, paths
+from cmr.investigation.naming import Naming
+from cmr.investigation.prediction import Situation, effort, paths
 from cmr.investigation.reckoning import Reckoned, reckoned
+from cmr.investigation.separation import BELIEF
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
-from cmr.model.effects.motors import HEATING_TIME
 from cmr.model.observer.observer import MOTION
 from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
@@ -29,7 +30,8 @@ from cmr.recordings.signal import SECONDS, Floats, Times
 
 NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
 LONGEST = 60.0  # s of driving
-LONG_ENOUGH = 25.0  # s of driving, after which it can be said what will not show: what comes late has come by then
+LONG_ENOUGH = 20.0  # s of driving, after which it can be said what will not show
+HOPE = BELIEF * 6.0**2  # squared distance that is worth waiting for: six deviations
 OPENING = "opening"  # the name of the first movement
 UNDER_WAY = 0.6  # s: older commands have arrived
 OWN = ("wheel_radius", "k2_over_k3", "k1", "base_width")
@@ -117,7 +119,7 @@ class Investigation:
         self._limits = limits or Limits()
         self.longest, self.waited = longest, 0.0
         self._at_random, self._calibrate = at_random, calibrate
-        self._naming = Naming()
+        self._naming, self._growth = Naming(), Growth()
         self._start: tuple[float, float, float] | None = None  # where the robot was put down: x, y [m], theta [rad]
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
@@ -142,7 +144,7 @@ class Investigation:
                 return None
             here = None if len(recording.poses) else self._reckoned(recording)
             judgement = self._naming.judged(problem)
-            known = self._without_hope(told(judgement, problem.last), problem.last)
+            known = self._without_hope(told(judgement, problem.last), judgement)
             over = self._is_over(judgement, known, problem.last)
             if over or self.named:
                 self.unexplained = unexplained_by(judgement)
@@ -152,6 +154,7 @@ class Investigation:
                 if here is not None:
                     situation = replace(situation, state=(*here.place, *situation.state[3:]))
                 choice = choose(judgement, known, situation, self.floor, self._random, self._at_random, least, here)
+                self._growth.rates = choice.best_rates
             self._note(judgement, choice)
             sentence = "" if over or choice.movement else NO_ROOM if here is None else UNSURE
             return Decision(judgement, known, self.named, choice, over, sentence, here, self._naming.held_back)
@@ -190,16 +193,14 @@ class Investigation:
             return time > LEAST and is_calibrated(averaged(judgement, known))
         return {*self.not_shown(known)} <= known.hopeless
 
-    def _without_hope(self, known: Told, time: float) -> Told:
-        """Return what is known, with all that will not show here, however the rest of the drive is spent.
-
-        What shows slowest, a drift, shows with the cube of time.
-        """
-        if time < LONG_ENOUGH:
+    def _without_hope(self, known: Told, judgement: Judgement) -> Told:
+        """Return what is known, with all that will not show here, however the rest of the drive is spent."""
+        time = judgement.problem.last
+        self._growth.note(time - self.waited, known.seen, judgement.named)
+        if time - self.waited < LONG_ENOUGH:
             return known
-        most = (max(self.longest + self.waited, time) / time) ** 3
-        late = frozenset(name for name in self.not_shown(known) if known.seen[name] * most < SEEN)
-        return replace(known, hopeless=known.hopeless | late)
+        late = [name for name in self.not_shown(known) if self._growth.foreseen(name, self.longest) < HOPE]
+        return replace(known, hopeless=known.hopeless | {*late})
 
     def _suspected(self, judgement: Judgement) -> bool:
         """Tell whether an explanation is near its name, and large enough to matter."""
@@ -208,7 +209,8 @@ class Investigation:
 
     def not_shown(self, known: Told) -> list[str]:
         """Return the effects that would not have shown yet; one that begins at a time may always come."""
-        return [name for name, seen in known.seen.items() if seen < SEEN and locality(CATALOGUE[name]) != "time"]
+        names = known.columns.names
+        return [name for name in names if name not in known.shown and locality(CATALOGUE[name]) != "time"]
 
     def _note(self, judgement: Judgement, choice: Choice) -> None:
         likely = {name: share for name, share in judgement.probabilities.items() if share > 1.0 / ODDS}
@@ -257,15 +259,11 @@ def _interval(utime: Times) -> float | None:
 
 def _effort(problem: Beliefs, motion: Floats, values: Mapping[str, float]) -> tuple[float, float]:
     """Return what the battery has given [s of load share 1] and how warm the motors are, as the model has them."""
-    energy, heat = 0.0, 0.0
+    result = 0.0, 0.0
     borders = problem.batch.borders
     for number, predictor in enumerate(problem.predictors):
         observations = predictor.segment.observations
-        duty, psi = observations.duty, motion[borders[number] : borders[number + 1] - 1]
+        psi = motion[borders[number] : borders[number + 1] - 1]
         psi = psi[:, [MOTION.index("psi_left"), MOTION.index("psi_right")]]
-        energy += float(np.sum(np.maximum(0.0, duty * (duty - 0.8 * values["k1"] * psi)))) * observations.dt
-        kept = np.exp(-observations.dt / HEATING_TIME)
-        squares = np.mean(duty**2, axis=1)
-        weights = kept ** np.arange(len(squares))[::-1]
-        heat = heat * kept ** len(squares) + float(np.sum((1.0 - kept) * weights * squares))
-    return energy, heat
+        result = effort(observations.duty, psi, observations.dt, values["k1"], result)
+    return result

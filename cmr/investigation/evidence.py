@@ -15,6 +15,7 @@ from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor, predictors
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import segments_of
+from cmr.investigation.resting import with_rests
 from cmr.model.catalogue import CATALOGUE, definition
 from cmr.model.observer.observer import Gains
 from cmr.model.parameters import Quantity
@@ -80,7 +81,8 @@ class Beliefs(Problem):
 
     def found(self, errors: Sequence[Errors]) -> Noise:
         """Return the noise that the errors of the first candidate in each segment show, as far as so few can."""
-        return Noise.found(self.batch, self.batch.joined(errors), LARGEST_PAST)
+        joined = self.batch.joined(errors)
+        return with_rests(Noise.found(self.batch, joined, LARGEST_PAST), self.batch, joined)
 
     def white(self, values: Mapping[str, Quantity], noise: Noise) -> Floats:
         """Return all prediction errors made white and tempered, then those of the priors, shape (n, C)."""

@@ -22,6 +22,8 @@ from cmr.estimation.search.screening import Score, Screening, screen, start_of
 from cmr.investigation.evidence import Beliefs
 from cmr.model.catalogue import CATALOGUE
 
+ODDS = 1000.0  # at which an effect is named, or excluded
+NAMED = 2.0 * math.log(ODDS)
 OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that is left is at most behind the best
 FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
 MOST_FITTED = 10  # explanations that are fitted at once, the most promising ones first
@@ -29,6 +31,7 @@ HOPEFUL = 0.5  # of the best score: slopes promise more, or less, than a fit kee
 MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which noise is looked for; drop that each must promise
 OTHER_SIZES, MOST_UNSTUCK = (0.6, 0.8, 1.25, 1.6), 3  # times the fitted one; of so many rough effects
 BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin again
+HARDLY_NEW = 1.15  # of the time that the last judgement had
 NOTHING = ""  # the name of the explanation that there is nothing more
 
 
@@ -152,15 +155,20 @@ def _noise(problem: Beliefs, named: Sequence[str], start: Mapping[str, float], b
 
     Noise found beside a model that lacks something takes that for noise; found beside one that has too much it makes
     just that look likely. So each model is judged with the noise beside it, by its likelihood less its parameters'.
+    Which effects tell most is looked up in the last judgement, where hardly any data are new.
     """
     free = (*problem.own, *own_parameters(named))
-    first = screen(problem, start, free, named, None)
+    if before is not None and before.named == tuple(named) and problem.last < HARDLY_NEW * before.problem.last:
+        first, noise = before.screening, problem.found(problem.errors(start))
+    else:
+        first = screen(problem, start, free, named, None)
+        noise = first.noise
     models = [(NOTHING, dict(start))]
     if before is not None and before.named == tuple(named) and before.best.name != NOTHING:
         models.append((before.best.name, dict(before.best.values)))
     models += [(one.trial.effect, {**start, **start_of(one)}) for one in _most_telling(first, free)]
     names = [(*free, *own_parameters([name] if name else [])) for name, _ in models]
-    fits = problem.fits([(values, of) for (_, values), of in zip(models, names, strict=True)], first.noise)
+    fits = problem.fits([(values, of) for (_, values), of in zip(models, names, strict=True)], noise)
     noises = [problem.found(problem.errors(fit.values)) for fit in fits]
     costs = [
         float(np.sum(problem.white(fit.values, noise) ** 2))

@@ -20,6 +20,7 @@ FREQUENCIES = (0.3, 7.5)  # Hz of multisines
 SHARES = (1.0, 0.75, 0.5, 0.0, -0.5, -1.0)  # of the outer side's duty that the inner side gets
 MOST_OF_SINES = 5
 CANDIDATES = 90
+ACROSS = 1.8  # times the way to the middle, that lead to the other side
 TOWARDS_SECONDS = (1.0, 1.5, 2.0)
 Random = np.random.Generator
 Profile = Callable[[Random, Floats, float], Floats]
@@ -98,7 +99,7 @@ def towards(distance: float, speed: float, random: Random, least: float = 0.0) -
         for mirrored in (False, True):
             seconds = float(random.choice(lengths))
             duty = float(np.clip(distance / (seconds * speed), SMALLEST, LARGEST))
-            for signed in (duty, -duty, 0.5 * duty):
+            for signed in (duty, -duty, 0.5 * duty, min(ACROSS * duty, LARGEST)):
                 sides = (share * signed, signed) if mirrored else (signed, share * signed)
                 result.append(Movement("towards the middle", np.tile(sides, (_count(seconds), 1))))
     return result

@@ -1,6 +1,5 @@
 """Name what is sure, one effect after the other, and take back what a better set of effects does not have."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,11 +9,9 @@ from cmr.estimation.search.chance import tick_of
 from cmr.investigation.choosing import SAME
 from cmr.investigation.evidence import Beliefs
 from cmr.investigation.exchanging import evidence_beside, revision
-from cmr.investigation.judging import NOTHING, Explanation, Judgement, ahead_since, judge, own_parameters
+from cmr.investigation.judging import NAMED, NOTHING, Explanation, Judgement, ahead_since, judge, own_parameters
 from cmr.model.catalogue import CATALOGUE
 
-ODDS = 1000.0  # at which an effect is named
-NAMED = 2.0 * math.log(ODDS)
 # Evidence that the data after the first suspicion must have of their own, as a share of the margin then, within bounds.
 CONFIRMED_SHARE, CONFIRMED = 0.1, (4.0, NAMED)
 LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters

@@ -16,16 +16,19 @@ from cmr.estimation.noise import Noise, foreign_sums, sums_of_past, whiten
 from cmr.estimation.prediction import FREE, POSE_SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.segments import Segment
 from cmr.investigation.movements import Movement, ramped
+from cmr.investigation.resting import GYRO, NoiseWithRests, resting
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits
 from cmr.model.effects.electronics import ENERGY_OF_A_DRIVE
+from cmr.model.effects.motors import HEATING_TIME
 from cmr.model.observer.drives import Drives, ends_of
-from cmr.model.observer.observer import FOLLOWED, RESTART, Gains, Innovations, Observations, Observer
+from cmr.model.observer.observer import FOLLOWED, MOTION, RESTART, Gains, Innovations, Observations, Observer
 from cmr.recordings.signal import Floats
 
 STEP = 0.01  # s
 COASTING = 1.0  # s in which a robot without duty comes to rest
+SETTLING = 0.4  # s before a movement, from when on observers follow what its sensors would read
 BETWEEN_PLACES = 0.05  # s, of a path
 Values = Mapping[str, float]
 
@@ -66,6 +69,44 @@ def carried_on(values: Values, situation: Situation) -> dict[str, float]:
     return result
 
 
+def effort(duty: Floats, psi: Floats, dt: float, k1: float, before: tuple[float, float]) -> tuple[float, float]:
+    """Return what the battery has given [s of load share 1], and how warm the motors are, as the model has them.
+
+    Duties and wheel speeds [rad/s], (n, 2), were those of n steps of `dt` [s]; `before` is what both were before these.
+    """
+    energy, heat = before
+    energy += float(np.sum(np.maximum(0.0, duty * (duty - 0.8 * k1 * psi)))) * dt
+    kept = np.exp(-dt / HEATING_TIME)
+    squares = np.mean(duty**2, axis=1)
+    weights = kept ** np.arange(len(squares))[::-1]
+    return energy, heat * float(kept) ** len(squares) + float(np.sum((1.0 - kept) * weights * squares))
+
+
+def advanced(situation: Situation, values: Values, seconds: float) -> Situation:
+    """Return the situation of a robot with these values so many `seconds` later, in the movement being driven."""
+    steps = _steps(seconds)
+    if steps <= 0:
+        return situation
+    none = np.empty(0)
+    drive = _observations(situation, Movement("none", np.zeros((0, 2))), steps, none, none, none, seen_first=False)
+    lanes = lanes_of([carried_on(_without_sensors(values), situation)])
+    motion = Observer(lanes, FREE).observe(drive).motion
+    psi = motion[:-1, [MOTION.index("psi_left"), MOTION.index("psi_right")]]
+    energy, heat = effort(drive.duty, psi, STEP, values["k1"], (situation.energy, situation.heat))
+    later = steps * STEP
+    state = {name: float(motion[-1, MOTION.index(name)]) for name in MOTION}
+    return replace(
+        situation,
+        state=(state["x"], state["y"], state["theta"], state["psi_left"], state["psi_right"]),
+        time=situation.time + later,
+        turned=(state["angle_left"], state["angle_right"]),
+        commands=Commands(situation.commands.time - later, situation.commands.duty),
+        busy=situation.busy - later,
+        energy=energy,
+        heat=heat,
+    )
+
+
 def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequence[Values]) -> list[Floats]:
     """Return the path of each movement, and until the robot rests: x, y [m], theta, shape (places, members, 3) each.
 
@@ -98,19 +139,27 @@ def changes(
     gains: Gains,
     noise: Noise,
 ) -> list[Floats]:
-    """Return what other `sets` (s) of values than the first change of the white errors, (n, s - 1), by movement."""
+    """Return what other `sets` (s) of values than the first change of the white errors, (n, s - 1), by movement.
+
+    Only errors that arise after the movement that is being driven count. It is the same for all; and an encoder with
+    another scale would have followed by then.
+    """
+    situation = advanced(situation, sets[0], situation.busy - SETTLING)
     drives = []
     for movement in movements:
         steps = _steps(situation.busy + movement.seconds)
         times = (reading_times(interval, steps * STEP) for interval in situation.intervals)
         drives.append(_observations(situation, movement, steps, *times, seen_first=True))
-    return changes_in(drives, [carried_on(values, situation) for values in sets], gains, noise)
+    return changes_in(drives, [carried_on(values, situation) for values in sets], gains, noise, situation.busy)
 
 
-def changes_in(drives: Sequence[Observations], lanes: Sequence[Values], gains: Gains, noise: Noise) -> list[Floats]:
+def changes_in(
+    drives: Sequence[Observations], lanes: Sequence[Values], gains: Gains, noise: Noise, since: float = 0.0
+) -> list[Floats]:
     """Return what other `lanes` (s) of values than the first change of the white errors, (n, s - 1), by drive.
 
     Of the `drives` only inputs and the times of readings count: their sensors read what the first lane would make them.
+    Errors count that arise from `since` [s] on.
     """
     free = Observer(lanes_of(lanes[:1]), FREE)
     read = [_read(one, free.observe(_unseen(one))) for one in drives]
@@ -119,7 +168,7 @@ def changes_in(drives: Sequence[Observations], lanes: Sequence[Values], gains: G
     errors = batch.errors(Observer(lanes_of(lanes), gains))
     for every in errors.of.values():
         every -= every[:, :1].copy()
-    return [one[:, 1:] for one in _white(batch, errors, noise)]
+    return [one[:, 1:] for one in _white(batch, errors, noise, since)]
 
 
 def _steps(seconds: float) -> int:
@@ -216,8 +265,8 @@ def _segment(observations: Observations, number: int) -> Segment:
     return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, number, np.empty((0, 2)))
 
 
-def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:
-    """Return errors of a batch made white, (n, C) by segment; before they began nothing differed."""
+def _white(batch: Batch, errors: Errors, noise: Noise, since: float) -> list[Floats]:
+    """Return errors of a batch from `since` [s] on, made white, (n, C) by segment; before them nothing differed."""
     parts: list[list[Floats]] = [[] for _ in batch.predictors]
     sums = foreign_sums(batch, errors)
     for name in batch.signals:
@@ -236,6 +285,11 @@ def _white(batch: Batch, errors: Errors, noise: Noise) -> list[Floats]:
             np.ascontiguousarray(np.concatenate(pieces)), padded, *sums_of_past(known.past, spans),
             np.full(len(white), 1.0 / size), padded[:-1].copy(), white,
         )  # fmt: skip
-        for part, one in zip(parts, np.split(white, padded[1:-1]), strict=True):
-            part.append(one[sum(spans) :])
+        made_white = [one[sum(spans) :] for one in np.split(white, padded[1:-1])]
+        if name == GYRO and isinstance(noise, NoiseWithRests):
+            still = np.split(resting(batch), ends[1:-1])
+            for one, plain, rows in zip(made_white, np.split(own, ends[1:-1]), still, strict=True):
+                one[rows] = plain[rows] / noise.size
+        for part, one, predictor in zip(parts, made_white, batch.predictors, strict=True):
+            part.append(one[predictor.times[name] >= since])
     return [np.concatenate(part) for part in parts]

@@ -8,7 +8,7 @@ import numpy as np
 from cmr.bus.messages import make
 from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Decision
-from cmr.investigation.naming import ODDS
+from cmr.investigation.judging import ODDS
 from cmr.investigation.telling import NOTHING_MORE, excluded, out_of_reach, suspicion
 from cmr.msg import investigation_status_t as status_t
 from cmr.recordings.signal import Floats

@@ -10,7 +10,7 @@ the squared distance at which effect i is seen when effect j, in whatever size u
 it. Effects with several columns (a slope, a wobble) stand in as a block.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +53,20 @@ def own(information: Floats, columns: Columns) -> Floats:
     return BELIEF * _by_effect(np.diagonal(information, axis1=-2, axis2=-1), columns)
 
 
+def against(information: Floats, pulls: Floats, columns: Columns, one_sided: Collection[str] = ()) -> Floats:
+    """Return twice the logarithm of the odds of nothing against each effect at its usual size, (e,).
+
+    The errors that are left are r, of projected columns X with `information` X' X and `pulls` X' r, (m,). The effect
+    would change their squares by X' X + 2 X' r, or, of the other sign, by X' X - 2 X' r; those that are `one_sided`
+    have no other sign. It is the mean over its columns of the first, with the least of the second.
+    """
+    least = []
+    for name in columns.names:
+        own_pulls = pulls[list(columns.of[name])]
+        least.append(2.0 * float(np.min(own_pulls if name in one_sided else -np.abs(own_pulls))))
+    return own(information, columns) + BELIEF * np.array(least)
+
+
 def separations(information: Floats, columns: Columns) -> Floats:
     """Return S_ij, shape (..., e, e), of projected information (..., m, m); its diagonal is that against nothing."""
     diagonal = np.diagonal(information, axis1=-2, axis2=-1)
@@ -68,6 +82,20 @@ def separations(information: Floats, columns: Columns) -> Floats:
     index = np.arange(len(columns.names))
     seen[..., index, index] = against_nothing
     return seen
+
+
+def progress(gained: Floats, need: Floats, seconds: Floats) -> Floats:
+    """Return by how much each candidate shortens what is left to be driven until all effects have shown, (c,).
+
+    With `gained` (c, e), what candidates add for each effect in so many `seconds` (c,), the best of them leave the
+    times T_e = need_e / max_c (gained_ce / seconds_c). Driving candidate c shortens T_e by the share of the best rate
+    that it has. The worth is the change of sum T_e^2 / 2 by it: what takes longest counts most. `need` (e,) is infinite
+    where nothing is needed.
+    """
+    rates = np.maximum(gained, 0.0) / seconds[:, None]
+    best = np.max(rates, axis=0)
+    is_open = np.isfinite(need) & (best > 0.0)
+    return np.asarray((rates[:, is_open] / best[is_open]) @ (need[is_open] / best[is_open]))
 
 
 def _by_effect(values: Floats, columns: Columns) -> Floats:

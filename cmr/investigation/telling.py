@@ -4,6 +4,7 @@ from typing import Any
 
 from cmr.estimation.candidates import locality
 from cmr.investigation.calibrating import averaged
+from cmr.investigation.choosing import Told
 from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Decision, Step
 from cmr.model.catalogue import CATALOGUE
@@ -17,6 +18,7 @@ from cmr.report.table import table
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
 IMITATED = "out of reach here: what is named imitates it, whatever is driven"
+DISGUISED = "out of reach here: to these sensors it is another {parameter}, whatever is driven"
 REMAINS = "Something remains that no effect explains: errors of {signal} depend on {goes_with}."
 SUSPECTED = "{name} is the likeliest further effect ({odds}), but not named: {why}."
 MOST_IN_A_LINE = 3  # explanations
@@ -165,12 +167,16 @@ def out_of_reach(driving: Driving) -> dict[str, str]:
     """Return why some effects could not be seen, by name."""
     if driving.decision is None:
         return {}
-    hidden = driving.investigation.not_shown(driving.decision.known)
-    imitated = driving.decision.known.imitated
-    return {
-        name: IMITATED if name in imitated else OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=driving.drove)
-        for name in hidden
-    }
+    known = driving.decision.known
+    return {name: _why_hidden(name, known, driving.drove) for name in driving.investigation.not_shown(known)}
+
+
+def _why_hidden(name: str, known: Told, seconds: float) -> str:
+    if name in known.imitated:
+        return IMITATED
+    if name in known.disguised:
+        return DISGUISED.format(parameter=known.disguised[name])
+    return OUT_OF_REACH.format(needs=CATALOGUE[name].needs, seconds=seconds)
 
 
 def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:

@@ -100,6 +100,12 @@ class DrivenRobot:
             self._commanded.advance(self.time + FINE)
             self._truth.append(self._now())
 
+    def put(self, state: Mapping[str, float]) -> None:
+        """Put the robot where another is: its pose, and its wheels as far turned and as fast; by names of KEPT."""
+        for name in ("x", "y", "theta", "phi_left", "phi_right", "psi_left", "psi_right"):
+            self._running.carried[PLACES[name]] = state[name]
+        self._truth[-1] = self._now()
+
     def recording(self) -> Recording:
         """Return all that was recorded so far."""
         p, noise = self.parameters, self._noise

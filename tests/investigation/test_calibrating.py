@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmr.investigation.calibrating import averaged, is_calibrated
-from cmr.investigation.choosing import Told
+from cmr.investigation.choosing import Told, only
 from cmr.investigation.separation import BELIEF, Columns
 
 SETS = (
@@ -49,3 +49,14 @@ def test_explanations_that_differ_widen_the_estimate() -> None:
 def test_well_known_parameters_are_calibrated() -> None:
     """Goals are two deviations of 1 %, 1 % and 3 %."""
     assert is_calibrated(averaged(judgement_of(dict(SETS[0]), 0.0), told_of(np.diag([1e6, 1e6, 1e6, 1.0]))))
+
+
+def test_of_some_effects_alone_is_known_what_is_known_of_them_beside_others() -> None:
+    """Their columns, and the values that these stand for, in the order of the names asked for."""
+    white = np.random.default_rng(0).standard_normal((30, 6))
+    sets = tuple({**SETS[0], "column": float(number)} for number in range(7))
+    every = Told(white.T @ white, Columns(3, {"slope": (3, 4), "gyro_scale": (5,)}), sets)
+    some = only(every, ["gyro_scale"])
+    assert some.columns.of == {"gyro_scale": (3,)}
+    assert some.seen["gyro_scale"] == pytest.approx(every.seen["gyro_scale"])
+    assert [one.get("column") for one in some.sets] == [0.0, 1.0, 2.0, 3.0, 6.0]

@@ -13,7 +13,7 @@ from cmr.investigation.judging import NOTHING, Explanation, ahead_since, judge
 from cmr.investigation.movements import PERIOD, candidates, opening, waiting
 from cmr.investigation.naming import NOT_CONFIRMED, TOO_SMALL, Naming
 from cmr.parameters.file import ParameterFile, Value
-from tests.investigation.investigated import DrivenRobot
+from tests.investigation.investigated import DrivenRobot, without_poses
 
 pytestmark = pytest.mark.slow
 
@@ -23,15 +23,19 @@ MOVEMENTS = 3  # after the opening
 SURE = 13.8  # evidence: odds of 1000 : 1
 
 
-def beliefs(hidden: Mapping[str, float]) -> Beliefs:
-    """Return what was measured of a robot in which something is hidden, on an opening and a few drawn movements."""
+def beliefs(hidden: Mapping[str, float], *, unseen: bool = False) -> Beliefs:
+    """Return what was measured of a robot in which something is hidden, on an opening and a few drawn movements.
+
+    Of one that is `unseen` there are no poses.
+    """
     robot = DrivenRobot({**ROBOT, **hidden}, seed=5)
     robot.drive(0.0, 0.0, 0.4)
     for movement in [*opening(), waiting(), *candidates(np.random.default_rng(2), MOVEMENTS)]:
         for left, right in movement.duty:
             robot.drive(float(left), float(right), PERIOD)
     nominal = ParameterFile(0, {name: Value(value) for name, value in ROBOT.items()})
-    found = beliefs_of(robot.recording(), nominal, EXTENT)
+    recording = robot.recording()
+    found = beliefs_of(without_poses(recording) if unseen else recording, nominal, EXTENT)
     assert found is not None
     return found
 
@@ -86,3 +90,22 @@ def test_what_names_imitate_together_is_not_waited_for() -> None:
     alone = told(judge(problem, (), ROBOT), problem.last)
     assert "encoder_asymmetry" in beside.imitated
     assert not alone.imitated
+
+
+def test_without_poses_a_scale_of_the_gyro_is_another_base_width() -> None:
+    """It is said to be, and not waited for; with poses it shows."""
+    unseen, seen = (
+        told(judge(problem, (), ROBOT), problem.last) for problem in (beliefs({}, unseen=True), beliefs({}))
+    )
+    assert unseen.disguised["gyro_scale"] == "base_width"
+    assert "gyro_scale" in unseen.hopeless
+    assert not seen.disguised
+    assert "gyro_scale" in seen.shown
+
+
+def test_data_speak_for_an_effect_that_is_there_and_against_others() -> None:
+    """A gyro's bias: the odds are for its usual size, and 1000 : 1 against those that the same drive shows."""
+    problem = beliefs({"gyro_bias": 0.01})
+    known = told(judge(problem, (), ROBOT), problem.last)
+    assert known.contrary["gyro_bias"] < -SURE
+    assert known.contrary["encoder_asymmetry"] > SURE

@@ -34,9 +34,9 @@ def test_reversals_while_the_first_choice_is_made_stay_on_the_spot() -> None:
 
 
 def test_movements_towards_the_middle_go_both_ways() -> None:
-    """There are 18, straight and curved ones, of both signs."""
+    """There are 24, straight and curved ones, of both signs; some of them lead across."""
     drawn = towards(0.5, 0.74, np.random.default_rng(0))
-    assert len(drawn) == 18
+    assert len(drawn) == 24
     assert {float(np.sign(movement.duty.sum())) for movement in drawn} == {-1.0, 1.0}
 
 

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from cmr.investigation.separation import BELIEF, STAND_IN, Columns, own, projected, scores, separations
+from cmr.investigation.separation import (
+    BELIEF,
+    STAND_IN,
+    Columns,
+    against,
+    own,
+    progress,
+    projected,
+    scores,
+    separations,
+)
 
 
 def test_what_a_parameter_does_itself_does_not_separate() -> None:
@@ -44,3 +54,21 @@ def test_more_information_never_separates_less() -> None:
     need = np.full((3, 3), 10.0)
     worth = scores(few, np.stack([few, many]), need, np.ones(3), np.ones(2))
     assert worth[0] == 0.0 < worth[1]
+
+
+def test_data_speak_against_an_effect_by_its_size_less_what_they_show_of_it() -> None:
+    """Errors r that hold a share s of a column X of length d: 2 log odds d^2 - 2 s d^2, of one sign d^2 + 2 s d^2."""
+    column, share = np.array([3.0, 4.0]), 0.2
+    errors = share * column
+    columns = Columns(0, {"either": (0,)})
+    information, pulls = np.array([[25.0]]), np.array([column @ errors])
+    assert against(information, pulls, columns) == pytest.approx([BELIEF * (25.0 - 2.0 * share * 25.0)])
+    assert against(information, pulls, columns, ["either"]) == pytest.approx([BELIEF * (25.0 + 2.0 * share * 25.0)])
+
+
+def test_what_takes_longest_counts_most() -> None:
+    """Of two effects, one needs 10 s of its best movement, one 2 s: T^2 / 2 falls by 10 and by 2 a second."""
+    gained = np.array([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]])
+    worth = progress(gained, np.array([20.0, 4.0]), np.array([1.0, 2.0, 1.0]))
+    assert worth == pytest.approx([10.0, 2.0, 0.0])
+    assert progress(gained, np.array([np.inf, 4.0]), np.ones(3)) == pytest.approx([0.0, 1.0, 0.0])

@@ -1,0 +1,52 @@
+"""Foresee what will not show here, from how the information on each effect grew so far, and how fast it still may.
+
+What shows by each motion grows with time, what drifts with its square or its cube. So each effect has an exponent of
+its own, p, from its squared distance s now, at t, and that at half of the time: p = log2 (s(t) / s(t/2)), 1 to 3.
+Movements that are chosen for it may add faster than those so far did, by the rate r of the best one. Then, at T,
+
+    s(T) = s(t) + max(r, p s(t) / t) t / p ((T / t)^p - 1).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+SLOWEST_GROWTH, FASTEST_GROWTH = 1.0, 3.0  # exponents: of what each motion shows, and of what drifts
+
+
+@dataclass
+class Growth:
+    """How squared distances at which effects show grew in a drive; `rates` [1/s] are those of the best movements."""
+
+    rates: Mapping[str, float] = field(default_factory=dict)
+    _beside: tuple[str, ...] = ()
+    _times: list[float] = field(default_factory=list)
+    _seen: list[Mapping[str, float]] = field(default_factory=list)
+
+    def note(self, time: float, seen: Mapping[str, float], beside: tuple[str, ...]) -> None:
+        """Note the squared distance of each effect, by name, at `time` [s], `beside` effects that are named.
+
+        Beside others effects show otherwise: what was noted before tells nothing then.
+        """
+        if beside != self._beside:
+            self._beside, self._times, self._seen = beside, [], []
+        self._times.append(time)
+        self._seen.append(seen)
+
+    def foreseen(self, name: str, time: float) -> float:
+        """Return the squared distance at which an effect would show at `time` [s], by best movements from now on."""
+        now, there = self._times[-1], self._seen[-1][name]
+        exponent = self._exponent(name)
+        rate = max(self.rates.get(name, 0.0), exponent * there / now)
+        return there + rate * now / exponent * (math.pow(max(time / now, 1.0), exponent) - 1.0)
+
+    def _exponent(self, name: str) -> float:
+        """Return with which power of time the squared distance grew; the largest where nobody knows yet."""
+        now, there = self._times[-1], self._seen[-1][name]
+        if self._times[0] > 0.5 * now or there <= 0.0:
+            return FASTEST_GROWTH
+        half = float(np.interp(0.5 * now, self._times, [seen.get(name, 0.0) for seen in self._seen]))
+        growth = math.log2(there / half) if half > 0.0 else FASTEST_GROWTH
+        return min(max(growth, SLOWEST_GROWTH), FASTEST_GROWTH)

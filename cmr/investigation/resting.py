@@ -1,0 +1,68 @@
+"""The gyro of a robot that stands: white noise, where the past of a drive would be mistaken for what to expect.
+
+In motion a gyro's errors follow those before: wheels slip for a while. What predicts them then takes nearly all of a
+constant error away. A robot that stands does not slip, so its gyro's errors are as they are: two seconds of rest tell
+more of a gyro's bias, and of its drift, than a minute of driving.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cmr.estimation.noise import Noise
+from cmr.estimation.prediction import Batch, Errors, Predictor
+from cmr.recordings.signal import Floats, Mask
+
+GYRO = "yaw_rate"
+BEFORE, AFTER = 0.25, 0.05  # s for which wheels must stand about a reading of the gyro
+STANDS = 0.02  # rad that a wheel may turn in it: a tick or two
+FEWEST = 30  # readings at rest from which their noise is known
+BLOCK = 25  # readings whose mean says how far slow errors go
+LEAST_SHARE = 0.5  # of the size in motion: readings that repeat exactly are not exact
+
+
+@dataclass(frozen=True)
+class NoiseWithRests(Noise):
+    """Noise in which the past of the gyro's errors counts only in motion; at rest their size is `size` [rad/s]."""
+
+    size: float
+
+    def all_white(self, batch: Batch, errors: Errors, first: int = 0) -> Floats:
+        """Return the errors of a batch made white, shape (n, C); see `Noise.all_white`."""
+        white = super().all_white(batch, errors, first)
+        if GYRO not in errors.of:
+            return white
+        rows = [np.arange(part.start, part.stop) for part in batch.white_rows(GYRO)]
+        still = resting(batch)
+        white[np.concatenate(rows)[still]] = errors.of[GYRO][still] / self.size
+        return white
+
+
+def with_rests(noise: Noise, batch: Batch, errors: Errors) -> Noise:
+    """Return the noise with that of the gyro at rest, as the first candidate's errors have it; as it is without."""
+    still = resting(batch) if GYRO in noise.of else np.zeros(0, np.bool_)
+    if np.sum(still) < FEWEST:
+        return noise
+    own, known = errors.of[GYRO][still, 0], noise.of[GYRO]
+    blocks = own[: len(own) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+    in_motion = np.concatenate(known.sizes)
+    least = LEAST_SHARE * float(np.min(in_motion))
+    size = float(np.sqrt(max(np.mean(own**2), BLOCK * np.var(blocks), least**2)))
+    sizes = np.split(np.where(still, size, in_motion), batch.ends[GYRO][1:-1])
+    return NoiseWithRests({**noise.of, GYRO: replace(known, sizes=tuple(sizes))}, size)
+
+
+def resting(batch: Batch) -> Mask:
+    """Return at which of the gyro's readings the robot stood, by its encoders, (n,); at none where it has none."""
+    return np.concatenate([_resting(one) for one in batch.predictors if GYRO in one.times] or [np.zeros(0, np.bool_)])
+
+
+def _resting(predictor: Predictor) -> Mask:
+    observations = predictor.segment.observations
+    time, wheels, at = observations.wheel_time, observations.wheel, observations.gyro_time
+    if len(observations.given) or len(time) < 2:
+        return np.zeros(len(at), np.bool_)
+    first = np.searchsorted(time, at - BEFORE)
+    last = np.searchsorted(time, at + AFTER, side="right") - 1
+    turned = np.abs(wheels[np.maximum(last, first)] - wheels[np.minimum(first, len(time) - 1)])
+    return np.asarray((np.max(turned, axis=1) < STANDS) & (at >= time[0] + BEFORE) & (at <= time[-1] - AFTER))
