@@ -104,7 +104,7 @@ def test_a_clock_that_is_far_off_is_set_and_said() -> None:
     recording = hidden_recording(manoeuvre="rich", seed=1).recording
     late = replace(recording, poses=replace(recording.poses, utime=recording.poses.utime + 2_000_000))
     mended, _, note = with_clocks_set(late)
-    assert "behind" in note
+    assert note == "The poses are stamped 2.00 s later than the wheels: their times were corrected."
     assert abs(int(mended.poses.utime[0]) - int(recording.poses.utime[0])) < 50_000
 
 

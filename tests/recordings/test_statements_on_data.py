@@ -37,7 +37,7 @@ def said_of(recording: Recording) -> str:
 def test_poses_that_were_recorded_are_counted_where_they_are_of_no_use(whole: Recording) -> None:
     poses = part(whole, 45.0, 46.0).poses
     said = said_of(replace(without(part(whole, 10.0, 40.0), "gyro"), poses=poses))
-    assert said.startswith(f"{len(poses)} poses were recorded, but in no stretch")
+    assert said.startswith(f"{len(poses)} poses were recorded, but no stretch")
     assert "Neither" not in said
     assert said_of(without(whole, "gyro", "poses")).startswith(
         "Neither poses (POSE_N) nor a gyro (GYRO_N) were recorded"

@@ -171,7 +171,7 @@ ROOM = {
     "ends_when: {metric: minimum_separation}": "line 1: ends_when: a metric and a bound go together",
     "population: [nobody.yaml]": r"population\[0\]: there is no file nobody.yaml",
     f"population: [{PARAMETERS}]": "population: .*no standard deviations",
-    "process_noise: true": "line 1: process_noise: .*robot_0.yaml does not say how far robots stray",
+    "process_noise: true": "line 1: process_noise: .*robot_0.yaml does not say how far robots deviate",
     "lcm_url: 'udpm://10.0.0.1:7667'": "lcm_url: .*not a multicast address",
 }
 
