@@ -85,7 +85,17 @@ def rivals_of(
 
 
 def _holds(problem: Problem, before: Fit, effect: Effect, fit: Fit, inflation: Inflation) -> bool:
-    """Return whether an effect that was fitted could be named, but for its size: what is harmless is a rival, too."""
+    """Return whether an effect that was fitted could be named in another's place."""
     tested = CandidateEffect(effect, before.squares - fit.squares, fit.values, fit)
     tested = replace(tested, held_out=held_out_gain(problem, before, fit))
-    return why_not(problem, before, tested, inflation) in ("", TOO_SMALL)
+    return is_possible_instead(problem, before, tested, inflation)
+
+
+def is_possible_instead(problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation) -> bool:
+    """Return whether an effect that explains as much as another may be what is there.
+
+    One that is too small to be named may, too: it explains as much by doing nothing that matters. Encoders may not:
+    data sheets rule small errors of theirs out, and they imitate most.
+    """
+    why = why_not(problem, before, candidate, inflation)
+    return not why or (why == TOO_SMALL and candidate.effect.name not in IN_DATA_SHEETS)

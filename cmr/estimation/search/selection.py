@@ -34,7 +34,6 @@ from cmr.estimation.search.criteria import (
     measured,
     needed,
     too_small,
-    why_not,
 )
 from cmr.estimation.search.elimination import finished, pruned
 from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange, penalty_of
@@ -42,7 +41,7 @@ from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
 from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
-from cmr.estimation.search.rivals import AS_WELL, margin_of, rivals_of
+from cmr.estimation.search.rivals import AS_WELL, is_possible_instead, margin_of, rivals_of
 from cmr.estimation.search.screening import Screening, screen
 from cmr.estimation.search.ties import decided
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
@@ -366,8 +365,7 @@ def _choose(
             rivals = tuple(one.effect.name for one in tie.alike if one is not chosen)
             return SelectedEffect(chosen, rivals, current), others
         close = [one for one, _ in others if chosen.drop - one.drop < margin]
-    # One that is too small to be named explains as much by doing nothing that matters: it is a rival all the more.
-    as_well = (one for one in close if why_not(problem, current, one, inflation) in ("", TOO_SMALL))
+    as_well = (one for one in close if is_possible_instead(problem, current, one, inflation))
     return SelectedEffect(chosen, tuple(one.effect.name for one in as_well), current), others
 
 
