@@ -12,8 +12,6 @@ from pathlib import Path
 
 from setuptools.command.build_py import build_py
 
-from cmr.distribution import FINGERPRINT, fingerprint
-
 PROJECT = Path(__file__).resolve().parent.parent
 SINGLE = {
     **dict.fromkeys(("int8_t", "int16_t", "int32_t", "int64_t", "byte"), "int"),
@@ -76,7 +74,10 @@ def generate_messages(destination: Path) -> None:
         raise RuntimeError(f"lcm-gen could not generate cmr/msg from lcmtypes/: {result.stderr or result.stdout}")
     package = destination / "cmr" / "msg"
     write_stubs(package)
-    (package / FINGERPRINT).write_text(fingerprint(PROJECT / "lcmtypes"), encoding="ascii")
+    # The build imports no package of the project: where it runs, another CMR may be installed, or none.
+    distribution = runpy.run_path(str(PROJECT / "cmr" / "distribution.py"))
+    fingerprint = distribution["fingerprint"](PROJECT / "lcmtypes")
+    (package / distribution["FINGERPRINT"]).write_text(fingerprint, encoding="ascii")
 
 
 def write_stubs(package: Path) -> None:

@@ -238,6 +238,11 @@ def averaged(
     return replace(averaging.posterior(steps=steps, certain=certain), certain=tuple(certain))
 
 
+def averaged_about(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> Posterior:
+    """Return a rough posterior from slopes at the fit itself, where those at better values do not hold."""
+    return Averaging(problem, fit, inflation, named).posterior(steps=FEW_STEPS, certain=named)
+
+
 def relinearised(
     problem: Problem, fit: Fit, inflation: float, ahead: Collection[str] = ()
 ) -> tuple[Averaging, Posterior]:

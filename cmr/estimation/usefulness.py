@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.estimation.averaging import Posterior, averaged
+from cmr.estimation.averaging import Posterior, averaged, averaged_about
 from cmr.estimation.candidates import can_be_small
 from cmr.estimation.gain import Gain, Measured, left_out_gains, measure
 from cmr.estimation.gauss_newton import Fit
@@ -90,7 +90,8 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
     average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names, undisputed)
     of_average = measure(found.problem, found.base, average, chance_of(found), segments, held_out)
     if judge.strays(of_average.gain, whole) and not judge.strays(measured.gain, whole):
-        return Whole(whole, None, _with_those_of(average, whole.final, found.doubts)), measured
+        about = averaged_about(found.problem, whole.final, found.inflation, names)
+        return Whole(whole, None, _with_those_of(about, whole.final, found.doubts)), measured
     return Whole(whole, average, doubts), of_average
 
 
