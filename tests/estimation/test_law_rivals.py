@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cmr.estimation.gain import Gain
 from cmr.estimation.laws import proposing, rivals
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.offers import Refused
@@ -135,6 +136,33 @@ def test_where_no_formula_holds_what_was_seen_is_handed_on() -> None:
     assert proposal.laws.answer == NO_LAW
     assert proposal.laws.reasons == ("It does not hold.",)
     assert proposal.seen is seen
+
+
+@pytest.mark.parametrize(
+    ("names", "held_out", "largest_ratio", "answer"),
+    [
+        ([], 500.0, 1.02, TIE),
+        (["backlash"], 500.0, 1.02, NO_LAW),  # the effect's own shape may be what is not quite right
+        ([], 50.0, 1.02, NO_LAW),  # nor is it sure from moment to moment
+        ([], 500.0, 0.95, NO_LAW),  # paths are surely worse
+    ],
+)
+def test_a_formula_that_holds_from_moment_to_moment_alone_is_a_tie(
+    monkeypatch: pytest.MonkeyPatch, names: list[str], held_out: float, largest_ratio: float, answer: str
+) -> None:
+    gain = Gain(ratio=0.7, interval=(0.5, largest_ratio), signals={"pose": 0.7})
+    standing = SimpleNamespace(laws=(), fit=None, forget=lambda: None)
+    monkeypatch.setattr(proposing, "stood", lambda *_all: standing)
+    monkeypatch.setattr(proposing, "measure", lambda *_all: SimpleNamespace(gain=gain))
+    monkeypatch.setattr(proposing, "is_seen", lambda *_all: True)
+    monkeypatch.setattr(proposing, "_rival", lambda one: one)
+    beside: Any = SimpleNamespace(data=None, fit=None, problem=SimpleNamespace(predictors=(), one_step=True))
+    offer: Any = SimpleNamespace(laws=(LAW,), held_out=held_out, before=None, after="fit", settled="fit", alike=())
+    found: Any = SimpleNamespace(named=names, inflation=1.0)
+    proposal = proposing._in_the_model(beside, offer, found, (), ())
+    assert proposal.laws.answer == answer
+    assert proposal.laws.rivals == (("fit",) if answer == TIE else ())
+    assert proposal.extension is None
 
 
 def test_formulas_that_cannot_be_told_apart_are_a_tie_of_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:

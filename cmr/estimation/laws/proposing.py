@@ -212,7 +212,9 @@ def _in_the_model(
         standing.forget()
         there = why_not != UNDETERMINED and is_seen(offer.before, offer.after, data)
         seen = offer.after if there else None
-        if why_not == HARM and offer.held_out >= _decisive(offer.laws) and not gain.interval[1] < 1.0:
+        # Where an effect is named, its own shape may be what is not quite right: then no formula is a rival.
+        sure = offer.held_out >= _decisive(offer.laws) and not found.named
+        if why_not == HARM and sure and not gain.interval[1] < 1.0:
             rivals = tuple(map(_rival, (offer.settled, *offer.alike)))
             return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(why_not, BUT_HOLDS)), seen=seen)
         return Proposal(Laws(answer=NO_LAW, reasons=(why_not,)), seen=seen)

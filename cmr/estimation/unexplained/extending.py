@@ -73,7 +73,8 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
     proposal = proposed(problem, found, held_out, unexplained.present)
     if proposal.extension:
         return _with_laws(found, proposal, unexplained)
-    if proposal.seen and not unexplained.present and not unexplained.not_judged:
+    # Single moments of a robot that is judged by free runs prove nothing.
+    if problem.one_step and proposal.seen and not unexplained.present and not unexplained.not_judged:
         return Extended(found, structure_of(proposal.seen), laws=proposal.laws)
     if not unexplained.present:
         return Extended(found, unexplained, laws=proposal.laws)
@@ -89,7 +90,7 @@ def _with_laws(found: Search, proposal: Proposal, without: Unexplained) -> Exten
     if proposal.withdrawn:
         found = _without_names(proposal.problem, found, BY_A_LAW, proposal.withdrawn, proposal.before)
     left = remaining(found.problem, proposal.extension.fit, found.base).unexplained
-    if proposal.seen and not without.present and not without.not_judged:
+    if found.problem.one_step and proposal.seen and not without.present and not without.not_judged:
         without = structure_of(proposal.seen)
     return Extended(found, left, proposal.extension, proposal.laws, without)
 
