@@ -40,10 +40,10 @@ def fingerprint(message_types: Path) -> str:
 def outdated_messages(root: Path = ROOT) -> bool:
     """Return whether the .lcm files in a checkout have changed since its message classes were generated.
 
-    `root` is the folder that holds the package `cmr`. An installation without .lcm files is never outdated.
+    `root` is the folder that holds the package `cmr`. An installation that is no checkout is never outdated.
     """
     message_types, written = root / "lcmtypes", root / "cmr" / "msg" / FINGERPRINT
-    if not (message_types.is_dir() and written.parent.is_dir()):
+    if not ((root / "pyproject.toml").is_file() and message_types.is_dir() and written.parent.is_dir()):
         return False
     return not written.is_file() or written.read_text(encoding="ascii") != fingerprint(message_types)
 
@@ -63,6 +63,11 @@ def how_to_install(extra: str) -> str:
     if (ROOT / "pyproject.toml").is_file():
         return f"{_pip()} install -e '{ROOT}[{extra}]'"
     return f"{_pip()} install '.[{extra}]' in the folder of CMR's sources"
+
+
+def how_to_install_again() -> str:
+    """Return the command that installs this checkout once more."""
+    return f"{_pip()} install -e '{ROOT}'"
 
 
 def _pip() -> str:

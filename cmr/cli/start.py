@@ -14,10 +14,11 @@ def run(module: str) -> int:
     """Run `main()` of a command's module and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _end)
-    from cmr.distribution import outdated_messages
+    from cmr.distribution import how_to_install_again, outdated_messages
 
     if outdated_messages():
-        return _refuse("the messages in lcmtypes/ have changed since CMR was installed; run: pip install -e .")
+        again = how_to_install_again()
+        return _refuse(f"the messages in lcmtypes/ have changed since CMR was installed. Install it again: {again}")
     try:
         main = import_module(module).main
         from cmr.cli.command_line import guarded

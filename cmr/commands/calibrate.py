@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TextIO
 
-from cmr.bus.messages import now_utime
+from cmr.bus.messages import MICROSECONDS, now_utime
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
@@ -35,10 +35,12 @@ from cmr.msg import calibration_status_t, process_status_t
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.priority import give_way
 from cmr.recordings.recording import Recording, RecordingError, read_messages
+from cmr.recordings.signal import Signal
 
 STATUS_PERIOD = 0.25  # s
 LOOK_PERIOD = 0.4  # s; the estimates so far are updated this often, if the computer is fast enough
 FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
+LEAST_OF_DRIVE = 0.5  # share of a drive in which poses are expected
 FURTHER = 5.0  # s; a log that continues for longer after a drive may contain another one
 ANNOUNCING = 3.0  # s for which a new file is announced before the command ends; cmr-sim continues announcing it
 
@@ -168,8 +170,9 @@ def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile |
             file=_notes(options),
         )
     first, whole = calibrator.recording(), Recording.of(messages)
-    if len(whole.poses) and not len(first.poses):  # a clock that was set wrong, which the estimation sets right
-        print(f"{path}: no pose is stamped within its first drive; all of it is used.", file=_notes(options))
+    if _span(first.poses) < LEAST_OF_DRIVE * min(_span(first.wheels), _span(whole.poses)):
+        # A clock that was set wrong, which the estimation corrects.
+        print(f"{path}: few poses are stamped within its first drive; all of it is used.", file=_notes(options))
         return whole
     if calibrator.left_out > FURTHER:
         print(
@@ -178,6 +181,11 @@ def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile |
             file=_notes(options),
         )
     return first
+
+
+def _span(signal: Signal) -> float:
+    """Return the time from the first to the last sample [s]."""
+    return float(signal.utime[-1] - signal.utime[0]) / MICROSECONDS if len(signal) else 0.0
 
 
 def _notes(options: argparse.Namespace) -> TextIO:

@@ -56,8 +56,9 @@ class _Use(NamedTuple):
 class Whole:
     """The search result and the average over undetected effects; the latter None if one-step errors are useless.
 
-    It is also None where the average itself predicts worse than the paper's model; `doubts` then contain its standard
-    deviations. They are additional standard deviations of some parameters of the final model.
+    It is also None where the average itself predicts worse than the paper's model; `doubts` then contain the standard
+    deviations of an average about the fit. They are additional standard deviations of some parameters of the final
+    model.
     """
 
     extended: Extended

@@ -62,7 +62,8 @@ def _resting(predictor: Predictor) -> Mask:
     time, wheels, at = observations.wheel_time, observations.wheel, observations.gyro_time
     if len(observations.given) or len(time) < 2:
         return np.zeros(len(at), np.bool_)
-    first = np.searchsorted(time, at - BEFORE)
-    last = np.searchsorted(time, at + AFTER, side="right") - 1
-    turned = np.abs(wheels[np.maximum(last, first)] - wheels[np.minimum(first, len(time) - 1)])
+    # The readings around, so that a robot whose encoders are read seldom does not seem to stand between them.
+    first = np.maximum(np.searchsorted(time, at - BEFORE, side="right") - 1, 0)
+    last = np.minimum(np.searchsorted(time, at + AFTER), len(time) - 1)
+    turned = np.abs(wheels[last] - wheels[first])
     return np.asarray((np.max(turned, axis=1) < STANDS) & (at >= time[0] + BEFORE) & (at <= time[-1] - AFTER))

@@ -126,7 +126,8 @@ def _lag(recording: Recording, sensor: str, reference: str) -> Lag:
     moved = replace(late, time=late.time - apart)
     near, why = _compared(late, early, recording.pieces, origin, REACH, REACH_SHARE)
     far, _ = _compared(moved, early, recording.pieces, origin, FAR, FAR_SHARE)
-    if far is not None and far.alike > FAR_ALIKE and (near is None or far.most > FAR_EVIDENCE * near.most):
+    least = FAR_EVIDENCE * (near.most if near is not None else LEAST_EVIDENCE)
+    if far is not None and far.alike > FAR_ALIKE and far.most > least:
         lag = far.lag(sensor, reference)
         return replace(lag, seconds=lag.seconds + apart)
     return near.lag(sensor, reference) if near is not None else Lag.unknown(sensor, reference, why)

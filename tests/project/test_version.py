@@ -116,6 +116,7 @@ def test_commands_of_a_checkout_whose_messages_changed_ask_to_be_installed_again
     message = tmp_path / "lcmtypes" / "one_t.lcm"
     for folder in (message.parent, tmp_path / "cmr" / "msg"):
         folder.mkdir(parents=True)
+    (tmp_path / "pyproject.toml").touch()
     message.write_text("struct one_t { double x; }")
     assert outdated_messages(tmp_path), "the classes are from before fingerprints were written"
     (tmp_path / "cmr" / "msg" / FINGERPRINT).write_text(fingerprint(message.parent))

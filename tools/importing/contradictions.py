@@ -3,14 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.tools.importing.quantities import units
+from cmr.tools.importing.quantities import TURN, units
 
 AGREEING = 1.25  # times; wheel radii and ticks per turn of a data sheet are known better, units are further off
-FEWEST = 20  # readings between which a wheel was counted to turn
+STRETCH = 10  # ticks, over which angles are compared: within a reading a coarse encoder counts one, or none
+FEWEST = 20  # stretches
 CONTRADICTION = (
-    "the wheel speeds (psi_left, psi_right in {unit}) are {ratio:.3g} times what the ticks say "
+    "the wheel speeds (psi_left, psi_right in {unit}) are {ratio:.2g} times what the ticks say "
     "({ticks_per_turn:g} ticks per turn), so one of these units is wrong{remedy}"
 )
+REVERSED = "the wheel speeds (psi_left, psi_right) and the ticks have opposite signs: change `sign` of one of them"
 
 
 def speeds_against_ticks(
@@ -21,13 +23,17 @@ def speeds_against_ticks(
     `by_speed` and `by_ticks` are the angles [rad] by which a wheel turned from each reading to the next, by either,
     shape (n,). `unit` is that of the speeds in the mapping, `wheel_radius` [m] the nominal one.
     """
-    turning = (by_ticks != 0.0) & (by_speed != 0.0)
+    stretch = np.floor(np.cumsum(np.abs(by_ticks)) / (STRETCH * TURN / ticks_per_turn)).astype(np.int64)
+    turned, counted = (np.bincount(stretch, angles) for angles in (by_speed, by_ticks))
+    turning = np.abs(counted) > 0.5 * STRETCH * TURN / ticks_per_turn  # others hold a reversal
     if np.count_nonzero(turning) < FEWEST:
         return ""
     # A median: a counter that jumped, or a speed that was read late, changes nothing.
-    ratio = float(np.median(by_speed[turning] / by_ticks[turning]))
+    ratio = float(np.median(turned[turning] / counted[turning]))
     if _agree(ratio):
         return ""
+    if _agree(-ratio):
+        return REVERSED
     known = units("wheel_speed", wheel_radius=wheel_radius, full_scale=None)
     others = [other for other, gain in known.items() if _agree(ratio * gain / known[unit])]
     remedy = f"; in {others[0]} they agree: change `unit` in a copy of the mapping" if others else ""

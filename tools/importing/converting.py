@@ -34,6 +34,7 @@ Floats = NDArray[np.float64]
 
 SIDES = ("left", "right")
 COUNTED_WIDTH = "turn_rate_limit_base_width"  # parameter for the base width with which commands are converted
+A_SECOND = 1_000_000  # us
 PIECE = 4096  # rows converted to messages at a time
 STALE = "first pose of a piece, which may be older than the piece (first_of_piece: kept would use it)"
 BODY_FEEDBACK = (
@@ -108,16 +109,18 @@ def convert(mapping: Mapping, source: Source, robot_id: int, provenance: dict[st
     batches = [batch for batch in converter.batches() if len(batch.utime)]
     if not batches:
         raise ConversionError("the recording holds no usable row of any signal")
-    first, last = min(int(batch.utime[0]) for batch in batches), max(int(batch.utime[-1]) for batch in batches)
-    return Conversion([_parameters(mapping, robot_id, first, last, provenance), *batches])
+    return Conversion([_parameters(mapping, robot_id, batches, provenance), *batches])
 
 
-def _parameters(mapping: Mapping, robot_id: int, first: int, last: int, provenance: dict[str, object]) -> Batch:
+def _parameters(mapping: Mapping, robot_id: int, batches: Sequence[Batch], provenance: dict[str, object]) -> Batch:
     """Return the nominal parameters, as old as the recording, so that whatever is calibrated later is newer.
 
-    They are repeated from `first` to `last` [us] as on the bus, so that any piece of the log holds them. Where the body
-    was commanded, they say by which base width its turns became those of the wheels.
+    They are repeated as on the bus, in each second in which something was recorded, so that any piece of the log holds
+    them: a damaged stamp brings one more. Where the body was commanded, they say by which base width its turns became
+    those of the wheels.
     """
+    first = min(int(batch.utime[0]) for batch in batches)
+    seconds = np.unique(np.concatenate([(batch.utime - first) // A_SECOND for batch in batches]))
     values = dict(mapping.nominal)
     if mapping.command is not None and mapping.command.kind == DUTY and "omega" in mapping.command.signals:
         values[COUNTED_WIDTH] = values["base_width"]
@@ -125,10 +128,10 @@ def _parameters(mapping: Mapping, robot_id: int, first: int, last: int, provenan
         robot_id=robot_id,
         values={name: Value(value) for name, value in values.items()},
         provenance=provenance,
-        written=datetime.fromtimestamp(first // 1_000_000, timezone.utc),
+        written=datetime.fromtimestamp(first // A_SECOND, timezone.utc),
     ).to_yaml()
     constants: dict[str, int | str] = {"robot_id": robot_id, "sequence": first, "sha256": sha256_of(text), "yaml": text}
-    return Batch(PARAMETERS, {"utime": np.arange(first, last + 1, MICROSECONDS, dtype=np.int64)}, constants)
+    return Batch(PARAMETERS, {"utime": first + seconds * A_SECOND}, constants)
 
 
 class _Converter:

@@ -157,7 +157,7 @@ def _wheels_finding(late: Lag | None) -> Finding:
     if late is not None:
         sentence = (
             f"The wheels report {late.seconds:.3f} +- {late.std:.3f} s late beside the {late.reference}: they are "
-            f"filtered or stamped late, or the clock of the {late.reference} is behind. Their times were set right."
+            f"filtered or stamped late, or the clock of the {late.reference} is behind. Their times were corrected."
         )
     return Finding("wheels_late", int(late is not None), sentence)
 

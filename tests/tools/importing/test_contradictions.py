@@ -40,7 +40,7 @@ def mapping(unit: str) -> dict[str, Any]:
     [
         (1.0, "m/s", "20 times", "in rad/s they agree"),
         (NOMINAL["wheel_radius"], "rad/s", "0.05 times", "in m/s they agree"),
-        (60.0 / (2 * math.pi), "rad/s", "9.55 times", "in rpm they agree"),
+        (60.0 / (2 * math.pi), "rad/s", "9.6 times", "in rpm they agree"),
     ],
 )
 def test_a_wrong_unit_is_noted_with_the_one_that_agrees(
@@ -57,6 +57,21 @@ def test_a_wheel_that_no_unit_explains_is_noted_too(tmp_path: Path, capsys: pyte
     said = capsys.readouterr().out
     assert "so one of these units is wrong" in said
     assert "they agree" not in said
+
+
+def test_speeds_of_the_opposite_sign_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(tmp_path, mapping("rad/s"), recording(tmp_path, -1.0))
+    assert "opposite signs: change `sign` of one of them" in capsys.readouterr().out
+
+
+def test_coarse_encoders_that_count_less_than_a_tick_a_reading_agree(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["t,ticks,speed", *(f"{0.02 * k:.2f},{int(3.0 * 0.02 * k / (2 * math.pi) * 40)},3.0" for k in range(3000))]
+    coarse = mapping("rad/s")
+    coarse["motor_feedback"]["ticks_per_turn"] = 40
+    run(tmp_path, coarse, write_csv(tmp_path, "\n".join(lines) + "\n"))
+    assert "note:" not in capsys.readouterr().out
 
 
 def test_nothing_is_noted_where_both_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

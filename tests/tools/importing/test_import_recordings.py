@@ -255,8 +255,15 @@ def test_the_log_begins_with_the_nominal_parameters(tmp_path: Path) -> None:
 def test_the_parameters_are_repeated_each_second_so_that_any_piece_of_the_log_has_them(tmp_path: Path) -> None:
     recording = write_csv(tmp_path, "t,x,y,theta\n0,0,0,0\n2.5,1,0,0\n")
     announced = run(tmp_path, CSV_HEAD | {"pose": POSE}, recording)["PARAMETERS_0"]
-    assert [message.utime - START for message in announced] == [0, 1_000_000, 2_000_000]
+    assert [message.utime - START for message in announced] == [0, 2_000_000]
     assert len({(message.sequence, message.yaml, message.sha256) for message in announced}) == 1, "one version"
+
+
+def test_a_stamp_of_another_age_brings_one_announcement_more(tmp_path: Path) -> None:
+    century = 3_000_000_000  # s; each second of it would be 3 billion announcements
+    recording = write_csv(tmp_path, f"t,x,y,theta\n0,0,0,0\n0.5,1,0,0\n{century},2,0,0\n")
+    announced = run(tmp_path, CSV_HEAD | {"pose": POSE}, recording)["PARAMETERS_0"]
+    assert [message.utime - START for message in announced] == [0, century * 1_000_000]
 
 
 def test_a_command_of_the_body_tells_by_which_width_its_turns_are_counted(tmp_path: Path) -> None:
