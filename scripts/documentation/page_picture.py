@@ -103,7 +103,7 @@ def opened(log: Path, seconds: float, tab: str, size: tuple[int, int], room: tup
         page.get_by_role("tab", name=tab).click()
         page.wait_for_timeout(READING)
         page.get_by_role("button", name="pause", exact=True).or_(page.get_by_role("button", name="play again")).click()
-        page.get_by_label("go to").fill(f"{seconds:.1f}")
+        page.get_by_label("go to").fill(f"{seconds:.2f}")
         page.wait_for_timeout(DRAWING)
         for note in page.get_by_role("button", name="close").all():  # the note that there is no graphics card
             note.click()
