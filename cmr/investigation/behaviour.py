@@ -1,4 +1,4 @@
-"""Investigate: the robot chooses its own movements, and so finds out what its simulation gets wrong."""
+"""Investigate: choose movements that show what the robot's simulation gets wrong."""
 
 from collections.abc import Iterator
 
@@ -60,17 +60,17 @@ class Investigate(Behaviour):
         self._sensors = VirtualSensors()
 
     def hear(self, utime: int, channel: str, message: Message) -> None:
-        """Record what the robot's driver and sensors say."""
+        """Record the messages of the robot's driver and sensors."""
         if self._recorder is None:
             self._recorder = Recorder(int(channel.rpartition("_")[2]))
         self._recorder.handle(utime, channel, message)
 
     def prepare(self) -> None:
-        """Load what deciding takes: in the first turn it would take the half second after which a robot is stopped."""
+        """Load the modules for deciding: in the first cycle, that would exceed the 0.5 s until a robot is stopped."""
         rehearse()
 
     def command(self, utime: int, me: Robot, world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
-        """Return the duties of this moment."""
+        """Return the current duties."""
         if me.origin != VIRTUAL:
             return self._decide(utime, me, world, parameters)
         for channel, message in self._sensors.read(me):
@@ -98,7 +98,7 @@ class Investigate(Behaviour):
         return duties
 
     def tell(self, utime: int) -> Iterator[tuple[Stream[Message], Message]]:
-        """Yield what is left, and what is driven next and why."""
+        """Yield the remaining explanations, and the next movement with its reason."""
         for report in self._reports.due(utime) if self._reports is not None else ():
             yield INVESTIGATION_STATUS, report
 

@@ -13,7 +13,7 @@ from cmr.investigation.judging import NOTHING, Judgement, own_parameters
 
 
 def unexplained_by(judgement: Judgement) -> Unexplained:
-    """Return what remains beside all that is named, and the likeliest further effect where there is one."""
+    """Return what the named effects leave unexplained, and the likeliest further effect, if any."""
     beliefs, named = judgement.problem, judgement.named
     likeliest = () if judgement.best.name == NOTHING else (judgement.best.name,)
     problem = Problem(beliefs.predictors, beliefs.gains, beliefs.excitation)

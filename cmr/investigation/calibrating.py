@@ -38,7 +38,7 @@ def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
 
 
 def is_calibrated(estimates: Mapping[str, Estimate]) -> bool:
-    """Tell whether all parameters are known as well as a calibration is to know them."""
+    """Return whether all parameters are as certain as a calibration requires."""
     return all(2.0 * estimates[name].std <= share * abs(estimates[name].value) for name, share in GOALS.items())
 
 

@@ -114,13 +114,13 @@ def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
 
 
 def _is_one_sided(effect: Effect) -> bool:
-    """Tell whether an effect has one sign only."""
+    """Return whether an effect has one sign only."""
     switches = [parameter for parameter in effect.parameters if parameter.switches]
     return all(is_limit(parameter) or parameter.lower == parameter.neutral for parameter in switches)
 
 
 def only(known: Told, names: Sequence[str]) -> Told:
-    """Return what is known of some effects alone."""
+    """Return the information on some effects only."""
     kept, of = [*range(known.columns.free)], {}
     for name in names:
         of[name] = tuple(range(len(kept), len(kept) + len(known.columns.of[name])))
@@ -205,13 +205,13 @@ def _drawn(
 
 
 def keeps_to(floor: Floor, path: Floats, doubt: Floats | float = 0.0) -> bool:
-    """Tell whether all places (n, members, 2 or 3) of a path lie on the floor, `doubt` (n,) [m] further inside."""
+    """Return whether all places (n, members, 2 or 3) of a path lie on the floor, `doubt` (n,) [m] further inside."""
     room = floor.room(path[..., 0], path[..., 1])
     return bool(np.all(room >= np.broadcast_to(doubt, len(path))[:, None]))
 
 
 def _doubts(reckoned: Reckoned | None, path: Floats) -> Floats | float:
-    """Return how far from each place the robot may be [m], (n,); 0 where its poses are reported."""
+    """Return the possible distance of the robot from each place [m], (n,); 0 where poses are reported."""
     if reckoned is None:
         return 0.0
     return reckoned.doubts(times_of(path), path[:, 0])
@@ -251,7 +251,7 @@ def _worth(
 
 
 def _is_quiet(judgement: Judgement, known: Told) -> bool:
-    """Tell whether all that is left is to let a few effects show: nothing that matters is seen."""
+    """Return whether only a few effects have yet to show, and none that matters is suspected."""
     names = known.columns.names
     seen = [name for name in names if _evidence(judgement, name) > EVIDENT and not _is_settled(judgement, name)]
     return bool(_may_show(known)) and not seen and len(known.shown) > QUIET * len(names)
@@ -300,7 +300,7 @@ def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, F
 
 
 def _is_settled(judgement: Judgement, name: str) -> bool:
-    """Tell whether nothing is to be driven for an effect.
+    """Return whether no movement is worth driving for an effect.
 
     It is seen, at a size that does not matter; or it begins at a time and is not seen, so that it may always come.
     """

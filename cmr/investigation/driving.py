@@ -1,4 +1,4 @@
-"""Drive an investigation in time: while one movement is driven, the next one is planned from what came in so far."""
+"""Drive an investigation in real time: during each movement, the next one is planned from the data so far."""
 
 import math
 import time
@@ -28,24 +28,24 @@ Deciding = Callable[[], Decision | None]
 
 
 class Planner(Protocol):
-    """Whoever does the planning: begins, and says what came of it once it is there."""
+    """Interface of a planner: it begins a decision and returns it when it is ready."""
 
     @property
     def seconds(self) -> float:
-        """How long a decision takes here [s]: movements that are over sooner make the robot stand and wait."""
+        """Duration of a decision [s]; after a shorter movement the robot must wait."""
 
     def begin(self, deciding: Deciding) -> None:
         """Begin to decide."""
 
     def result(self) -> tuple[bool, Decision | None]:
-        """Return whether a decision is there, and the decision."""
+        """Return whether a decision is ready, and the decision."""
 
     def end(self) -> None:
-        """Let a decision that is being made come to its end: the investigation is at rest then."""
+        """Wait for a pending decision, so that the investigation is idle."""
 
 
 class AtOnce:
-    """A planner that takes no time: for time that is simulated."""
+    """A planner that takes no time, for simulated time."""
 
     seconds = 0.0
 
@@ -61,11 +61,11 @@ class AtOnce:
         return True, self._decision
 
     def end(self) -> None:
-        """Do nothing: nothing is being decided."""
+        """Do nothing: no decision is pending."""
 
 
 class InThread:
-    """A planner beside the drive; compiled code, of which it mostly consists, lets the drive go on."""
+    """A planner in a thread beside the drive; its compiled code releases the interpreter lock."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="planning")
@@ -74,7 +74,7 @@ class InThread:
 
     @property
     def seconds(self) -> float:
-        """How long a decision takes on this computer, as busy as it is [s]."""
+        """Duration of a decision on this computer at its present load [s]."""
         return SPARE * max(self._took, default=0.0)
 
     def begin(self, deciding: Deciding) -> None:
@@ -88,13 +88,13 @@ class InThread:
         return decision
 
     def result(self) -> tuple[bool, Decision | None]:
-        """Return the decision once it is there; raise what it raised."""
+        """Return the decision when it is ready; raise its exception, if any."""
         if self._future is None or not self._future.done():
             return False, None
         return True, self._future.result()
 
     def end(self) -> None:
-        """Wait for what is being decided; of decisions that have not begun there will be none."""
+        """Wait for the pending decision; no further ones are begun."""
         self._pool.shutdown(cancel_futures=True)
 
 
@@ -169,7 +169,7 @@ class Driving:
         return self._duties(utime)
 
     def end(self) -> None:
-        """Leave the investigation at rest, as it is to be told of: nothing is decided any more."""
+        """End the investigation for its report: no further decisions are made."""
         self._planner.end()
 
     def _begin(self, utime: int, place: Place) -> None:
@@ -203,7 +203,7 @@ class Driving:
             self._plan()
 
     def _rest(self, utime: int, note: str = "") -> None:
-        """Stand still for a while, and plan what comes behind it."""
+        """Stand still for a while, and plan the following movement."""
         self.note = note or self.note
         self._break_off(utime)
         pause = Movement("pause", np.zeros((math.ceil(PAUSE / PERIOD), 2)))
@@ -255,7 +255,7 @@ class Driving:
             self._drive(decision.choice.movement, utime)
 
     def _is_safe(self, place: Place) -> bool:
-        """Tell whether the robot, if it were stopped now, would stay on the floor: half of the margin is for that."""
+        """Return whether the robot, if stopped now, would stay on the floor: half of the margin is for stopping."""
         floor, place = self.investigation.floor, self._shift.of(place)
         ahead = STOPPING * place.speed
         x, y = place.x + ahead * math.cos(place.theta), place.y + ahead * math.sin(place.theta)

@@ -1,4 +1,4 @@
-"""An investigation, decision by decision: what the data so far say, which effects are named, and what to drive next."""
+"""An investigation, decision by decision: judge the data so far, name effects, and choose the next movement."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -160,7 +160,7 @@ class Investigation:
             return Decision(judgement, known, self.named, choice, over, sentence, here, self._naming.held_back)
 
     def _reckoned(self, recording: Recording) -> Reckoned:
-        """Return where the robot is by dead reckoning."""
+        """Return the place of the robot by dead reckoning."""
         radius, width = self.nominal.value("wheel_radius"), self.nominal.value("base_width")
         return reckoned(recording, self._put_down, radius, width)
 
@@ -184,7 +184,7 @@ class Investigation:
         return self._naming.doubted
 
     def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
-        """Tell whether nothing is left to be found out here: all else would have shown, or it took long enough."""
+        """Return whether the investigation is complete: all other effects would have shown, or its time is over."""
         if time - self.waited > self.longest:
             return True
         if self.doubted or self._suspected(judgement):
@@ -203,7 +203,7 @@ class Investigation:
         return replace(known, hopeless=known.hopeless | {*late})
 
     def _suspected(self, judgement: Judgement) -> bool:
-        """Tell whether an explanation is near its name, and large enough to matter."""
+        """Return whether an explanation is close to being named, and large enough to matter."""
         near = [one for one in judgement.left if one.name and one.evidence > NEAR * NAMED]
         return any(judgement.is_large(one.name, one.values) for one in near)
 

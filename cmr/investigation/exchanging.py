@@ -1,4 +1,4 @@
-"""Take names back: effects found one after the other stand only while no other set explains the data better.
+"""Withdraw names: effects found one by one are kept only while no other set explains the data better.
 
 Greedy naming takes unequal gain and unequal back-EMF for one asymmetry of torque, and slip for two latencies. So each
 effect that was found is weighed again at every decision: against the model without it, and against exchanges, in which

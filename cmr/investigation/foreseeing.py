@@ -1,4 +1,4 @@
-"""Foresee what will not show here, from how the information on each effect grew so far, and how fast it still may.
+"""Predict which effects will not show here, from the growth of the information on each so far and its largest rate.
 
 What shows by each motion grows with time, what drifts with its square or its cube. So each effect has an exponent of
 its own, p, from its squared distance s now, at t, and that at half of the time: p = log2 (s(t) / s(t/2)), 1 to 3.

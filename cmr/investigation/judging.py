@@ -51,7 +51,7 @@ class Explanation:
 
     @property
     def evidence(self) -> float:
-        """Twice the logarithm of its odds against nothing more."""
+        """Twice the logarithm of its odds against no further effect."""
         return self.drop - self.penalty
 
 
@@ -88,7 +88,7 @@ class Judgement:
         return self._by_name.get(name)
 
     def is_large(self, name: str, values: Mapping[str, float]) -> bool:
-        """Tell whether an effect with these values is large enough to matter; a limit may be too far away for that."""
+        """Return whether an effect with these values is large enough to matter; a limit may be out of reach."""
         effect, excitation = CATALOGUE[name], self.problem.excitation
         own = {parameter.name: values[parameter.name] for parameter in effect.parameters}
         limits = [parameter for parameter in effect.parameters if is_limit(parameter)]

@@ -125,7 +125,7 @@ def _count(seconds: float) -> int:
 
 
 def _drawn(random: Random, lengths: Sequence[float]) -> Movement:
-    """Draw one movement of one of these lengths [s]."""
+    """Draw one movement with one of these durations [s]."""
     time = _raster(_count(float(random.choice(lengths))))
     duty = float(np.exp(random.uniform(np.log(SMALLEST), np.log(LARGEST)))) * float(random.choice((-1.0, 1.0)))
     name = str(random.choice(list(KINDS)))

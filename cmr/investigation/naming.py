@@ -1,4 +1,4 @@
-"""Name what is sure, one effect after the other, and take back what a better set of effects does not have."""
+"""Name effects that are certain, one by one, and withdraw those that a better set of effects does not contain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

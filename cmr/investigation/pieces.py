@@ -1,4 +1,4 @@
-"""Look at pieces of recordings one after the other, each time at the one that separates best what is left.
+"""Examine pieces of recordings one by one, each time the one that best separates the remaining explanations.
 
 Of a piece that was not looked at only its inputs are known: commands, or wheel speeds where none were recorded. What
 its sensors would tell is predicted as for a movement that a robot might drive.

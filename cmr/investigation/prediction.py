@@ -1,4 +1,4 @@
-"""Foretell movements: where the robot would go by several explanations, and what each effect would make of its sensors.
+"""Predict movements: the robot's path by several explanations, and the change of its sensors by each effect.
 
 A movement begins when the one that is being driven ends, so a prediction begins now and contains the rest of that.
 Paths are free runs. For the sensors, the best explanation drives first and says what they would read; then each
@@ -238,7 +238,7 @@ def with_readings(drive: Observations, wheel: Floats, gyro: Floats, pose: Floats
 
 
 def _commands(situation: Situation, movement: Movement) -> Commands:
-    """Return what the motors get: commands under way, the rest of the movement being driven, this one, and zero."""
+    """Return the motors' commands: those under way, the rest of the current movement, this movement, and zero."""
     given, busy = situation.commands, situation.busy
     past = given.time < 0.0
     rest = ~past & (given.time < busy - 1e-9)

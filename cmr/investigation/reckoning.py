@@ -111,7 +111,7 @@ def _farthest(off: Floats) -> Floats:
 
 
 def put_down(place: tuple[float, float, float], width: float, *, with_gyro: bool) -> Reckoned:
-    """Return where a robot of this base width [m] is that somebody put down there, x, y [m], theta [rad]."""
+    """Return the place of a robot of this base width [m] that was put down at x, y [m], theta [rad]."""
     deviations = WITH_GYRO if with_gyro else BY_WHEELS
     off = np.zeros((len(deviations), 2))
     off[0, 0] = off[1, 1] = PLACED

@@ -1,4 +1,4 @@
-"""Decide once on made-up data, before a robot drives: what deciding takes is loaded then, not while it waits."""
+"""Decide once on synthetic data before a robot drives, so that code is loaded then and not while it waits."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The gyro of a robot that stands: white noise, where the past of a drive would be mistaken for what to expect.
+"""The gyro's noise at rest: it is white, whereas the noise model of motion would predict it from the past.
 
 In motion a gyro's errors follow those before: wheels slip for a while. What predicts them then takes nearly all of a
 constant error away. A robot that stands does not slip, so its gyro's errors are as they are: two seconds of rest tell
