@@ -20,7 +20,7 @@ class Stream(Generic[M_co]):
     """One kind of channel.
 
     `name` is the whole channel name, or its beginning where each robot has a channel of its own (MOTOR_COMMAND_7 for
-    robot 7). `rate_hz` is the lowest rate at which its owner publishes while in service; None means irregularly.
+    robot 7). `rate_hz` is the lowest rate at which its owner publishes while it runs; None means irregularly.
     """
 
     name: str

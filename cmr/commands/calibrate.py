@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TextIO
 
-from cmr.bus.messages import MICROSECONDS, now_utime
+from cmr.bus.messages import now_utime
 from cmr.bus.process import Process, Timer
 from cmr.bus.streams import CALIBRATION_STATUS, PARAMETERS
 from cmr.calibration.calibrate import AVERAGE, METHODS, PAPER, calibrate
@@ -185,7 +185,7 @@ def _recording(path: Path, options: argparse.Namespace, nominal: ParameterFile |
 
 def _span(signal: Signal) -> float:
     """Return the time from the first to the last sample [s]."""
-    return float(signal.utime[-1] - signal.utime[0]) / MICROSECONDS if len(signal) else 0.0
+    return float(signal.seconds[-1]) if len(signal) else 0.0
 
 
 def _notes(options: argparse.Namespace) -> TextIO:

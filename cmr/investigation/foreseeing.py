@@ -2,7 +2,7 @@
 
 What shows by each motion grows with time, what drifts with its square or its cube. So each effect has an exponent of
 its own, p, from its squared distance s now, at t, and that at half of the time: p = log2 (s(t) / s(t/2)), 1 to 3.
-Movements that are chosen for it may add faster than those so far did, by the rate r of the best one. Then, at T,
+Movements chosen for the effect may add information faster, at the rate r of the best one. Then, at time T,
 
     s(T) = s(t) + max(r, p s(t) / t) t / p ((T / t)^p - 1).
 """

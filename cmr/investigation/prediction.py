@@ -14,9 +14,10 @@ import numpy as np
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.noise import Noise, foreign_sums, sums_of_past, whiten
 from cmr.estimation.prediction import FREE, POSE_SIGNALS, Batch, Errors, Predictor
+from cmr.estimation.search.cross_validation import GYRO
 from cmr.estimation.segments import Segment
 from cmr.investigation.movements import Movement, ramped
-from cmr.investigation.resting import GYRO, NoiseWithRests, resting
+from cmr.investigation.resting import NoiseWithRests, resting
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.commands import Commands
 from cmr.model.duty_ramp import Limits

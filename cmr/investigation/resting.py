@@ -11,9 +11,9 @@ import numpy as np
 
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Batch, Errors, Predictor
+from cmr.estimation.search.cross_validation import GYRO
 from cmr.recordings.signal import Floats, Mask
 
-GYRO = "yaw_rate"
 BEFORE, AFTER = 0.25, 0.05  # s for which wheels must stand about a reading of the gyro
 STANDS = 0.02  # rad that a wheel may turn in it: a tick or two
 FEWEST = 30  # readings at rest from which their noise is known

@@ -12,9 +12,12 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.offers import Refused
 from cmr.estimation.laws.result import NO_LAW, TIE, Laws
 from cmr.estimation.laws.rivals import Rivalry, against_both, against_names, still_needed
+from cmr.estimation.laws.standing import forget
 from cmr.estimation.search.criteria import THRESHOLD
 from cmr.estimation.search.selection import Search
 from cmr.estimation.unexplained import extending
+from cmr.model.catalogue import CATALOGUE, LAWS, learn, unlearn
+from cmr.model.laws.law import Law
 
 LAW = Candidate("yaw_rate", ("abs(v)", "w"), 2)
 GAIN = 1000.0
@@ -180,3 +183,16 @@ def test_formulas_that_cannot_be_told_apart_are_a_tie_of_all_of_them(monkeypatch
 def named(effect: str) -> Any:
     """An effect that a search named."""
     return SimpleNamespace(candidate=SimpleNamespace(effect=SimpleNamespace(name=effect), drop=70.0), estimates={})
+
+
+def test_a_law_that_was_only_tried_leaves_the_catalogue_and_one_known_before_stays() -> None:
+    tried, kept = (Law(f"law_{name}", "forward_speed", (formula,)) for name, formula in (("a", "v"), ("b", "abs(w)")))
+    try:
+        learn(kept)
+        known = set(LAWS)
+        learn(tried)
+        forget((tried, kept), known)
+        assert set(LAWS) == known
+        assert kept.name in CATALOGUE
+    finally:
+        unlearn(kept.name)

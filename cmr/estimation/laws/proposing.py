@@ -30,13 +30,14 @@ from cmr.estimation.laws.rivals import (
     without_names,
 )
 from cmr.estimation.laws.searching import ANOTHER, PROMISING, Scanned, is_seen
-from cmr.estimation.laws.standing import stood
+from cmr.estimation.laws.standing import forget, stood
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.chance import chance_on_commands
 from cmr.estimation.search.selection import Search
 from cmr.estimation.segments import Segment
 from cmr.estimation.unexplained.generic import Extension, improves
+from cmr.model.catalogue import LAWS
 from cmr.model.laws.law import Law
 from cmr.model.laws.places import PLACES
 
@@ -98,9 +99,11 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
     if problem.one_step and several:  # free runs name what motors do, of which errors of the body say nothing
         # As it was recorded first: what one law explains may have looked as if commands were lost, too.
         for given in [problem] if found.problem is problem else [problem, found.problem]:
+            known = set(LAWS)
             proposal = _instead_of_names(without_names(given, found, beside), beside, both, found, held_out)
             if proposal and (given is found.problem or not _acts_by_chance(proposal)):
                 return proposal
+            forget((law.law for law in proposal.laws.found) if proposal else (), known)
     return _answered(beside, both(), found, held_out)
 
 

@@ -1,5 +1,6 @@
 """Laws that stand in the model: entries of the catalogue from then on, fitted with all else."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from cmr.estimation.gauss_newton import Fit
@@ -24,7 +25,13 @@ class Standing:
 
     def forget(self) -> None:
         """Take laws that were only tried out of the catalogue."""
-        for law in self.new:
+        forget(self.new)
+
+
+def forget(laws: Iterable[Law], known: Collection[str] = ()) -> None:
+    """Take laws that were only tried out of the catalogue, except those `known` before, by name."""
+    for law in laws:
+        if law.name not in known:
             unlearn(law.name)
 
 
