@@ -6,9 +6,10 @@ import pytest
 from cmr.estimation.gains import USUAL_ANGLE, USUAL_POSE, gains_at
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Batch, Errors, Predictor
+from cmr.estimation.search.cross_validation import GYRO
 from cmr.estimation.segments import segments_of
 from cmr.investigation.movements import PERIOD
-from cmr.investigation.resting import GYRO, NoiseWithRests, resting, with_rests
+from cmr.investigation.resting import NoiseWithRests, resting, with_rests
 from cmr.model.observer.observer import Observer
 from tests.investigation.investigated import DrivenRobot
 
