@@ -127,10 +127,10 @@ def _instead_of_names(
     `both` returns the law that stands beside them.
     """
     effects = effects_of(found)
-    if not alone.is_worth_it(effects):
+    if beside.before is None or not alone.is_worth_it(effects):
         return None
-    law = alone.offer(least=-math.inf)  # something is there, as the effects say: against them it must be better
-    if isinstance(law, Refused) or beside.before is None:
+    law = alone.offer_instead(beside.before)
+    if isinstance(law, Refused):
         return None
     rivalry = against_names(alone.data, law, beside.before, len(effects))
     if rivalry is Rivalry.BETTER and leaves_nothing(law):

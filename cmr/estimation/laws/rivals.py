@@ -34,8 +34,9 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect, SelectedEffect
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 
-# Share of what effects explain that a law alone must explain, to first order, to be fitted in their place.
-WORTH = 0.3
+# Shares of what effects explain that a law alone must explain in their place: to first order to be fitted at all, and
+# in its first fit, where it has been refined once, for the fits to go on.
+WORTH, WORTH_FITTED = 0.3, 0.5
 MANY = 3  # effects that a law makes up for: where one formula does it, that they are no less likely is no wonder
 
 
@@ -85,14 +86,21 @@ class Hypothesis:
         """The model without a law; None where laws cannot be told."""
         return self.first.before
 
-    def offer(self, promising: float = PROMISING, least: float = LEAST) -> Offer | Refused:
-        """Return the law that stands beside the model, or why there is none.
+    def offer(self, promising: float = PROMISING) -> Offer | Refused:
+        """Return the law that stands beside the model, or why there is none; it must be `promising` to first order."""
+        if isinstance(self.first, Refused):
+            return self.first
+        return offered_of(self.first, self.explained, promising)
 
-        It must be `promising` to first order, and score at `least` so much.
+    def offer_instead(self, names: Polished) -> Offer | Refused:
+        """Return the best law that may stand in place of effects, of which `names` is the fit, or why there is none.
+
+        Its score may be anything: the effects say that something is there, and it must be better than they are.
         """
         if isinstance(self.first, Refused):
             return self.first
-        return offered_of(self.first, self.explained, promising, least)
+        worth = WORTH_FITTED * (self.first.before.quality() - names.quality())
+        return offered_of(self.first, self.explained, least=-math.inf, worth=worth)
 
 
 def fitted_of(found: Search) -> list[CandidateEffect]:

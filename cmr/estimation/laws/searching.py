@@ -103,12 +103,17 @@ def scanned(data: Data, model: Linearised, selected: Sequence[str], noise: Noise
     return Scanned(data, before, rest, tuple(Further.beside(model, rest).with_local()), tuple(selected))
 
 
-def offered_of(first: Scanned, named: float, promising: float = PROMISING, least: float = LEAST) -> Offer | Refused:
-    """Return the law that stands beside a model where laws were scored, if its score is `least`; see `offered`."""
+def offered_of(
+    first: Scanned, named: float, promising: float = PROMISING, least: float = LEAST, worth: float = 0.0
+) -> Offer | Refused:
+    """Return the law that stands beside a model where laws were scored, if its score is `least`; see `offered`.
+
+    Laws of which no first fit gains `worth` are not refined.
+    """
     before = first.before
     if first.best < promising:
         return Refused("No formula explains more than chance finds among so many.", before)
-    fits = _fits(first)
+    fits = _fits(first, worth)
     if isinstance(fits, Refused):
         return replace(fits, before=before)
     found = _judged(first.data, before, fits, named, first.selected, least)
@@ -119,10 +124,10 @@ def offered_of(first: Scanned, named: float, promising: float = PROMISING, least
     return found
 
 
-def _fits(first: Scanned) -> list[Polished] | Refused:
+def _fits(first: Scanned, worth: float) -> list[Polished] | Refused:
     """Return the fits of the best laws of a scan, and of further ones found with the best law's noise.
 
-    Finally the constants of the best are refined.
+    Finally the constants of the best are refined. Where none of the first fits gains `worth`, there are no others.
     """
     data, model, rest, known = first.data, first.before.model, first.rest, first.catalogue
     promising = _promising(first.scores, known)
@@ -132,6 +137,8 @@ def _fits(first: Scanned) -> list[Polished] | Refused:
     if not fits:
         return Refused("No formula could be fitted together with the model's parameters.")
     best = min(fits, key=lambda fit: _cost(fit, data))
+    if first.before.quality() - best.quality() < worth:
+        return Refused("What formulas explain here is too little.")
     again = rest_of(model, best.noise, data.fitted)
     met = {law.key for fit in fits for law in fit.laws}
     rescored = scan(model, again, [one.candidate for one in first.scores[:RESCORED]])
