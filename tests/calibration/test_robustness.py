@@ -119,7 +119,7 @@ def test_gaps_in_all_signals_do_not_matter(clean: Recording, expected: Calibrati
     assert_same(calibrate(clean.where(lost)), expected)
 
 
-@pytest.mark.parametrize("last", [*further(15.1), 16.0])
+@pytest.mark.parametrize("last", further(15.1, 16.0))  # gaps in all signals are those of the wheels, too
 def test_gaps_in_the_wheels_do_not_matter(clean: Recording, expected: CalibrationResult, last: float) -> None:
     wheels = without(clean.wheels, between(clean.wheels, 15.0, last))
     # The driver's next speed is the average since its message before.
@@ -143,7 +143,7 @@ def test_poses_that_come_twice_or_too_late_do_not_matter(expected: CalibrationRe
     assert_same(calibrate(replace(clean, poses=gathered)), expected)
 
 
-@pytest.mark.parametrize("seconds", [-0.3, 0.05, *further(-0.05, 0.3, 1.0)])
+@pytest.mark.parametrize("seconds", [0.05, *further(-0.3, -0.05, 0.3, 1.0)])
 def test_poses_on_another_clock_do_not_matter(clean: Recording, expected: CalibrationResult, seconds: float) -> None:
     result = calibrate(replace(clean, poses=late(clean.poses, seconds)))
     assert_agree(result, expected)

@@ -100,6 +100,7 @@ def test_a_live_calibration_has_no_whole_log(capsys: pytest.CaptureFixture[str])
     assert "--whole-log needs a log" in capsys.readouterr().err
 
 
+@pytest.mark.further  # tests/recordings/test_lags.py finds such lags
 def test_poses_of_a_clock_that_is_an_hour_ahead_are_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = write_log(tmp_path / "run.lcm", later(with_rests(messy(6, "two60").recording, 4.0, 6.0), "poses", 3600.0))
     assert calibrate(["--log", str(log), "--json"]) == 0

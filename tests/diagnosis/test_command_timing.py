@@ -39,7 +39,7 @@ def test_what_happens_before_the_driver_is_no_effect_of_the_motors(chain: Chain)
     assert diagnosis.lateness
 
 
-@chains(LOSSY)
+@chains()
 def test_a_constant_delay_is_named_as_such(chain: Chain) -> None:
     diagnosis, named = diagnosed(chain, command_delay=0.04)
     assert named == {"command_delay"}
@@ -48,7 +48,7 @@ def test_a_constant_delay_is_named_as_such(chain: Chain) -> None:
     assert delay.indistinguishable_from == ()
 
 
-@pytest.mark.parametrize("rate", [pytest.param(50.0, marks=pytest.mark.further), 100.0])
+@pytest.mark.parametrize("rate", further(50.0, 100.0))
 def test_messages_lost_behind_the_driver_are_named(rate: float) -> None:
     diagnosis, named = diagnosed(Chain(driver_rate=rate), command_loss=0.05)
     assert named == {"command_loss"}

@@ -177,10 +177,9 @@ RECORDED: dict[str, tuple[str, ...]] = {"everything": (), "no_gyro": ("gyro",), 
 @pytest.mark.parametrize(
     ("recorded", "nominal"),
     [
-        *(("no_gyro", "as_it_is"), ("poses_alone", "ideal")),
-        *further(
-            ("everything", "ideal"), ("everything", "as_it_is"), ("no_gyro", "ideal"), ("poses_alone", "as_it_is")
-        ),
+        ("no_gyro", "as_it_is"),
+        *further(*(("everything", nominal) for nominal in ("ideal", "as_it_is")), ("no_gyro", "ideal")),
+        *further(*(("poses_alone", nominal) for nominal in ("ideal", "as_it_is"))),
     ],
 )
 def test_calibration_never_ends_worse_than_the_nominal_robot(recorded: str, nominal: str) -> None:
@@ -191,7 +190,7 @@ def test_calibration_never_ends_worse_than_the_nominal_robot(recorded: str, nomi
     assert not [note for note in result.notes if "earlier than they are stamped" in note]
 
 
-@pytest.mark.parametrize("seed", [24, pytest.param(26, marks=pytest.mark.further)])
+@pytest.mark.parametrize("seed", further(24, 26))
 def test_of_slow_robots_that_run_unevenly_the_truth_is_within_what_is_stated(seed: int) -> None:
     robot = SpeedRobot(response_time=0.4)
     of = estimates(diagnose(driven(robot, seed=seed)))

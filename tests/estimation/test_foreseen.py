@@ -19,6 +19,7 @@ from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.signal import Floats
 from tests.hidden_effects.hiding import hidden_recording
 from tests.hidden_effects.pieces import in_pieces
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -63,7 +64,7 @@ def test_products_are_those_of_the_traces_that_are_observed(seconds: float | Non
         assert foreseen == pytest.approx(observed, abs=ROUNDING * np.abs(observed).max()), place
 
 
-@pytest.mark.parametrize("kind", ["weak_reverse", "torque_ripple"])
+@pytest.mark.parametrize("kind", [*further("weak_reverse"), "torque_ripple"])
 def test_laws_that_are_observed_are_the_best(kind: str) -> None:
     model, rest = left(kind, None)
     chosen = Foreseen(model, rest).promising(candidates())

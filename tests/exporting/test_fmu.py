@@ -12,6 +12,7 @@ from cmr.exporting.fmu import fmu
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.velocity_controller import VelocityController
 from tests.exporting.exported_robots import COMPILER, ROBOTS, SPEEDS, driven_by_cmr, driven_in_python, robot_with
+from tests.support.lanes import further
 
 pytestmark = [
     pytest.mark.slow,
@@ -49,7 +50,7 @@ def test_an_importer_of_others_finds_nothing_wrong(tmp_path: Path) -> None:
 
 
 @needs_fmpy
-@pytest.mark.parametrize("effects", [(), *ROBOTS], ids="+".join)
+@pytest.mark.parametrize("effects", [*further(((),)), *ROBOTS], ids="+".join)
 def test_the_unit_drives_the_path_of_cmr(effects: tuple[str, ...], tmp_path: Path) -> None:
     robot = robot_with(effects)
     path = written(robot, tmp_path)

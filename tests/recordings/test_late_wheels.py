@@ -109,6 +109,7 @@ def test_wheels_that_the_driver_stamped_or_that_would_turn_before_their_commands
     assert check(stamped).wheels_late is None
 
 
+@pytest.mark.further  # of recordings of one's own: the tests before
 def test_held_out_recordings_have_the_wheels_of_those_that_are_fitted() -> None:
     hidden = hidden_recording(LATE, manoeuvre=EIGHT, seed=2)
     short = hidden.recording.between(int(hidden.recording.wheels.utime[0]), int(hidden.recording.wheels.utime[3000]))

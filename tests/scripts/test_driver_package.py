@@ -14,6 +14,7 @@ import pytest
 
 from cmr.commands.init import Answers, contents
 from tests.project.test_package import NO_NETWORK
+from tests.support.lanes import further
 from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
@@ -85,7 +86,7 @@ def run(program: str, home: Path, *arguments: str) -> "subprocess.CompletedProce
     return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
 
 
-@pytest.mark.parametrize("architecture", ["amd64", "arm64"])
+@pytest.mark.parametrize("architecture", [*further("amd64"), "arm64"])
 def test_it_holds_what_it_should_for_its_processor_and_is_small(
     architecture: str, built: Callable[[str], Built]
 ) -> None:

@@ -98,7 +98,7 @@ def test_the_generator_shares_no_code_with_the_model() -> None:
             assert all(name.startswith(allowed) for name in ours), (path.name, ours)
 
 
-@pytest.mark.parametrize("manoeuvre", SECONDS)
+@pytest.mark.parametrize("manoeuvre", [RICH, *further(*(one for one in SECONDS if one != RICH))])
 def test_the_same_case_gives_the_same_log_and_another_seed_or_run_another(tmp_path: Path, manoeuvre: str) -> None:
     cases = [{"seed": 3}, {"seed": 3}, {"seed": 4}, {"seed": 3, "run": 1}]
     logs = [
@@ -182,7 +182,7 @@ def test_what_changes_at_a_time_does_so_in_the_middle_third(effect: str) -> None
     assert SECONDS[RICH] / 3.0 < min(times) < max(times) < SECONDS[RICH] * 2.0 / 3.0
 
 
-@pytest.mark.parametrize("manoeuvre", SECONDS)
+@pytest.mark.parametrize("manoeuvre", [RICH, *further(*(one for one in SECONDS if one != RICH))])
 def test_a_patch_lies_where_the_robot_crosses_it_several_times(manoeuvre: str) -> None:
     for seed in range(3):
         hidden = hidden_recording("surface_patch", manoeuvre=manoeuvre, seed=seed)

@@ -2,16 +2,21 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import product
 
 import pytest
 
 pytest.importorskip("natnet", reason="the extra [tracker] is not installed")
 pytest.importorskip("qtm_rt", reason="the extra [tracker] is not installed")
+from tests.support.lanes import further
 from tests.support.trackers.bench import KINDS, Bench
 from tests.support.trackers.motion import Fault, faults
 
 pytestmark = pytest.mark.slow
 NAMES = [fault.name for fault in faults()]
+EACH = [
+    (name, KINDS[number % len(KINDS)]) for number, name in enumerate(NAMES)
+]  # protocols in turn: they share one watch
 RATE = 120.0  # Hz
 SECONDS = 9.0
 REPORTED = {
@@ -38,8 +43,9 @@ def fault(name: str) -> Fault:
     return next(one for one in faults() if one.name == name)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("name", "kind"), [*EACH, *further(*(pair for pair in product(NAMES, KINDS) if pair not in EACH))]
+)
 def test_no_wrong_pose_is_published_and_good_ones_come_again_within_a_second(kind: str, name: str) -> None:
     with connected(kind) as bench:
         score = bench.run(SECONDS, fault(name))

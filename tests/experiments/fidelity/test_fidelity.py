@@ -255,7 +255,7 @@ def test_a_team_that_only_the_live_command_can_end_is_refused(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGTERM, *further(signal.SIGKILL)])
 def test_a_study_that_is_stopped_leaves_nobody_behind(tmp_path: Path, number: signal.Signals) -> None:
     line_of_three(tmp_path)
     (tmp_path / "three.yaml").write_text(LINE.format(duration=600.0))
