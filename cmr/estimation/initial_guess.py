@@ -8,11 +8,13 @@ import numpy as np
 from cmr.estimation.prediction import WHEELS, Predictor, errors_of
 from cmr.model.observer.observer import RESTART, Gains, Observations
 from cmr.model.parameters import Quantity
-from cmr.recordings.signal import Floats
+from cmr.recordings.signal import Floats, Mask
 
 STANDING = 0.1  # of the fastest wheels' speed: motors at rest carry little information
 WINDOW = 0.5  # s; window over which rotations are compared
-GOOD = 0.02  # relative standard deviation at which a base width is good enough to start with
+GOOD = 0.02  # relative standard deviation at which a base width is good enough to start with,
+# and above which it counts as unknown. Drives with turns are ten times better, straight ones two times worse.
+LARGEST_DOUBT = 0.05
 LATE = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s, of poses
 RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: response rates of motors of wheeled robots
 SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
@@ -31,18 +33,25 @@ class Width(NamedTuple):
 def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> Width | None:
     """Estimate the base width from the wheels' difference and the rotation; None if the robot never turned.
 
-    If the fit is poor, poses may be late: then the latency with the best fit is used.
+    If the fit is poor, poses may be late: then the latency with the best fit is used. Poses may also be too rare to
+    follow a robot that turns fast: where they leave the base width unknown, the gyro may know it.
     """
-    width = _width(predictors, wheel_radius, 0.0)
+    width = _width(predictors, wheel_radius)
     if width is not None and width.doubt < GOOD:
         return width
     widths = [width, *(_width(predictors, wheel_radius, late) for late in LATE)]
-    return min((one for one in widths if one is not None), key=lambda one: one.doubt, default=None)
+    best = min(filter(None, widths), key=lambda one: one.doubt, default=None)
+    if best is not None and best.doubt <= LARGEST_DOUBT:
+        return best
+    by_gyro = _width(predictors, wheel_radius, by_gyro=True)
+    return min(filter(None, (best, by_gyro)), key=lambda one: one.doubt, default=None)
 
 
-def _width(predictors: Sequence[Predictor], wheel_radius: float, late: float) -> Width | None:
-    """Return the base width that fits poses delayed by `late` [s]; None if the robot never turned."""
-    turned = [_turns(predictor, late) for predictor in predictors]
+def _width(
+    predictors: Sequence[Predictor], wheel_radius: float, late: float = 0.0, *, by_gyro: bool = False
+) -> Width | None:
+    """Return the base width that fits the gyro, or poses delayed by `late` [s]; None if the robot never turned."""
+    turned = [_turns(predictor, late, by_gyro=by_gyro) for predictor in predictors]
     difference, turn, _ = (np.concatenate(column) for column in zip(*turned, strict=True))
     moving = np.abs(difference) > 1e-3
     difference, turn = difference[moving], turn[moving]
@@ -53,30 +62,45 @@ def _width(predictors: Sequence[Predictor], wheel_radius: float, late: float) ->
     return Width(wheel_radius * squares / products, float(np.sqrt(np.mean(rest**2) * squares)) / products)
 
 
-def _turns(predictor: Predictor, late: float = 0.0) -> tuple[Floats, Floats, Floats]:
+def _turns(predictor: Predictor, late: float = 0.0, *, by_gyro: bool = False) -> tuple[Floats, Floats, Floats]:
     """Return the difference of the wheel angles and the rotation of the robot in each window [rad], and its length [s].
 
-    Poses farther apart than a window, such as those at the ends of a run, delimit windows themselves. Others are
-    delayed by `late` [s]; windows in which the path restarts are skipped.
+    The rotation is that of the poses, delayed by `late` [s], or of the gyro if asked for, or if there are no poses.
+    Poses farther apart than a window, such as those at the ends of a run, delimit windows themselves. Windows in which
+    the path restarts, or the sensor is silent for as long as a window, are skipped: a robot may turn round in a gap.
     """
     observations = predictor.segment.observations
     borders = np.arange(0.0, observations.seconds, WINDOW)
-    if len(observations.pose_time) > 1 and np.median(np.diff(observations.pose_time)) > WINDOW:
-        borders, late = observations.pose_time, 0.0
-    path = np.zeros(len(borders), np.int64)
-    if len(observations.pose_time) and borders is not observations.pose_time:
-        begins = observations.pose_time[observations.pose_use == RESTART] - late
-        path = np.searchsorted(begins, borders, side="right").astype(np.int64)
+    if by_gyro or not len(observations.pose_time):
+        times, rate = observations.gyro_time, observations.gyro
+        heading = np.cumsum(rate * np.diff(times, prepend=times[:1]))
+        whole = _without_gaps(times, borders)
+    else:
+        times, heading = observations.pose_time - late, np.unwrap(observations.pose[:, 2])
+        if len(times) > 1 and np.median(np.diff(times)) > WINDOW:
+            borders = times = observations.pose_time
+            whole = np.ones(len(borders) - 1, np.bool_)
+        else:
+            begins = times[observations.pose_use == RESTART]
+            whole = _without_gaps(times, borders) & (np.diff(np.searchsorted(begins, borders, side="right")) == 0)
+    if not len(times):
+        return np.empty(0), np.empty(0), np.empty(0)
     wheels = np.zeros(len(borders))
     if len(observations.wheel_time):
         wheels = np.interp(borders, observations.wheel_time, observations.wheel[:, 1] - observations.wheel[:, 0])
-    if len(observations.pose_time):
-        heading = np.interp(borders, observations.pose_time - late, np.unwrap(observations.pose[:, 2]))
-    else:
-        spans = np.diff(observations.gyro_time, prepend=observations.gyro_time[:1])
-        heading = np.interp(borders, observations.gyro_time, np.cumsum(observations.gyro * spans))
-    whole = np.diff(path) == 0
-    return np.diff(wheels)[whole], np.diff(heading)[whole], np.diff(borders)[whole]
+    turned = np.interp(borders, times, heading)
+    return np.diff(wheels)[whole], np.diff(turned)[whole], np.diff(borders)[whole]
+
+
+def _without_gaps(times: Floats, borders: Floats) -> Mask:
+    """Return in which windows between `borders` (n,) readings at `times` (m,) are nowhere a window apart, (n - 1,)."""
+    if not len(times):
+        return np.zeros(max(len(borders) - 1, 0), np.bool_)
+    far = np.diff(times) > WINDOW
+    first, last = times[np.append(True, far)], times[np.append(far, True)]
+    stretch = np.searchsorted(first, borders, side="right") - 1
+    seen = (stretch >= 0) & (borders <= last[stretch])
+    return np.asarray(seen[1:] & seen[:-1] & (np.diff(stretch) == 0), np.bool_)
 
 
 def turn_rates(predictor: Predictor) -> Floats:

@@ -9,7 +9,7 @@ from cmr.estimation.candidates import RANDOM, SENSED, USUAL_INTERVAL, Excitation
 from cmr.estimation.checks import SHORTEST, Checked, findings_of, notes_of, refusal
 from cmr.estimation.gains import choose_gains
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.initial_guess import guess_base_width, guess_motor, turn_rates
+from cmr.estimation.initial_guess import LARGEST_DOUBT, guess_base_width, guess_motor, turn_rates
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor, errors_of, predictors
 from cmr.estimation.problem import Problem
@@ -29,11 +29,8 @@ ACTING_BY_CHANCE = tuple(parameter.name for name in (*RANDOM, *SENSED) for param
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
-# With a larger relative uncertainty the base width counts as unknown. Drives with turns are ten times better, straight
-# ones two times worse.
-LARGEST_DOUBT = 0.05
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
-HARDLY_TURNED = "The robot hardly turned: its turns determine the base width to {doubt:.0f} % only."
+FEW_TURNS = "The turns of this drive determine the base width to {doubt:.0f} % only."
 TURNS = "Record a drive with turns: figure-eights, or circles in both directions."
 WITHOUT_WIDTH = "No wheels were recorded (MOTOR_FEEDBACK_N): give base_width, nearly, by --parameters."
 WITHOUT_COMMANDS = "No commands were recorded (MOTOR_COMMAND_N), so nothing shows how the motors follow them: "
@@ -211,7 +208,7 @@ def _add_width(start: _Start, ready: Sequence[Predictor], nominal: ParameterFile
         start.values["base_width"] = width.value
         start.names = ("base_width",)
         return
-    why = HARDLY_TURNED.format(doubt=100.0 * width.doubt) if width else NEVER_TURNED
+    why = FEW_TURNS.format(doubt=100.0 * width.doubt) if width else NEVER_TURNED
     start.untold["base_width"] = why
     if nominal.has("base_width"):
         start.values["base_width"] = nominal.value("base_width")

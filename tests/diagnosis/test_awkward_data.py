@@ -189,13 +189,13 @@ def test_a_straight_drive_does_not_tell_the_base_width_and_leaves_the_nominal_on
     assert found.baseline is not None
     assert "base_width" not in found.baseline.estimates
     assert found.parameters["base_width"] == WIDTH.value
-    assert any("hardly turned" in note and "stays at the nominal" in note for note in found.notes)
+    assert any("The turns of this drive determine" in note and "stays at the nominal" in note for note in found.notes)
 
 
 def test_a_straight_drive_without_a_nominal_base_width_is_refused_with_what_to_drive() -> None:
     found = diagnose(straight(ParameterFile(0, {"wheel_radius": RADIUS})))
     assert found.verdict == BAD_DATA
-    assert "hardly turned" in found.sentence
+    assert "The turns of this drive determine" in found.sentence
     assert "figure-eight" in found.sentence
 
 
