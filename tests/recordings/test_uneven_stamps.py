@@ -64,6 +64,22 @@ def test_even_readings_get_even_stamps(pauses: bool, lost: bool) -> None:
     assert set_right["psi_left"][2:] == pytest.approx(expected, rel=1e-9)
 
 
+def test_what_was_stamped_together_with_the_wheels_was_taken_with_them() -> None:
+    """In a table each row has one stamp, for all of its columns."""
+    read = read_at(lost=True)
+    wheels = recorded(read, np.sort(read + late(len(read), 1)))
+    rows = wheels.wheels.utime
+    gyro = Signal(rows, {"yaw_rate": np.zeros(len(rows))})
+    commands = Signal(rows[::5], {"left": np.zeros(len(rows[::5])), "right": np.zeros(len(rows[::5]))})
+    of_wheels, of_commands, of_gyro = found = even_stamps(replace(wheels, gyro=gyro, commands=commands))
+    assert [one.signal for one in found] == ["wheels", "commands", "gyro"]
+    np.testing.assert_array_equal(of_gyro.utime, of_wheels.utime)
+    np.testing.assert_array_equal(of_commands.utime, of_wheels.utime[::5])
+    # Another process stamped these.
+    strangers = replace(wheels, gyro=replace(gyro, utime=rows + 1), commands=replace(commands, utime=rows[::5] + 1))
+    assert [one.signal for one in even_stamps(strangers)] == ["wheels"]
+
+
 def test_stamps_that_are_true_stay() -> None:
     read = np.sort(read_at() + late(3000, 2))
     recording = recorded(read, read)

@@ -253,9 +253,9 @@ def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
 
 
 def needed(effect: Effect) -> float:
-    """Return the drop of the sum of squares below which an effect may be chance."""
+    """Return the drop of the sum of squares below which an effect may be chance; rare effects need more."""
     chosen = OF_A_PLACE if locality(effect) == "place" else 0.0
-    return THRESHOLD + PER_PARAMETER * (len(effect.parameters) - 1) + chosen
+    return THRESHOLD + PER_PARAMETER * (len(effect.parameters) - 1) + chosen + rarity(effect.name)
 
 
 def held_out_gain(problem: Problem, before: Fit, after: Fit) -> float:

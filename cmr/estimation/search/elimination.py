@@ -4,8 +4,9 @@ For each effect k of the final model, with S the sum of squares of the model and
 
     D_k = S_k - S
 
-must pass criteria.py again beside all others. Of those that fail, the one with the least D_k is removed, and the rest
-is judged again. S_k is taken to first order where it exceeds CLEARLY times what is needed, else fitted.
+must pass criteria.py again beside all others. Of those that fail, the one with the least D_k compared with what it
+needs is removed, and the rest is judged again. S_k is taken to first order where it exceeds CLEARLY times what is
+needed, else fitted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -68,7 +69,7 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
                 del failing[number]
         if not failing:
             break
-        number = min(failing, key=lambda number: standing[number].candidate.drop)
+        number = min(failing, key=lambda n: standing[n].candidate.drop - _least(standing[n], inflation))
         worst, why = standing[number], failing[number]
         dropped.append((measured(problem, worst.before, worst.candidate, inflation, why), why))
         standing = [one for one in standing if one is not worst]

@@ -191,7 +191,7 @@ def penalty_of(leaving: Sequence[str], coming: Sequence[str], inflation: Inflati
     rare = inflation.all * (sum(map(rarity, coming)) - sum(map(rarity, leaving)))
     if further <= 0:
         return PER_FURTHER * parameters + rare
-    enough = sorted(needed(CATALOGUE[name]) * inflation.of(name) for name in coming)
+    enough = sorted((needed(CATALOGUE[name]) - rarity(name)) * inflation.of(name) for name in coming)
     return float(sum(enough[-further:])) + rare
 
 

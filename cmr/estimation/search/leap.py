@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from cmr.estimation.averaging import Averaging
-from cmr.estimation.candidates import SLIP, can_be_small, rarity, seen_later
+from cmr.estimation.candidates import SLIP, can_be_small, seen_later
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import SelectedEffect, needed
@@ -45,10 +45,7 @@ def best_leap(
 
     The set is the likeliest of the first linear problem of `about` that leads to a better model.
     """
-    penalties = {
-        effect.name: needed(effect) * inflation.of(effect.name) + inflation.all * rarity(effect.name) - BY_ITS_SIZE
-        for effect in problem.effects
-    }
+    penalties = {effect.name: needed(effect) * inflation.of(effect.name) - BY_ITS_SIZE for effect in problem.effects}
     # Parameters missing from a linear problem around another point, such as limits and places, keep their values.
     linear = frozenset(name for name, effect in CATALOGUE.items() if can_be_small(effect))
     likeliest = ((averaging.likeliest(penalties), linear) for averaging in about)

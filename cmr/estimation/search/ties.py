@@ -53,7 +53,7 @@ def decided(
 
     def unusual(one: CandidateEffect) -> tuple[float, float, int]:
         name = one.effect.name
-        return needed(one.effect) + rarity(name), unlikelihood(one.values, problem.excitation), order.index(name)
+        return needed(one.effect), unlikelihood(one.values, problem.excitation), order.index(name)
 
     return Tie(min(equals, key=unusual), tuple(alike))
 

@@ -143,7 +143,10 @@ def _pose_findings(faults: PathFaults) -> list[Finding]:
 
 
 def _stamps_finding(even: Sequence[EvenStamps]) -> Finding:
-    uneven = " and ".join(f"the {one.signal} by {1000 * one.jitter:.1f} ms" for one in even)
+    together: dict[float, list[str]] = {}
+    for one in even:
+        together.setdefault(one.jitter, []).append(one.signal)
+    uneven = " and ".join(f"the {', '.join(names)} by {1000 * jitter:.1f} ms" for jitter, names in together.items())
     return Finding(
         "uneven_stamps",
         len(even),

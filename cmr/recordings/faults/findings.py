@@ -32,7 +32,7 @@ class Findings:
     `splits` are the times [us] of the first pose after each jump of the tracker, and after each pause of the whole
     recording, where paths are split. `lags` are the offsets of the sensors' clocks, `rates` [Hz] the rates of the
     signals. `wheels_late` is the latency of wheel readings, if any; the lags then refer to corrected wheels.
-    `even_stamps` are corrected stamps of wheels and poses; all other findings are based on them.
+    `even_stamps` are corrected stamps; all other findings are based on them.
     """
 
     all: tuple[Finding, ...]

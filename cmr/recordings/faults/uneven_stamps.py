@@ -1,10 +1,11 @@
-"""Find wheels and poses that were sampled evenly but stamped unevenly, and smooth their stamps.
+"""Find signals that were sampled evenly but stamped unevenly, and smooth their stamps.
 
 Many bases sample encoders by a timer, and cameras take pictures by one, while a busy computer stamps arrivals with a
 variable delay of a few milliseconds. Speeds from such stamps are noisy, and noise in a regressor reduces its slope
 (regression dilution; W. A. Fuller, Measurement Error Models, 1987, section 1.1): a gyro seems to read too little in
 turns, wheels seem to be too small. The motion shows which stamps are true: a wheel that was read later has turned
-further. If it has not, the reading's time is interpolated from its neighbours.
+further. If it has not, the reading's time is interpolated from its neighbours. What was stamped together with the
+wheels, such as the columns of one row of a table, was taken together with them.
 """
 
 from collections.abc import Sequence
@@ -19,6 +20,8 @@ from cmr.recordings.signal import SECONDS, Floats, Signal, Times
 from cmr.recordings.wheel_angles import speeds_are_averages, wheel_angles
 
 WHEELS, POSES = "wheels", "poses"
+OTHERS = ("commands", "gyro", POSES)  # signals that may share the stamps of the wheels,
+TOGETHER = 0.9  # if at least this share of theirs do
 LEAST = 0.05  # of the interval: a smaller standard deviation of stamps does no harm
 FEWEST = 50  # readings in a stretch without a pause
 NEIGHBOURS = 25  # readings before and after; their median stamp gives the time of the one between
@@ -46,21 +49,35 @@ class EvenStamps:
             before, now = np.diff(signal.utime, prepend=0), np.diff(self.utime, prepend=0)
             before[:1] = now[:1] = 1
             fields |= {name: fields[name] * before / now for name in ("psi_left", "psi_right")}
-        even = replace(signal, utime=self.utime, fields=fields)
-        return replace(recording, wheels=even) if self.signal == WHEELS else replace(recording, poses=even)
+        return recording.with_signals({self.signal: replace(signal, utime=self.utime, fields=fields)})
 
 
 def even_stamps(recording: Recording) -> list[EvenStamps]:
     """Return corrected times of wheels and poses whose stamps are uneven although their sampling is not.
 
-    CMR's driver stamps its readings when they are taken: those may be uneven, and are true.
+    They include those of signals that share the stamps of such wheels. CMR's driver stamps its readings when they are
+    taken: those may be uneven, and are true.
     """
     wheels, poses = recording.wheels, recording.poses
-    found = []
+    of_poses = _even(recording, POSES, (poses["x"], poses["y"]))
+    found = [of_poses]
     if not recording.driven_on_the_bus:
-        found.append(_even(recording, WHEELS, wheel_angles(wheels) if len(wheels) >= FEWEST else ()))
-    found.append(_even(recording, POSES, (poses["x"], poses["y"])))
+        of_wheels = _even(recording, WHEELS, wheel_angles(wheels) if len(wheels) >= FEWEST else ())
+        others = OTHERS if of_poses is None else OTHERS[:-1]
+        together = [_together(recording, name, of_wheels) for name in others] if of_wheels else []
+        found = [of_wheels, *together, of_poses]
     return [one for one in found if one is not None]
+
+
+def _together(recording: Recording, name: str, wheels: EvenStamps) -> EvenStamps | None:
+    """Return the corrected times of a signal that has the stamps of the wheels; None if it has others."""
+    stamps, before = recording.signals[name].utime, recording.wheels.utime
+    number = np.minimum(np.searchsorted(before, stamps), len(before) - 1)
+    same = before[number] == stamps
+    if not len(stamps) or np.mean(same) < TOGETHER:
+        return None
+    utime = np.where(same, wheels.utime[number], stamps)
+    return EvenStamps(name, utime, wheels.jitter) if np.all(np.diff(utime) > 0) else None
 
 
 def _even(recording: Recording, name: str, ways: Sequence[Floats]) -> EvenStamps | None:
