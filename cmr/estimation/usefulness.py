@@ -246,11 +246,15 @@ def _of_path(gain: Gain) -> float:
 
 
 def _with_what_is_small(whole: Extended) -> Fit:
-    """Return the fit with values that include unnamed effects, as the start of an average."""
+    """Return the fit with values that include unnamed effects, as the start of an average.
+
+    Rare effects are left out: where one is small, more common ones that do the same are likelier.
+    """
     final, seen = whole.final, whole.found.seen
     if whole.term or not seen:
         return final
-    own = {parameter.name for effect in CATALOGUE.values() if can_be_small(effect) for parameter in effect.parameters}
+    usual = [effect for effect in CATALOGUE.values() if can_be_small(effect) and not effect.rarity]
+    own = {parameter.name for effect in usual for parameter in effect.parameters}
     of_seen = {name: value for name, value in seen.values.items() if name in own or name in final.names}
     values = {**final.values, **of_seen}
     return Fit(values, final.names, final.rest, final.slopes, final.noise)

@@ -24,6 +24,8 @@ from cmr.recordings.signal import Floats
 
 SMALL = 0.1  # of the usual size, at which an effect is compared with a law, too
 ALIKE = 0.985  # share of a law's own trace that one effect reproduces: they are then equivalent on this drive
+# The same of an effect that the model has: beside it, the law only says how it acts near rest, and moves its size.
+ALIKE_IN_MODEL = 0.9
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Catalogued:
     def is_of_model(self, law: Candidate) -> bool:
         """Tell whether an effect of the model does what a law does: one of both would be for nothing."""
         basis, columns = self._selected_columns
-        return bool(columns and _alike(_traces_of(self.model, law, self._rest), basis, columns))
+        return bool(columns and _alike(_traces_of(self.model, law, self._rest), basis, columns, ALIKE_IN_MODEL))
 
     @cached_property
     def _selected_columns(self) -> tuple[Floats, list[tuple[str, Floats]]]:
@@ -93,14 +95,15 @@ def _traces_of(model: Linearised, law: Candidate, rest: Rest) -> Floats:
     return traces * rest.mask[:, None]
 
 
-def _alike(traces: Floats, basis: Floats, effects: Sequence[tuple[str, Floats]]) -> str:
-    """Return the first of some effects that does what a law does whose traces are (n, k); empty if there is none.
+def _alike(traces: Floats, basis: Floats, effects: Sequence[tuple[str, Floats]], share: float = ALIKE) -> str:
+    """Return the first of some effects that does this `share` of what a law does; empty if there is none.
 
-    All is compared beyond what a `basis` (n, p) says, orthonormal, as are the columns of the effects.
+    The traces of the law are (n, k). All is compared beyond what a `basis` (n, p) says, orthonormal, as are the columns
+    of the effects.
     """
     own = _orthonormal(traces - basis @ (basis.T @ traces), traces)
     for name, columns in effects:
-        if own.shape[1] and float(np.sum((columns.T @ own) ** 2)) > ALIKE * own.shape[1]:
+        if own.shape[1] and float(np.sum((columns.T @ own) ** 2)) > share * own.shape[1]:
             return name
     return ""
 
