@@ -30,7 +30,7 @@ pytestmark = pytest.mark.waits
 BUS_URL = "udpm://239.255.76.67:7698?ttl=0&recv_buf_size=4194304"
 START = [sys.executable, "-c", "from cmr.commands import emulate; raise SystemExit(emulate())"]
 ADDRESS = 0x80
-PATIENCE = 20.0  # s; far more than anything here takes on a loaded machine
+PATIENCE = 120.0  # s; far more than anything here takes on a loaded machine that may compile, too
 
 
 class Emulator:
@@ -42,7 +42,9 @@ class Emulator:
         environment = os.environ | {"LCM_DEFAULT_URL": BUS_URL}
         self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         assert self.process.stdout is not None
-        assert select.select([self.process.stdout], [], [], PATIENCE)[0]
+        if not select.select([self.process.stdout], [], [], PATIENCE)[0]:
+            self.process.kill()
+            raise AssertionError(f"no port after {PATIENCE:.0f} s")
         self.first_line = self.process.stdout.readline().decode()
 
     def end(self, number: int = signal.SIGTERM) -> tuple[int, float, bytes]:
