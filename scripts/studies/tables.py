@@ -26,7 +26,7 @@ def report(rows: Sequence[Row]) -> str:
 
 def scores_table(found: Sequence[Score]) -> str:
     """Return a Markdown table with a row for each score."""
-    lines = ["| set | score | value | logs | to reach |", "|---|---|---|---|---|"]
+    lines = ["| set | score | value | logs | goal |", "|---|---|---|---|---|"]
     for score in found:
         value = f"{100.0 * score.value:.1f} %" if score.unit == "%" else f"{score.value:.3g} {score.unit}".strip()
         missed = " (**missed**)" if score.reached is False else ""
