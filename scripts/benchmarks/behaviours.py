@@ -75,9 +75,9 @@ class Moment:
     def decide(self) -> None:
         """Advance by a step, and decide for all robots."""
         self._utime += STEP
-        there = self._utime // LEG % 2 == 0
+        is_forward = self._utime // LEG % 2 == 0
         for place, way in ((self._robots.state.x, self._dx), (self._robots.state.y, self._dy)):
-            (np.add if there else np.subtract)(place, way, out=place)
+            (np.add if is_forward else np.subtract)(place, way, out=place)
         self._world.take(self._utime, self._robots)
         duties_of(self._team, self._utime, self._robots, self._world, self._parameters)
 

@@ -39,13 +39,13 @@ class Network:
         """Return a connection to the bus at a URL."""
         bus = SteppedLcm(self, url)
         others = self._buses.get(url, [])
-        self._buses[url] = [*(one for one in others if one() is not None), ref(bus)]
+        self._buses[url] = [*(each for each in others if each() is not None), ref(bus)]
         return bus
 
     def deliver(self, url: str, channel: str, data: bytes) -> None:
         """Deliver a message to every connection to a bus."""
-        for one in self._buses.get(url, ()):
-            bus = one()
+        for connection in self._buses.get(url, ()):
+            bus = connection()
             if bus is not None:
                 bus.arrive(channel, data)
 

@@ -57,9 +57,9 @@ def driver_files(project: Path = PROJECT) -> tuple[str, ...]:
 def _reached(starts: Iterable[str], found: Iterable[Import], sources: Mapping[str, Path]) -> set[str]:
     """Return all modules imported from `starts`, directly or indirectly, and the packages that contain them."""
     followed: dict[str, list[str]] = {}
-    for one in found:
-        if one.kind != TYPING and one.imported != PROBED and (one.importer != ENTRY or one.kind == TOP):
-            followed.setdefault(one.importer, []).append(one.imported)
+    for each in found:
+        if each.kind != TYPING and each.imported != PROBED and (each.importer != ENTRY or each.kind == TOP):
+            followed.setdefault(each.importer, []).append(each.imported)
     reached: set[str] = set()
     waiting = list(starts)
     while waiting:

@@ -24,15 +24,16 @@ def download_wheels(
     """
     found = {}
     for python in pythons:
-        there = folder / architecture / python
+        target = folder / architecture / python
         command = [*pip, "download", "--quiet", "--no-deps", "--only-binary", ":all:", "--implementation", "cp"]
-        command += ["--require-hashes", "--requirement", str(PINNED), "--python-version", python, "--dest", str(there)]
+        command += ["--require-hashes", "--requirement", str(PINNED), "--python-version", python]
+        command += ["--dest", str(target)]
         for platform in PLATFORMS:
             command += ["--platform", f"{platform}_{PROCESSORS[architecture]}"]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode:
             raise SystemExit(f"{' '.join(command)} failed:\n{result.stdout}{result.stderr}")
-        found[python] = sorted(there.glob("*.whl"))
+        found[python] = sorted(target.glob("*.whl"))
     return found
 
 

@@ -56,7 +56,7 @@ def metadata(version: str) -> str:
     fields = {"Metadata-Version": "2.4", "Name": DRIVER_NAME, "Version": version, "Summary": SUMMARY}
     lines = [f"{key}: {value}" for key, value in fields.items()]
     lines += ["License-Expression: BSD-3-Clause", "License-File: LICENSE", f"Requires-Python: {python}"]
-    return "\n".join([*lines, *(f"Requires-Dist: {one}" for one in required)]) + "\n"
+    return "\n".join([*lines, *(f"Requires-Dist: {requirement}" for requirement in required)]) + "\n"
 
 
 def _digest(content: bytes) -> str:

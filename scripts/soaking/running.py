@@ -100,17 +100,17 @@ class Soak:
 
     def _emulated_robot(self, stack: ExitStack) -> Any:
         context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe()
-        process = context.Process(target=robot.run, args=(there, self._folder, self._gyro, self._seed), daemon=True)
+        connection, other_end = context.Pipe()
+        process = context.Process(target=robot.run, args=(other_end, self._folder, self._gyro, self._seed), daemon=True)
         process.start()
-        there.close()
+        other_end.close()
         stack.callback(process.join)
         assert process.pid is not None
         self._emulator = process.pid
-        assert here.recv() == []
+        assert connection.recv() == []
         for order in plan.always():
-            here.send(order)
-        return here
+            connection.send(order)
+        return connection
 
     def _driver(self, url: str, stack: ExitStack) -> subprocess.Popen[bytes]:
         arguments = ["--port", str(self._folder / "motor"), "--gyro-port", str(self._folder / "gyro")]
