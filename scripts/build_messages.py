@@ -2,7 +2,7 @@
 
 The build (pip install, pip install -e, pip wheel) calls this through pyproject.toml. It runs
 the lcm-gen of the `lcm` wheel, which is a build requirement. The result, `cmr/msg/`, is not in git.
-lcm-gen writes no annotations: a stub beside each class says what type each field has.
+lcm-gen writes no annotations, so a stub beside each class declares the types of the fields.
 """
 
 import runpy
@@ -47,7 +47,7 @@ STUB_TAIL = """    def __init__(self) -> None: ...
 def lcm_gen() -> Path:
     """Return the path of lcm-gen.
 
-    Raises SystemExit, which ends the build with its sentence alone, when LCM lacks a library of the system.
+    Raises SystemExit, which ends the build with only its message, if LCM lacks a library of the system.
     """
     try:
         import lcm
@@ -74,7 +74,7 @@ def generate_messages(destination: Path) -> None:
         raise RuntimeError(f"lcm-gen could not generate cmr/msg from lcmtypes/: {result.stderr or result.stdout}")
     package = destination / "cmr" / "msg"
     write_stubs(package)
-    # The build imports no package of the project: where it runs, another CMR may be installed, or none.
+    # The build must not import a package of the project: another version of CMR may be installed, or none.
     distribution = runpy.run_path(str(PROJECT / "cmr" / "distribution.py"))
     fingerprint = distribution["fingerprint"](PROJECT / "lcmtypes")
     (package / distribution["FINGERPRINT"]).write_text(fingerprint, encoding="ascii")

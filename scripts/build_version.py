@@ -1,8 +1,8 @@
 """Determine the version to build: from git's tag, or from the changelog if git or tags are absent.
 
-The build calls this through pyproject.toml. A tag `v0.1.0` names version 0.1.0; 12 commits later it is
-0.1.0.post12+gab12cd34ef. In a source distribution, it is what stands there already. An archive without git has the
-newest heading of CHANGELOG.md: 0.1.0, or 0.1.0+unreleased where a heading "Unreleased" comes before it.
+The build calls this through pyproject.toml. A tag `v0.1.0` means version 0.1.0; 12 commits later, the version is
+0.1.0.post12+gab12cd34ef. A source distribution contains its version. For an archive without git, it is the newest
+heading of CHANGELOG.md: 0.1.0, or 0.1.0+unreleased if a heading "Unreleased" comes before it.
 """
 
 import re
@@ -28,7 +28,7 @@ def of_changelog(text: str) -> str:
 
 
 def _of_distribution(folder: Path) -> str:
-    """Return the version in the metadata of a source distribution; empty if this is none."""
+    """Return the version in the metadata of a source distribution; empty if the folder is none."""
     try:
         text = (folder / "PKG-INFO").read_text("utf-8")
     except OSError:

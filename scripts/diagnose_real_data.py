@@ -1,10 +1,10 @@
-"""Diagnose recordings of real robots made by others; print the table of docs/measurements/real_recordings.md.
+"""Diagnose recordings of real robots made by others.
 
 Usage: .venv/bin/python -m scripts.diagnose_real_data [--data ../shared/data] [--picture docs/pictures/real_robots.png]
 
-It takes about five minutes. The diagnosis uses one part of each recording; errors are on the other part, with the
-paper's model and with the effects named, both fitted on the first. The parts and scores are those of
-`scripts/score_real_data.py`.
+Takes about five minutes, and cannot be resumed. Prints the table of docs/measurements/real_recordings.md, and draws the
+picture. The diagnosis uses one part of each recording. Errors are on the other part, with the paper's model and with
+the named effects, both fitted on the first part. The parts and scores are those of `scripts/score_real_data.py`.
 """
 
 import argparse
@@ -31,19 +31,25 @@ from cmr.recordings.faults.late_wheels import with_wheels_in_time
 from cmr.recordings.lags import Lag
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, hold
-from scripts.score_real_data import DATA, GRASS_PIECE, MAEBOT_PIECE, Importer, rolling
-from scripts.score_real_data import _optiodom_runs as optiodom_runs
-from scripts.score_real_data import _parameters as parameters_of
-from scripts.score_real_data import _steps_of_grass as steps_of_grass
-from scripts.score_real_data import _thinned as thinned
-from scripts.score_real_data import _windows as windows_of_tile
+from scripts.score_real_data import (
+    DATA,
+    GRASS_PIECE,
+    MAEBOT_PIECE,
+    Importer,
+    optiodom_runs,
+    parameters_of,
+    rolling,
+    steps_of_grass,
+    thinned,
+    windows_of_tile,
+)
 
-SHORTEST = 1.0  # least s between a window's first and last pose
+SHORTEST = 1.0  # s between the first and last pose of a window that is used
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "real_robots.png"
 
 
 class Score(NamedTuple):
-    """An error on data left out, in `unit`, with the paper's model and with the effects named."""
+    """An error on left-out data, in `unit`, with the paper's model (`before`) and with the named effects (`after`)."""
 
     what: str
     unit: str
@@ -52,15 +58,13 @@ class Score(NamedTuple):
 
     @property
     def gone(self) -> float:
-        """Share of the error that the effects take away."""
+        """The share of the error that the effects explain."""
         return 1.0 - self.after / self.before
 
 
 @dataclass(frozen=True)
 class Case:
-    """A recording diagnosed; `found_effects` are effects named, with their sizes, `scores` the errors without and with
-    them.
-    """
+    """A diagnosed recording; `found_effects` are the named effects with their sizes, `scores` the errors."""
 
     recording: str
     diagnosis: Diagnosis
@@ -69,11 +73,11 @@ class Case:
 
     @property
     def names(self) -> list[str]:
-        """The effects named."""
+        """The names of the effects."""
         return [effect.name for effect in self.diagnosis.effects]
 
     def value(self, name: str) -> float:
-        """Return the size found of a parameter."""
+        """Return the estimate of a parameter."""
         return self.diagnosis.parameters[name]
 
     def line(self) -> str:
@@ -85,9 +89,8 @@ class Case:
 
 
 class Ends(NamedTuple):
-    """Errors at the ends of n stretches, of two models: `position` (n, 2 models, 2 axes) [m], `heading` [rad] (n, 2).
-
-    `turned` [rad] (n,) is by how much the robot turned.
+    """Errors of two models at the ends of n stretches: `position`, shape (n, 2 models, 2 axes) [m], and `heading`,
+    shape (n, 2) [rad]. `turned`, shape (n,), is the angle by which the robot turned [rad].
     """
 
     position: Floats
@@ -110,12 +113,12 @@ def unit_of(effect: str, parameter: str) -> str:
     """Return the unit of an effect's parameter, empty if it has none."""
     from cmr.model.catalogue import CATALOGUE
 
-    unit = next(one.unit for one in CATALOGUE[effect].parameters if one.name == parameter)
+    unit = next(entry.unit for entry in CATALOGUE[effect].parameters if entry.name == parameter)
     return "" if unit == "-" else unit
 
 
 def models_of(diagnosis: Diagnosis) -> tuple[Values, Values]:
-    """Return the values of the paper's model and of the one with effects; with a made-up motor if none is driven."""
+    """Return the values of the paper's model and of the model with effects, with a made-up motor if there is none."""
     assert diagnosis.baseline is not None, diagnosis.sentence
     whole = dict(diagnosis.parameters)
     given = {name: whole[name] for name in ("wheel_radius", *CONTROLLER_DEFINITIONS) if name in whole}
@@ -124,7 +127,7 @@ def models_of(diagnosis: Diagnosis) -> tuple[Values, Values]:
 
 
 def in_motors(values: Values) -> Values:
-    """Return all values of the model, with a motor in place of a velocity controller."""
+    """Return all values of the model, with a velocity controller converted to a motor."""
     own = {name: value for name, value in values.items() if name not in CONTROLLER_DEFINITIONS}
     if set(NEEDED) <= set(values):
         own |= {**motor_of(values), COUNTED_WIDTH: values.get("command_base_width", values["base_width"])}
@@ -132,9 +135,9 @@ def in_motors(values: Values) -> Values:
 
 
 def ends_of(recording: Recording, starts: Iterable[int], seconds: float, models: Sequence[Values]) -> Ends:
-    """Return the errors at the last pose of each stretch of this many `seconds` from `starts` [us].
+    """Return the errors at the last pose of each stretch, which has `seconds` and begins at one of `starts` [us].
 
-    Each is started at the measured pose; wheels that are driven run freely from the recording's beginning on.
+    Each stretch starts at the measured pose; driven wheels run freely from the beginning of the recording.
     """
     position, heading, turned = [], [], []
     begins = np.array(sorted(starts))
@@ -161,22 +164,22 @@ def ends_of(recording: Recording, starts: Iterable[int], seconds: float, models:
 
 
 def joined(parts: Sequence[Ends]) -> Ends:
-    """Return all stretches of several."""
+    """Return the stretches of all parts together."""
     return Ends(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def distance_score(what: str, ends: Ends) -> Score:
-    """Return the root mean square distance at the ends."""
+    """Return the score of the root mean square distance at the ends."""
     return Score(what, "m", *np.sqrt(np.mean(np.sum(ends.position**2, axis=2), axis=0)))
 
 
 def heading_score(what: str, ends: Ends) -> Score:
-    """Return the root mean square error of the heading at the ends."""
+    """Return the score of the root mean square heading error at the ends."""
     return Score(what, "degrees", *np.degrees(np.sqrt(np.mean(ends.heading**2, axis=0))))
 
 
 def husky_tile(importer: Importer, every: int = 1) -> tuple[Case, Ends]:
-    """Wheel speeds to pose: the first half of the commanded steps, of which one of `every` windows is used."""
+    """Diagnose wheel speeds to pose: one of `every` windows in the first half of the commanded steps."""
     recording = importer.read("husky_tile", importer.data / "husky_tile/husky_tile.csv.gz")
     rows = importer.rows("husky_tile/husky_tile.csv.gz")
     steps = dict(zip([row["window"] for row in rows], [int(row["step"]) for row in rows], strict=True))
@@ -187,18 +190,20 @@ def husky_tile(importer: Importer, every: int = 1) -> tuple[Case, Ends]:
     diagnosis = diagnose(_only(rolling(recording), fitted[::every]))
     models = models_of(diagnosis)
     scored = [in_time(window, diagnosis) for window, first in zip(rolled, first_half, strict=True) if not first]
-    ends = joined([ends_of(one, [int(one.poses.utime[0])], 2.0, models) for one in scored if len(one.poses)])
+    ends = joined(
+        [ends_of(window, [int(window.poses.utime[0])], 2.0, models) for window in scored if len(window.poses)]
+    )
     return case_of("Husky, tile", diagnosis, [distance_score("position after 2 s", ends)]), ends
 
 
 def in_time(recording: Recording, diagnosis: Diagnosis) -> Recording:
-    """Return a recording with its wheels stamped as much earlier as the diagnosis says that they are late."""
+    """Return a recording with the timestamps of the wheels corrected by the latency that the diagnosis found."""
     late = Lag("wheels", "gyro", diagnosis.parameters.get("wheel_speed_latency", 0.0), 0.0)
     return with_wheels_in_time(recording, late)
 
 
 def _only(recording: Recording, parts: Sequence[Recording]) -> Recording:
-    """Return the part of the recording within these parts."""
+    """Return the recording restricted to the times of these parts."""
     begins, ends = (np.array([part.wheels.utime[end] for part in parts]) for end in (0, -1))
     kept = {}
     for name, signal in recording.signals.items():
@@ -208,23 +213,23 @@ def _only(recording: Recording, parts: Sequence[Recording]) -> Recording:
 
 
 def husky_wet_grass(importer: Importer) -> Case:
-    """Commands to pose: the first half of the commanded steps."""
+    """Diagnose commands to pose: the first half of the commanded steps."""
     recording = importer.read("husky_wet_grass", importer.data / "husky_wet_grass/husky_wet_grass.csv.gz")
     driven = list(steps_of_grass(recording, importer.rows("husky_wet_grass/husky_wet_grass.csv.gz")))
     half = len(driven) // 2
-    spans = [(int(one.wheels.utime[0]), int(one.wheels.utime[-1])) for one in driven]
+    spans = [(int(step.wheels.utime[0]), int(step.wheels.utime[-1])) for step in driven]
     diagnosis = diagnose(recording.between(spans[0][0], spans[half - 1][1]))
     scored = recording.between(spans[half][0], spans[-1][1])
-    starts = [int(piece.poses.utime[0]) for one in driven[half:] for piece in pieces_of_path(one, GRASS_PIECE)]
+    starts = [int(piece.poses.utime[0]) for step in driven[half:] for piece in pieces_of_path(step, GRASS_PIECE)]
     ends = ends_of(scored, starts, GRASS_PIECE, models_of(diagnosis))
     scores = [heading_score("heading after 3 s", ends), distance_score("position after 3 s", ends)]
     return case_of("Husky, wet grass", diagnosis, scores)
 
 
 def mbot(importer: Importer, rest: float = math.inf) -> Case:
-    """PWM to wheel speed: all but the second half of the drive, on which it is scored.
+    """Diagnose PWM to wheel speed: everything except the second half of the drive, which is for scoring.
 
-    The robot's rest at the end, PWM still on, is used for `rest` [s].
+    Of the robot's rest at the end, with PWM still on, the first `rest` [s] are used.
     """
     recording = importer.read("mbot", importer.data / "mbot_square/drive_square.log")
     wheels = recording.wheels
@@ -236,12 +241,12 @@ def mbot(importer: Importer, rest: float = math.inf) -> Case:
     diagnosis = diagnose(recording.where(kept))
     driven = recording.between(first, last)
     errors = [wheel_speed_errors(driven, values, middle) for values in models_of(diagnosis)]
-    scores = [Score(f"{side} wheel", "m/s", *(one[side] for one in errors)) for side in ("left", "right")]
+    scores = [Score(f"{side} wheel", "m/s", *(of_model[side] for of_model in errors)) for side in ("left", "right")]
     return case_of("MBot", diagnosis, scores)
 
 
 def wheel_speed_errors(recording: Recording, values: Values, since: int) -> dict[str, float]:
-    """Return the root mean square error [m/s] of each side's speed from `since` [us] on, run freely from the start."""
+    """Return the root mean square error of each wheel's speed [m/s] after `since` [us], run freely from the start."""
     wheels, duty = recording.wheels, recording.duty
     times = np.union1d(duty.utime, wheels.utime)
     left, right = (hold(duty, side, times[:-1]) for side in ("left", "right"))
@@ -254,9 +259,9 @@ def wheel_speed_errors(recording: Recording, values: Values, since: int) -> dict
 
 
 def optiodom(importer: Importer, sessions: int | None = None) -> Case:
-    """Encoders to pose: circles and squares but for the first session of each, on which it is scored.
+    """Diagnose encoders to pose: circles and squares, except the first session of each, which is for scoring.
 
-    `sessions` limits how many of each are used.
+    `sessions` limits the number of sessions of each.
     """
     runs = optiodom_runs(importer, sessions)
     left_out = [next(key for key in runs if key[0] == kind) for kind in ("circular", "square")]
@@ -271,7 +276,7 @@ def optiodom(importer: Importer, sessions: int | None = None) -> Case:
 
 
 def path_errors(recording: Recording, models: Sequence[Values]) -> Floats:
-    """Return the root mean square distance [m] from the path, first pose given, of each model."""
+    """Return the root mean square distance of each model from the path, starting at its first pose [m]."""
     observations = segments_of(recording, [], 0)[0].observations
     first = np.zeros(1, np.int64)
     errors = free_run(observations, first, observations.pose, stacked(models)).pose
@@ -279,7 +284,7 @@ def path_errors(recording: Recording, models: Sequence[Values]) -> Floats:
 
 
 def maebot(importer: Importer) -> Case:
-    """Encoders to SLAM pose: the first half. Its gyro, whose stamps stand still, is left out."""
+    """Diagnose encoders to SLAM pose: the first half. The gyro is left out, because its timestamps do not advance."""
     recording = importer.read("maebot", importer.data / "maebot_convex/convex.log")
     recording = replace(recording, gyro=recording.gyro.between(0, 0))
     first, last = int(recording.poses.utime[0]), int(recording.poses.utime[-1])
@@ -292,7 +297,7 @@ def maebot(importer: Importer) -> Case:
 
 
 def draw(ends: Ends, path: Path) -> None:
-    """Draw the lateral error of the Husky's tracked point against the simulation, over the angle turned."""
+    """Draw the lateral error of the Husky's tracked point over the angle turned, for both models."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -309,7 +314,7 @@ def draw(ends: Ends, path: Path) -> None:
 
 
 def cases(importer: Importer, picture: Path | None) -> Iterator[Case]:
-    """Yield each case as it is done, and draw the picture if a path is given."""
+    """Yield each case when it is finished, and draw the picture if a path is given."""
     tile, ends = husky_tile(importer)
     if picture:
         draw(ends, picture)
@@ -321,16 +326,16 @@ def cases(importer: Importer, picture: Path | None) -> Iterator[Case]:
 
 
 def main() -> int:
-    """Print the table, line by line as the diagnoses come in."""
+    """Print the table, line by line; return the exit code."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--data", type=Path, default=DATA, help="folder of the recordings (default: %(default)s)")
     options.add_argument("--picture", type=Path, default=PICTURE, help="picture to write (default: %(default)s)")
     chosen = options.parse_args()
     if not chosen.data.is_dir():
-        print(f"The recordings are not here: {chosen.data}. Its README would name their sources.", file=sys.stderr)
+        print(f"There are no recordings in {chosen.data}.", file=sys.stderr)
         return 1
     with tempfile.TemporaryDirectory() as folder:
-        print("| recording | named | errors on data left out |\n|---|---|---|", flush=True)
+        print("| recording | named | errors on left-out data |\n|---|---|---|", flush=True)
         for case in cases(Importer(chosen.data, Path(folder)), chosen.picture):
             print(case.line(), flush=True)
             print(f"{case.recording}: {case.diagnosis.sentence}", file=sys.stderr)

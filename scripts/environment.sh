@@ -1,5 +1,6 @@
-# Sourced by scripts/demo and scripts/test: makes .venv and installs the package, on a bare Debian or Ubuntu with
-# python3 (3.10 or later), its venv module and git, as an ordinary user. Touches nothing outside this folder.
+# Functions for scripts/demo, scripts/test and others, which source this file: create .venv and install the package, on a
+# plain Debian or Ubuntu with python3 (3.10 or later), its venv module and git, as an ordinary user. Nothing outside this
+# folder is changed.
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 
@@ -23,7 +24,7 @@ unpack_debian() {
     done
 }
 
-# The lcm wheel uses GLib of the system, which a bare machine lacks.
+# The lcm wheel uses the system's GLib, which a plain system may lack.
 provide_glib() {
     local library
     for library in "$PWD"/.venv/debian/usr/lib/*-linux-gnu "$PWD"/.venv/debian/lib/*-linux-gnu; do
@@ -32,12 +33,12 @@ provide_glib() {
     .venv/bin/python -c 'import ctypes; ctypes.CDLL("libglib-2.0.so.0")' 2> /dev/null && return
     [ -z "${GLIB_TRIED:-}" ] || fail "LCM needs the library libglib-2.0.so.0: sudo apt-get install libglib2.0-0"
     GLIB_TRIED=1
-    echo "Fetching GLib, which LCM needs (to have it for all: sudo apt-get install libglib2.0-0) ..."
+    echo "Fetching GLib, which LCM needs (to install it for all users: sudo apt-get install libglib2.0-0) ..."
     unpack_debian libglib2.0-0 || unpack_debian libglib2.0-0t64
     provide_glib
 }
 
-# Make .venv and install the package with the extras named by $1, unless that has been done for this pyproject.toml.
+# Create .venv and install the package with the extras $1, unless that has been done for this pyproject.toml.
 provide_environment() {
     local extras="$1" stamp
     command -v python3 > /dev/null || fail "python3 is missing: sudo apt-get install python3 python3-venv"
@@ -49,16 +50,16 @@ provide_environment() {
     stamp="$(cat pyproject.toml lcmtypes/*.lcm scripts/build_*.py | sha256sum) $PWD"
     if [ "$(cat ".venv/installed$extras" 2> /dev/null)" != "$stamp" ]; then
         echo "Installing into .venv ..."
-        # Its name was "cmr" until the 25th of November 2026; left there, both would own the same commands.
+        # The package was named "cmr" until 25 November 2026; both would install the same commands.
         .venv/bin/pip uninstall --quiet --yes cmr > /dev/null 2>&1
-        # Python compiles what is imported when it is imported: to do so now with everything takes twenty seconds.
+        # Python compiles modules when they are imported; compiling everything now would take twenty seconds.
         .venv/bin/pip install --quiet --no-compile --editable ".$extras" || fail "pip could not install the package; see above"
         echo "$stamp" > ".venv/installed$extras"
     fi
 }
 
-# Make .venv/ros2 with rclpy from the package index, and with all that .venv has, unless that has been done for this
-# pyproject.toml. Fails where there are no wheels for this computer, or the index has not answered within $1 seconds.
+# Create .venv/ros2 with rclpy from the package index and everything in .venv, unless that has been done for this
+# pyproject.toml. Fails if there are no wheels for this computer, or if the installation takes more than $1 seconds.
 provide_ros2() {
     local stamp command
     stamp="$(sha256sum pyproject.toml) $PWD"

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Score the calibration on other people's recordings; print the table of docs/measurements/real_recordings.md.
+"""Measure the errors of the calibration on recordings of real robots made by others.
 
 Usage: .venv/bin/python scripts/score_real_data.py [--data ../shared/data]
 
-It takes about three minutes on two cores. The recordings come in through cmr-import's own code. Every error is of parts
-that the fit has not seen, unless it says otherwise. "Nominal" is what the maker or author of the robot says; "-" where
-nobody does. "Plain least squares" is what a fit of the same model (one gain, one lag, one base width) with soft-L1
-loss gave once on the same parts; for OptiOdom the widths its authors found, and path errors on the runs fitted.
+Takes about three minutes on two cores, and cannot be resumed. Prints the table of docs/measurements/real_recordings.md.
+The recordings are imported with the code of cmr-import. Errors are on parts that were not used for fitting, unless
+stated otherwise. "Nominal" are values of the robot's manufacturer or author, "-" if there are none. "Plain least
+squares" is the result of an earlier fit of the same model (one gain, one lag, one base width) with soft-L1 loss on the
+same parts; for OptiOdom, it is the base width that its authors found, and path errors on the fitted runs.
 """
 
 import argparse
@@ -36,15 +37,15 @@ from cmr.tools.importing.import_log import main as import_log
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 DECIMALS = {"m": 4, "m/s": 3, "rad/s": 3, "degrees": 1}
 MAEBOT_PIECE = 5.0  # s
-FITTED_PIECE = 3.0  # s; in so short a time its dead reckoning does not drift
+FITTED_PIECE = 3.0  # s; short enough that dead reckoning does not drift
 GRASS_PIECE = 3.0  # s
-WINDOW_GAP = 1_000_000  # us; between the tile's windows nothing was recorded
-POSES_THINNED = 5  # OptiOdom: every fifth pose is used in the fits, 4 of 20 a second
+WINDOW_GAP = 1_000_000  # us; larger gaps separate the windows recorded on tile
+POSE_STRIDE = 5  # OptiOdom: every fifth pose is used in the fits, 4 of 20 a second
 
 
 @dataclass(frozen=True)
 class Score:
-    """One line of the table: what was scored, in `unit`; None where there is no such figure."""
+    """One line of the table: the name and unit of an error or a parameter, and its values; None if there is none."""
 
     recording: str
     what: str
@@ -67,29 +68,29 @@ HEADER = (
 
 
 class Importer:
-    """Imports recordings of the folder `data` with cmr-import into the folder `into`, and reads them back."""
+    """Imports recordings in the folder `data` with cmr-import into the folder `into`, and reads them."""
 
     def __init__(self, data: Path, into: Path) -> None:
         self.data = data
         self._into = into
 
     def read(self, mapping: str, path: Path) -> Recording:
-        """Return the recording at `path`, imported with a shipped mapping; duties stand for commanded speeds."""
+        """Return the recording at `path`, imported with a shipped mapping; duties represent commanded speeds."""
         log = self._into / f"{mapping}_{path.name.partition('.')[0]}.lcm"
         with redirect_stdout(StringIO()):
             import_log([mapping, str(path), "--out", str(log)])
         recording = Recording.read(log)
-        assert recording.parameters is not None, "cmr-import announces the nominal parameters"
+        assert recording.parameters is not None, "cmr-import writes the nominal parameters"
         return as_duties(recording, controller_of([recording], recording.parameters))
 
     def rows(self, path: str) -> list[dict[str, str]]:
-        """Return the rows of a packed CSV below the data folder."""
+        """Return the rows of a compressed CSV file in the data folder."""
         with gzip.open(self.data / path, "rt", encoding="utf-8", newline="") as stream:
             return list(csv.DictReader(stream))
 
 
 def score_mbot(importer: Importer) -> list[Score]:
-    """PWM to wheel speed, each wheel alone: fitted until half of the time of last motion, scored from there to it."""
+    """Score PWM to wheel speed, for each wheel: fitted on the first half of the motion, scored on the second."""
     recording = importer.read("mbot", importer.data / "mbot_square/drive_square.log")
     wheels = recording.wheels
     moving = (wheels["psi_left"] != 0.0) | (wheels["psi_right"] != 0.0)
@@ -107,9 +108,9 @@ def score_mbot(importer: Importer) -> list[Score]:
 
 
 def score_maebot(importer: Importer) -> list[Score]:
-    """Encoders to SLAM pose, fitted on the first half: as one drive, as cmr-calibrate does it, and in 3 s pieces.
+    """Score encoders to SLAM pose, fitted on the first half: as one drive, like cmr-calibrate, and in pieces of 3 s.
 
-    Scored at the end of 5 s pieces of the second half, and along the whole run.
+    Errors are at the ends of 5 s pieces of the second half, and along the whole run.
     """
     recording = importer.read("maebot", importer.data / "maebot_convex/convex.log")
     first, last = int(recording.poses.utime[0]), int(recording.poses.utime[-1])
@@ -117,7 +118,7 @@ def score_maebot(importer: Importer) -> list[Score]:
     first_half = recording.between(first, middle)
     scores = []
     for fitted_on, fitted in (("one drive", [first_half]), ("3 s pieces", pieces(first_half, FITTED_PIECE))):
-        found = _parameters(calibrate(fitted).values)
+        found = parameters_of(calibrate(fitted).values)
         ends = end_errors(pieces(recording.between(middle, last), MAEBOT_PIECE), found, by_wheels=True)
         whole = path_rmse(recording, found, by_wheels=True)
         what = f"encoders to pose, first half fitted as {fitted_on}"
@@ -129,13 +130,13 @@ def score_maebot(importer: Importer) -> list[Score]:
 
 
 def score_optiodom(importer: Importer, sessions: int | None = None) -> list[Score]:
-    """Encoders to pose: base width and wheel diameter of all runs, path error with one session left out at a time.
+    """Score encoders to pose: base width and wheel diameter from all runs, and path errors of left-out sessions.
 
-    `sessions` limits how many of each kind of path are used; None takes all.
+    `sessions` limits the number of sessions of each kind of path; None uses all.
     """
-    runs = _optiodom_runs(importer, sessions)
-    thinned = {key: [_thinned(run) for run in of_session] for key, of_session in runs.items()}
-    together = _parameters(calibrate([run for of_session in thinned.values() for run in of_session]).values)
+    runs = optiodom_runs(importer, sessions)
+    fitted = {key: [thinned(run) for run in of_session] for key, of_session in runs.items()}
+    together = parameters_of(calibrate([run for of_session in fitted.values() for run in of_session]).values)
     nominal = _nominal(next(iter(runs.values()))[0])
     diameter, found_diameter = 2.0 * nominal.wheel_radius, 2.0 * together.wheel_radius
     scores = [
@@ -144,8 +145,10 @@ def score_optiodom(importer: Importer, sessions: int | None = None) -> list[Scor
     ]
     errors: dict[str, tuple[list[float], list[float]]] = {"circular": ([], []), "square": ([], [])}
     for left_out, of_session in runs.items():
-        rest = [run for key, others in thinned.items() if key != left_out for run in others]
-        for parameters, listed in zip((nominal, _parameters(calibrate(rest).values)), errors[left_out[0]], strict=True):
+        rest = [run for key, others in fitted.items() if key != left_out for run in others]
+        for parameters, listed in zip(
+            (nominal, parameters_of(calibrate(rest).values)), errors[left_out[0]], strict=True
+        ):
             listed += [path_rmse(run, parameters, by_wheels=True) for run in of_session]
     for kind, name, reference in (("circular", "circles", 0.019), ("square", "squares", 0.032)):
         of_nominal, of_found = (np.array(listed) for listed in errors[kind])
@@ -156,7 +159,7 @@ def score_optiodom(importer: Importer, sessions: int | None = None) -> list[Scor
 
 
 def score_husky_tile(importer: Importer, by_wheels: bool) -> list[Score]:
-    """Wheel speeds, or commands, to pose after each 2 s window: fitted on the first half of the commanded steps."""
+    """Score wheel speeds or commands to the pose after each 2 s window, fitted on the first half of the commands."""
     recording = importer.read("husky_tile", importer.data / "husky_tile/husky_tile.csv.gz")
     steps = [
         int(step)
@@ -164,7 +167,7 @@ def score_husky_tile(importer: Importer, by_wheels: bool) -> list[Score]:
             importer.rows("husky_tile/husky_tile.csv.gz"), key=lambda row: (row["window"], row["step"])
         )
     ]
-    windows = list(_windows(recording))
+    windows = list(windows_of_tile(recording))
     known_steps = sorted(set(steps))
     middle = known_steps[len(known_steps) // 2]
     fitted = [window for window, step in zip(windows, steps, strict=True) if step < middle]
@@ -174,7 +177,7 @@ def score_husky_tile(importer: Importer, by_wheels: bool) -> list[Score]:
     result = calibrate(fitted, recording.parameters)
     nominal, found = (
         end_errors(scored, parameters, by_wheels=by_wheels, shortest=1.0)
-        for parameters in (_nominal(recording), _parameters(result.values))
+        for parameters in (_nominal(recording), parameters_of(result.values))
     )
     what = "wheel speeds to pose" if by_wheels else "commands to pose"
     references = (0.110, 1.9) if by_wheels else (0.117, None)
@@ -182,16 +185,16 @@ def score_husky_tile(importer: Importer, by_wheels: bool) -> list[Score]:
 
 
 def score_husky_wet_grass(importer: Importer) -> list[Score]:
-    """Commands to wheel speed, and to pose after each 3 s piece: fitted on the first half of the commanded steps."""
+    """Score commands to wheel speed, and to the pose after each 3 s piece, fitted on the first half of the commands."""
     recording = importer.read("husky_wet_grass", importer.data / "husky_wet_grass/husky_wet_grass.csv.gz")
-    driven = list(_steps_of_grass(recording, importer.rows("husky_wet_grass/husky_wet_grass.csv.gz")))
+    driven = list(steps_of_grass(recording, importer.rows("husky_wet_grass/husky_wet_grass.csv.gz")))
     fitted, scored = driven[: len(driven) // 2], driven[len(driven) // 2 :]
     result = calibrate([piece for drive in fitted for piece in pieces(drive, GRASS_PIECE)], recording.parameters)
     nominal = _nominal(recording)
     motor = nominal._replace(**{name: estimate.value for name, estimate in fit_motor(fitted).items()})
     ends, found_ends = (
         end_errors([piece for drive in scored for piece in pieces(drive, GRASS_PIECE)], parameters)
-        for parameters in (nominal, _parameters(result.values))
+        for parameters in (nominal, parameters_of(result.values))
     )
     speeds, found_speeds = (
         np.concatenate([wheel_speed_errors(drive, parameters, side) for drive in scored for side in ("left", "right")])
@@ -203,20 +206,20 @@ def score_husky_wet_grass(importer: Importer) -> list[Score]:
     ]
 
 
-def _optiodom_runs(importer: Importer, sessions: int | None) -> dict[tuple[str, str], list[Recording]]:
-    """Return the runs by kind of path and session."""
+def optiodom_runs(importer: Importer, sessions: int | None) -> dict[tuple[str, str], list[Recording]]:
+    """Return the runs of OptiOdom by kind of path and session; at most `sessions` of each kind."""
     runs: dict[tuple[str, str], list[Recording]] = {}
     for kind in ("circular", "square"):
         paths = sorted((importer.data / "optiodom" / kind).glob("*.csv.gz"))
         chosen = sorted({path.name.partition("_run")[0] for path in paths})[:sessions]
         for session in chosen:
-            here = [path for path in paths if path.name.startswith(session)]
-            runs[kind, session] = [importer.read("optiodom", path) for path in here]
+            own = [path for path in paths if path.name.startswith(session)]
+            runs[kind, session] = [importer.read("optiodom", path) for path in own]
     return runs
 
 
-def _steps_of_grass(recording: Recording, rows: list[dict[str, str]]) -> Iterator[Recording]:
-    """Yield the drives of one commanded step each that the CSV marks as such and that are long enough."""
+def steps_of_grass(recording: Recording, rows: list[dict[str, str]]) -> Iterator[Recording]:
+    """Yield the part of each commanded step that the CSV file marks for calibration and that is long enough."""
     start = int(recording.wheels.utime[0]) - round(float(rows[0]["t_s"]) * 1e6)
     for (state, _step), of_step in groupby(rows, key=lambda row: (row["state"], row["step"])):
         seconds = [float(row["t_s"]) for row in of_step]
@@ -225,7 +228,7 @@ def _steps_of_grass(recording: Recording, rows: list[dict[str, str]]) -> Iterato
 
 
 def rolling(recording: Recording) -> Recording:
-    """Return the recording without what was commanded."""
+    """Return the recording without commands."""
     return replace(
         recording,
         commands=recording.commands.between(0, 0),
@@ -235,11 +238,13 @@ def rolling(recording: Recording) -> Recording:
     )
 
 
-def _thinned(run: Recording) -> Recording:
-    return run.where({"poses": np.arange(len(run.poses)) % POSES_THINNED == 0})
+def thinned(run: Recording) -> Recording:
+    """Return the recording with every fifth pose."""
+    return run.where({"poses": np.arange(len(run.poses)) % POSE_STRIDE == 0})
 
 
-def _windows(recording: Recording) -> Iterator[Recording]:
+def windows_of_tile(recording: Recording) -> Iterator[Recording]:
+    """Yield the windows recorded on tile, which are separated by gaps."""
     utime = recording.wheels.utime
     gaps = np.flatnonzero(np.diff(utime) > WINDOW_GAP)
     starts, ends = np.append(0, gaps + 1), np.append(gaps, len(utime) - 1)
@@ -248,20 +253,20 @@ def _windows(recording: Recording) -> Iterator[Recording]:
 
 
 def _nominal(recording: Recording) -> RobotParameters:
-    assert recording.parameters is not None, "cmr-import announces the nominal parameters"
+    assert recording.parameters is not None, "cmr-import writes the nominal parameters"
     nominal = as_motor(recording.parameters, controller_of([recording], recording.parameters))
-    return _parameters({name: value.value for name, value in nominal.values.items()})
+    return parameters_of({name: value.value for name, value in nominal.values.items()})
 
 
-def _parameters(values: Mapping[str, float]) -> RobotParameters:
-    """Return the parameters; where no commands were recorded, the motor does not matter and is made up."""
+def parameters_of(values: Mapping[str, float]) -> RobotParameters:
+    """Return the parameters, with a made-up motor if there is none, which then does not matter."""
     return RobotParameters.of({"k2_over_k3": 1.0, "k1": 1.0} | dict(values))
 
 
 def _score(
     recording: str, what: str, unit: str, nominal: Floats | None, found: Floats, reference: float | None
 ) -> Score:
-    """Return the line for errors with nominal and with found parameters: root mean squares, and the latter's median."""
+    """Return the line for errors with nominal and found parameters: root mean squares, and the median of the latter."""
     before = None if nominal is None else root_mean_square(nominal)
     return Score(recording, what, unit, before, root_mean_square(found), float(np.median(np.abs(found))), reference)
 
@@ -277,12 +282,12 @@ def _end_scores(
 
 
 def main() -> int:
-    """Print the table, line by line as the scores come in."""
+    """Print the table, line by line; return the exit code."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--data", type=Path, default=DATA, help="folder of the recordings (default: %(default)s)")
     data = options.parse_args().data
     if not data.is_dir():
-        print(f"The recordings are not here: {data}. Its README would name their sources.", file=sys.stderr)
+        print(f"There are no recordings in {data}.", file=sys.stderr)
         return 1
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:

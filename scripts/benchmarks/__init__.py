@@ -1,1 +1,1 @@
-"""What scripts/bench measures: each module makes some rows of its table."""
+"""The measurements of scripts/bench: each module yields some rows of its table."""

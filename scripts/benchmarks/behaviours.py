@@ -1,4 +1,4 @@
-"""Rows of the behaviours: the cost of a decision per robot, including neighbours and steering."""
+"""Rows of the behaviours: the cost of a decision per robot, including the search for neighbours and steering."""
 
 import math
 from collections.abc import Iterator
@@ -25,16 +25,16 @@ from cmr.world.view import VIRTUAL, Numbers, Robot, Robots, WorldView
 from cmr.world.world import VirtualRobot, World
 
 ROBOTS = 1_000
-AREA_OF_ONE = 4.0  # m^2 for each robot
+AREA_PER_ROBOT = 4.0  # m^2
 LONGEST = 100e-9  # s for each robot and step
 STEP = 10_000  # us
-LEG = 2_000_000  # us after which robots turn back
-ONE_BY_ONE = 200  # robots, each with a behaviour of its own written in Python
+LEG = 2_000_000  # us after which robots reverse direction
+ONE_BY_ONE = 200  # robots, each with its own behaviour in Python
 SPACING = 0.7  # m between them
 
 
 class Chase(Behaviour):
-    """An example of a user's behaviour for one robot: drive to the robot before it, and stop half a metre away."""
+    """An example of a user's behaviour for one robot: drive towards another robot, and stop half a metre away."""
 
     def __init__(self, ahead: int) -> None:
         self.ahead = ahead
@@ -52,14 +52,14 @@ class Chase(Behaviour):
 
 
 class Moment:
-    """A world of robots at random places that decide again and again, each time a step later.
+    """A world of robots at random places, whose decisions are computed step after step.
 
-    They drive to and fro, as fast as their wheels turn: robots at rest would cost less.
+    They drive to and fro at their wheel speeds; robots at rest would cost less.
     """
 
     def __init__(self, team: TeamBehaviour) -> None:
         random = np.random.default_rng(0)
-        side = np.sqrt(ROBOTS * AREA_OF_ONE) / 2.0
+        side = np.sqrt(ROBOTS * AREA_PER_ROBOT) / 2.0
         x, y = random.uniform(-side, side, (2, ROBOTS))
         theta = random.uniform(-3.0, 3.0, ROBOTS)
         psi_left, psi_right = random.uniform(0.0, 7.0, (2, ROBOTS))
@@ -75,9 +75,9 @@ class Moment:
     def decide(self) -> None:
         """Advance by a step, and decide for all robots."""
         self._utime += STEP
-        there = self._utime // LEG % 2 == 0
+        is_forward = self._utime // LEG % 2 == 0
         for place, way in ((self._robots.state.x, self._dx), (self._robots.state.y, self._dy)):
-            (np.add if there else np.subtract)(place, way, out=place)
+            (np.add if is_forward else np.subtract)(place, way, out=place)
         self._world.take(self._utime, self._robots)
         duties_of(self._team, self._utime, self._robots, self._world, self._parameters)
 
@@ -103,7 +103,7 @@ def behaviours() -> Iterator[Row]:
 
 
 def _one_by_one() -> Row:
-    """Measure a whole world, without the bus, of robots with a user's Python behaviour each."""
+    """Measure a whole world, without the bus, of robots that each have their own Python behaviour."""
     side = math.isqrt(ONE_BY_ONE - 1) + 1
     robots = [
         VirtualRobot(robot_id, Chase(robot_id - 1), 0, robot_id % side * SPACING, robot_id // side * SPACING)
@@ -116,7 +116,7 @@ def _one_by_one() -> Row:
     timing = in_turns({"world": clocked(lambda: world.advance(next(moments)))})["world"]
     share = timing.median / (STEP * 1e-6)
     return Row(
-        f"a step of a world of {ONE_BY_ONE} robots, each with a behaviour of its own in Python",
+        f"a step of a world of {ONE_BY_ONE} robots, each with its own behaviour in Python",
         seconds(timing),
         f"{share:.0%} of a core at 100 Hz",
         "100%",

@@ -19,25 +19,25 @@ from tests.support.private_bus import private_url
 
 RATE = 100.0  # Hz
 SECONDS = 10.0
-LINGER = 1.0  # s after the last message until it is lost
+LINGER = 1.0  # s after the last message was sent, after which missing messages count as lost
 # Robots, receive buffer [bytes] (None: the system's own).
 CASES = ((1_000, None), (20_000, 4_194_304))
 
 
 def world_state() -> Iterator[Row]:
-    """Measure what is lost, and how late the rest is, for each case."""
+    """Measure how many messages are lost, and the latency of the others, for each case."""
     for robots, buffer in CASES:
         url = private_url().partition("&recv_buf_size")[0] + (f"&recv_buf_size={buffer}" if buffer else "")
         sent, ages = _send_and_receive(url, robots)
         lost = sent - len(ages)
         size = f"{buffer // 1_048_576} MB" if buffer else "stock"
         work = f"WORLD_STATE of {robots:,} robots at {RATE:.0f} Hz for {SECONDS:.0f} s, {size} socket buffers"
-        late = f"median {statistics.median(ages) * 1e-3:.2f} ms" if ages else "nothing came"
-        yield Row(work, f"{lost} of {sent} lost; {late} on the way", "-", "none lost", lost == 0)
+        late = f"median {statistics.median(ages) * 1e-3:.2f} ms" if ages else "none arrived"
+        yield Row(work, f"{lost} of {sent} lost; latency: {late}", "-", "none lost", lost == 0)
 
 
 def _send_and_receive(url: str, robots: int) -> tuple[int, list[int]]:
-    """Return how many messages another process sent, and how long each that came took [us]."""
+    """Return how many messages another process sent, and the latency of each that arrived [us]."""
     bus = Bus(url)
     bus.subscribe(WORLD_STATE, every=True)
     count = int(RATE * SECONDS)
@@ -55,8 +55,8 @@ def _send_and_receive(url: str, robots: int) -> tuple[int, list[int]]:
 
 
 def send(url: str, robots: int, count: int) -> None:
-    """Send this many messages of this many robots at RATE, stamped when sent."""
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the receiver is kept on one core; the sender is elsewhere
+    """Send `count` messages of `robots` robots at RATE, with the time of sending as timestamp."""
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the receiver is pinned to one core, the sender is not
     bus = Bus(url)
     columns = np.random.default_rng(0).standard_normal((len(RobotState._fields), robots))
     world = Robots(tuple(range(robots)), (VIRTUAL,) * robots, RobotState(*columns))

@@ -18,7 +18,7 @@ class NoCompilerError(Exception):
 
 
 def build() -> Callable[[Sequence[Floats]], Callable[[], object]]:
-    """Build the kernel; return a function that makes its step from the arrays to step: state, duties, coefficients.
+    """Build the kernel; return a function that binds arrays to it and returns the step: state, duties, coefficients.
 
     Raises NoCompilerError.
     """
@@ -35,7 +35,7 @@ def build() -> Callable[[Sequence[Floats]], Callable[[], object]]:
         )
         if built.returncode:
             raise NoCompilerError(f"gcc failed: {built.stderr.strip()}")
-        function = ctypes.CDLL(str(library)).step  # stays loaded without its file
+        function = ctypes.CDLL(str(library)).step  # stays loaded after its file is deleted
     function.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * ARRAYS]
     function.restype = None
 

@@ -35,7 +35,7 @@ def drive() -> list[Segment]:
 
 
 def axes(points: int) -> tuple[Floats, Floats, Floats]:
-    """Return the axes of a grid with so many points for each of the three parameters."""
+    """Return the axes of a grid with `points` points for each of the three parameters."""
     factors = np.geomspace(1.0 / SPREAD, SPREAD, points)
     first, second, third = (getattr(TRUTH, name) * factors for name in NAMES)
     return first, second, third
@@ -67,7 +67,7 @@ def _grid_row(title: str, points: int, times: list[float], goal: float) -> Row:
 
 
 def refinement() -> Iterator[Row]:
-    """Refine from random starts within a factor of two of the truth."""
+    """Measure the refinement from random starts within a factor of two of the true parameters."""
     segments = drive()
     optimum = _refine(segments, TRUTH.values)
     random = np.random.default_rng(0)
@@ -100,6 +100,6 @@ def _refine(segments: list[Segment], start: Mapping[str, float]) -> Refined:
 
 
 def _same(found: Refined, optimum: Refined) -> bool:
-    """Return whether a refinement ended where the one from the truth ended."""
+    """Return whether a refinement reached the optimum, which is found when starting from the true parameters."""
     pairs = [(found.estimates[name], optimum.estimates[name]) for name in NAMES]
-    return all(abs(one.value - other.value) <= SAME_OPTIMUM * other.std for one, other in pairs)
+    return all(abs(estimate.value - best.value) <= SAME_OPTIMUM * best.std for estimate, best in pairs)

@@ -1,4 +1,4 @@
-"""The rows of the camera: ways to find a tag's corners, a picture with five robots, pictures without any tag."""
+"""Rows of the camera: methods to find a tag's corners, a picture with five robots, and pictures without tags."""
 
 import math
 import os
@@ -19,15 +19,17 @@ from tests.support.rendered_floor import FLOOR_TAGS, Scene
 LONGEST = 0.05  # s for a picture: 20 a second
 PICTURES = 4
 METHODS = ("SUBPIX", "CONTOUR", "APRILTAG")
-WITHOUT_TAGS = int(os.environ.get("CMR_PICTURES_WITHOUT_TAGS", "300"))  # 10,000 are specified, and take ten minutes
+WITHOUT_TAGS = int(
+    os.environ.get("CMR_PICTURES_WITHOUT_TAGS", "300")
+)  # the specification has 10,000, which take ten minutes
 
 
 def camera() -> Iterator[Row]:
-    """Measure on one core the time for a picture of 1280 x 720 with five robots and four floor tags."""
+    """Measure the time for a picture of 1280 x 720 with five robots and four floor tags, on one core."""
     cv2.setNumThreads(1)
-    room = Scene(EYE, FLOOR_TAGS, blur=0.8)
+    floor = Scene(EYE, FLOOR_TAGS, blur=0.8)
     scenes = [robots(seed) for seed in range(PICTURES)]
-    pictures = [room.picture(scene) for scene in scenes]
+    pictures = [floor.picture(scene) for scene in scenes]
     works: dict[str, Callable[[Any], Any]] = {name: _opencv(name) for name in METHODS}
     works["cmr.camera.edges"] = _ours
     timings = in_turns({name: clocked(_turns(work, pictures)) for name, work in works.items()}, repetitions=3)
@@ -48,7 +50,7 @@ def camera() -> Iterator[Row]:
 
 
 def _without_tags(watcher: Watcher) -> Row:
-    """Count robots in pictures that show none."""
+    """Count the tags that are found in pictures without tags."""
     found = sum(bool(watcher.watch(cluttered(seed, EYE.width, EYE.height))) for seed in range(WITHOUT_TAGS))
     found += sum(watcher.rejected.values())
     return Row(
@@ -83,9 +85,9 @@ def _off(found: dict[int, Any], scene: list[Any]) -> float:
 
 
 def _turns(work: Callable[[Any], Any], pictures: list[Any]) -> Callable[[], object]:
-    """Return a function that works on one picture after another."""
-    turn = iter(range(10**9))
-    return lambda: work(pictures[next(turn) % len(pictures)])
+    """Return a function that works on the pictures in turn."""
+    numbers = iter(range(10**9))
+    return lambda: work(pictures[next(numbers) % len(pictures)])
 
 
 def _milliseconds(seconds: float) -> str:

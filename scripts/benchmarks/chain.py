@@ -1,4 +1,4 @@
-"""Rows of drives in simulated time: pilot, driver, bytes, emulated devices and robot, for each set of hardware."""
+"""Rows of drives in simulated time: pilot, driver, serial line, emulated robot, for each set of hardware."""
 
 import tempfile
 import time
@@ -9,7 +9,7 @@ from pathlib import Path
 from benchmarks.report import Row
 from robot_driver.simulated.drive import SimulatedDrive
 
-HARDWARE = {  # what is driven: controller and gyro, messages of the gyro a second
+HARDWARE = {  # (controller, gyro), messages of the gyro per second
     "RoboClaw, DSP-3000": (("roboclaw", "dsp3000"), 100),
     "RoboClaw, KVH 1750": (("roboclaw", "kvh-binary"), 1000),
     "Roboteq, DSP-3000": (("roboteq", "dsp3000"), 100),
@@ -18,7 +18,7 @@ HARDWARE = {  # what is driven: controller and gyro, messages of the gyro a seco
 }
 SECONDS, WARM_UP = 20.0, 0.5  # s of simulated time
 REPETITIONS = 3
-LEAST = 10.0  # simulated seconds for each CPU second
+LEAST = 10.0  # simulated seconds per CPU second
 
 
 def chain() -> Iterator[Row]:
@@ -30,8 +30,8 @@ def chain() -> Iterator[Row]:
             drive = SimulatedDrive(controller=controller, gyro=gyro, seconds=SECONDS)
             fastest, *_, slowest = sorted(_cpu(replace(drive, seed=seed), path) for seed in range(REPETITIONS))
             yield Row(
-                f"the chain in simulated time: {name}, {rate:,} gyro messages a second",
-                f"{slowest / SECONDS * 1e3:.0f} to {fastest / SECONDS * 1e3:.0f} ms of CPU for a second",
+                f"driver and emulated robot in simulated time: {name}, {rate:,} gyro messages a second",
+                f"{slowest / SECONDS * 1e3:.0f} to {fastest / SECONDS * 1e3:.0f} ms of CPU time for a second",
                 f"{SECONDS / slowest:.1f} to {SECONDS / fastest:.1f} times as fast as real time",
                 f"{LEAST:g} times",
                 SECONDS / fastest >= LEAST,

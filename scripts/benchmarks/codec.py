@@ -1,4 +1,4 @@
-"""Rows of WORLD_STATE as bytes: CMR's encoder beside the generated class, with identical bytes."""
+"""Rows of encoding WORLD_STATE: CMR's encoder and the generated class, which produce identical bytes."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -16,7 +16,7 @@ from cmr.world.view import VIRTUAL, Numbers, Robots, world_messages
 
 ROBOTS = (1_000, 10_000)
 UNIT = 1_000  # robots that the goal is for
-LONGEST = 15e-6  # s for UNIT robots, there and back
+LONGEST = 15e-6  # s to encode and decode UNIT robots
 
 
 def codec() -> Iterator[Row]:
@@ -55,11 +55,11 @@ def _require_same(data: bytes, generated: world_state_t) -> None:
     assert data == generated.encode(), "our bytes differ from those of the generated encoder"
     ours, theirs = decode(WORLD_STATE.name, data).message, world_state_t.decode(data)
     for name in theirs.__slots__:
-        assert np.array_equal(getattr(ours, name), getattr(theirs, name)), f"{name} is decoded otherwise"
+        assert np.array_equal(getattr(ours, name), getattr(theirs, name)), f"{name} is decoded differently"
 
 
 def _generated(robots: Robots) -> world_state_t:
-    """Return a message of the generated class, all its arrays lists."""
+    """Return a message of the generated class, with lists as arrays."""
     columns = (column.tolist() for column in robots.state)
     fields = dict(zip(RobotState._fields, columns, strict=True))
     message: world_state_t = make(

@@ -22,34 +22,34 @@ WORTH_A_ROW = 0.4  # s
 
 
 def first_use() -> Iterator[Row]:
-    """Measure compilation at the first use, each time with an empty cache."""
+    """Measure compilation at the first use, always with an empty cache."""
     with tempfile.TemporaryDirectory() as cache, all_cores():
         times = command_times([sys.executable, "-m", FIRST_USE], Path(cache))
-    processor, wall = (Timing(one, one) for one in times)
-    yield Row(f"all that is compiled at the first use, on {os.cpu_count()} cores", _both(processor, wall))
+    processor, wall = (Timing(duration, duration) for duration in times)
+    yield Row(f"the whole compilation at the first use, on {os.cpu_count()} cores", _both(processor, wall))
     for part in PARTS:
         with tempfile.TemporaryDirectory() as cache:
             command = [sys.executable, "-m", "benchmarks.compiling", part]
             environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path[:2])}
             result = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        said = json.loads(result.stdout)
-        yield Row(f"{part}: {said['functions']} functions, the process as a whole", _seconds(said["process"]))
-        for name, took in said["own"]:
-            again = said["signatures"][name]
-            times_compiled = f"compiled for {again} signatures" if again > 1 else "-"
-            yield Row(f"- {name}, without what it calls", _seconds(took), times_compiled)
+        measured = json.loads(result.stdout)
+        yield Row(f"{part}: {measured['functions']} functions, whole process", _seconds(measured["process"]))
+        for name, duration in measured["own"]:
+            count = measured["signatures"][name]
+            signatures = f"compiled for {count} signatures" if count > 1 else "-"
+            yield Row(f"- {name}, without its callees", _seconds(duration), signatures)
 
 
 def _both(processor: Timing, wall: Timing) -> str:
     return f"{seconds(processor)}; wall {seconds(wall)}"
 
 
-def _seconds(took: float) -> str:
-    return f"{took:.2f} s"
+def _seconds(duration: float) -> str:
+    return f"{duration:.2f} s"
 
 
 def compiled(part: str) -> dict[str, Any]:
-    """Load a part in this process; return the CPU seconds of each function that is compiled, without its callees."""
+    """Compile a part in this process; return the CPU seconds of each compiled function, without its callees."""
     from numba.core import event as untyped
 
     event: Any = untyped  # Numba has no annotations
@@ -61,21 +61,22 @@ def compiled(part: str) -> dict[str, Any]:
         def on_start(self, _event: Any) -> None:
             running.append([time.thread_time(), 0.0])
 
-        def on_end(self, happened: Any) -> None:
+        def on_end(self, compilation: Any) -> None:
             began, of_callees = running.pop()
-            took = time.thread_time() - began
+            duration = time.thread_time() - began
             with suppress(IndexError):
-                running[-1][1] += took
-            function = happened.data["dispatcher"].py_func
+                running[-1][1] += duration
+            function = compilation.data["dispatcher"].py_func
             name = f"{function.__module__}.{function.__qualname__}"
-            own[name] += took - of_callees
+            own[name] += duration - of_callees
             signatures[name] += 1
 
     event.register("numba:compile", _Clock())
     from cmr.commands.first_use import main
 
     main([part])
-    shown = [(name, took) for name, took in sorted(own.items(), key=lambda one: -one[1]) if took >= WORTH_A_ROW]
+    longest_first = sorted(own.items(), key=lambda item: -item[1])
+    shown = [(name, duration) for name, duration in longest_first if duration >= WORTH_A_ROW]
     return {
         "functions": sum(signatures.values()),
         "process": time.process_time(),

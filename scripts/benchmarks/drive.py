@@ -1,6 +1,6 @@
 """A figure-eight drive for measurements: its exact path, a recording of it with noise, and a log.
 
-The path is computed from equations and quadrature of its own, not by the step that is measured.
+The path is computed by separate equations and quadrature, not by the step that is measured.
 """
 
 import math
@@ -32,7 +32,7 @@ POSITION_NOISE, HEADING_NOISE, GYRO_NOISE = 0.005, math.radians(0.3), 0.005  # m
 
 
 def duties(seconds: float, cruising: float = CRUISING) -> tuple[Floats, Floats]:
-    """Return the duties of both sides in steps of 10 ms: figures of eight between two rests."""
+    """Return the duties of both sides in steps of 10 ms: figure-eights between two rests."""
     time = np.arange(round(seconds * 1e6 / STEP)) * STEP * 1e-6
     turning = 0.2 * cruising * np.sin(2.0 * np.pi * (time - REST) / LAP)
     driving = (time >= REST) & (time < seconds - REST)
@@ -40,13 +40,15 @@ def duties(seconds: float, cruising: float = CRUISING) -> tuple[Floats, Floats]:
 
 
 def exact_path(left: Floats, right: Floats, parameters: RobotParameters) -> Floats:
-    """Return x, y, theta, psi_left and psi_right at the borders of all steps, shape (5, steps + 1), from rest.
+    """Return x, y, theta, psi_left and psi_right at the boundaries of all steps, shape (5, steps + 1), from rest.
 
     Speeds and headings are closed forms of the linear motor; positions are integrated by quadrature of high order.
     """
     h, rate = STEP * 1e-6, parameters.k1 * parameters.k2_over_k3
     final = np.stack([left, right]) / parameters.k1
-    off = np.zeros((2, len(left) + 1))  # distance of the wheel speeds from their final ones, at the start of each step
+    off = np.zeros(
+        (2, len(left) + 1)
+    )  # difference of the wheel speeds from their final values, at the start of each step
     psi = np.zeros((2, len(left) + 1))
     for k in range(len(left)):
         off[:, k] = psi[:, k] - final[:, k]
@@ -76,7 +78,7 @@ def recording(seconds: float, seed: int = 0) -> Recording:
     utime = EPOCH + np.arange(samples) * STEP
     radians_per_tick = 2.0 * math.pi / TICKS_PER_TURN
     turned = np.cumsum((path[3:, :-1] + path[3:, 1:]) * h / 2.0, axis=1)
-    angles = np.column_stack([np.zeros(2), turned[:, :-1]])  # at the beginning of each step, as everything else
+    angles = np.column_stack([np.zeros(2), turned[:, :-1]])  # at the beginning of each step, like all other signals
     ticks = np.floor(angles / radians_per_tick)
     psi = np.diff(ticks, prepend=0.0) * radians_per_tick / h
     yaw_rate = np.gradient(theta, h)
@@ -99,7 +101,7 @@ def recording(seconds: float, seed: int = 0) -> Recording:
 
 
 def write_log(path: Path, drive: Recording, copies: int = 1) -> None:
-    """Write the drive as an LCM event log, repeated this many times."""
+    """Write the drive as an LCM event log, repeated `copies` times."""
     log = lcm.EventLog(str(path), "w", overwrite=True)
     announcement = NOMINAL.announcement(sequence=EPOCH)
     announcement.utime = EPOCH

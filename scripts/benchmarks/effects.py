@@ -1,4 +1,4 @@
-"""Rows of the catalogue of effects: the cost of the step with all of them neutral, and with all of them on."""
+"""Rows of the catalogue of effects: the cost of the step with all effects neutral, and with all effects on."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -31,7 +31,7 @@ def effects() -> Iterator[Row]:
             "all on": clocked(with_all.advance),
         }
         timings = in_turns(works)
-        assert not np.allclose(without.states().psi_left, with_all.states().psi_left), "the effects change nothing"
+        assert not np.allclose(without.states().psi_left, with_all.states().psi_left), "the effects have no effect"
         kernel, neutral_step, all_on = timings["kernel"], timings["neutral"], timings["all on"]
         ratio = neutral_step.median / kernel.median
         yield Row(
@@ -42,7 +42,7 @@ def effects() -> Iterator[Row]:
             ratio <= LARGEST_RATIO,
         )
         yield Row(
-            f"step of {count:,} robots, all {len(OF_MOTION)} effects of the motion on",
+            f"step of {count:,} robots, all {len(OF_MOTION)} effects on the motion on",
             per_robot(all_on, count),
             f"{all_on.median / kernel.median:.1f} to the kernel without a catalogue",
             f"{LONGEST_STEP * 1e9:g} ns",

@@ -1,4 +1,4 @@
-"""Rows of laws: the cost of the step with a law in place of the equivalent effect of the catalogue."""
+"""Rows of laws: the cost of the step with a law, compared with an equivalent effect of the catalogue."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ from cmr.model.laws import Law
 
 LARGEST_RATIO = 1.2  # of a model with a law to one with the effect of the same kind
 COUNTS = (1_000, 10_000)
-# A law of each kind, with its coefficients, and the effect beside which it is measured.
+# A law of each kind, its coefficients, and the effect with which it is compared.
 PAIRS = (
     (Law("law_of_body", "forward_speed", ("v * abs(w)",)), (-0.05,), "travel_reduction"),
     (Law("law_of_wheels", "wheel_acceleration", ("psi * abs(psi)",), "both"), (-0.06,), "quadratic_drag"),
@@ -41,7 +41,7 @@ PAIRS = (
 
 
 def laws() -> Iterator[Row]:
-    """Measure the step with each law, alternating with the effect; each law is a model of its own, compiled first."""
+    """Measure the step with each law, alternating with the effect; the model with each law is compiled first."""
     for law, values, effect in PAIRS:
         learn(law)
         by_law = {**dict(zip(law.coefficients, values, strict=True)), **constants(law)}
@@ -53,7 +53,7 @@ def laws() -> Iterator[Row]:
             works = {"effect": clocked(with_effect.advance), "law": clocked(with_law.advance)}
             without.advance()
             timings = in_turns(works)
-            assert not np.allclose(without.states().x, with_law.states().x), "the law changes nothing"
+            assert not np.allclose(without.states().x, with_law.states().x), "the law has no effect"
             ratio = timings["law"].median / timings["effect"].median
             yield Row(
                 f"step of {count:,} robots with {law.name}: {law.place}, {' and '.join(law.formulas)}",
@@ -67,5 +67,5 @@ def laws() -> Iterator[Row]:
 
 
 def constants(law: Law) -> dict[str, float]:
-    """Return the constants of a law by the names of their parameters."""
+    """Return the constants of a law, by the names of their parameters."""
     return {law.parameter_of(name): value for name, value in law.constants.items()}

@@ -46,8 +46,8 @@ while True:
     states = robots.states()
     pairs_within(states.x, states.y, 2.0)
     bus.publish("WORLD_STATE", WorldState(now_utime(), ids, origins, *states).encode())
-"""  # nobody decides, meets or listens
-LONGEST_START = 180.0  # s; a compiler may have to run first
+"""  # without decisions, contacts and received messages
+LONGEST_START = 180.0  # s; the model may have to be compiled first
 
 
 def live() -> Iterator[Row]:
@@ -57,7 +57,7 @@ def live() -> Iterator[Row]:
             share, rate = _share_of_a_core(command(robots, 3.0 * WARM_UP + SECONDS, folder))
         bare, _ = _share_of_a_core([sys.executable, "-c", BARE_LOOP, str(robots), str(RATE)])
         yield Row(
-            f"cmr-sim live, {robots:,} robots that decide and move at {RATE:.0f} Hz, WORLD_STATE at {RATE:.0f} Hz",
+            f"cmr-sim live, {robots:,} robots at {RATE:.0f} Hz, WORLD_STATE at {RATE:.0f} Hz",
             f"{share:.1%} of a core; {bare:.1%} for a bare loop of step, neighbours and message",
             f"{rate:.1f} messages a second arrived",
             f"{goal:.1%}",
@@ -67,21 +67,21 @@ def live() -> Iterator[Row]:
 
 
 def _share_of_a_core(process_command: list[str]) -> tuple[float, float]:
-    """Return the share of a core for each RATE messages, and how many arrived a second.
+    """Return the share of a core that RATE messages a second take, and the number of messages that arrived a second.
 
-    On a machine that is not idle some messages are skipped; the share is per message sent.
+    A machine that is not idle skips some messages, so the share is computed per message sent.
     """
     url = private_url()
     bus = Bus(url)
     bus.subscribe(WORLD_STATE, every=True)
     environment = os.environ | {"LCM_DEFAULT_URL": url, "PYTHONPATH": str(SCRIPTS)}
     with subprocess.Popen(process_command, stderr=subprocess.DEVNULL, env=environment) as process:
-        # This process is pinned to one core, and receives there.
+        # This process is pinned to one core; the measured one may use the others.
         os.sched_setaffinity(process.pid, range(os.cpu_count() or 1))
         try:
-            _listen(bus, _first_motion(bus, process) + WARM_UP)
+            _count_messages(bus, _first_motion(bus, process) + WARM_UP)
             before, begin = processor_time(process.pid), time.monotonic()
-            messages = _listen(bus, begin + SECONDS)
+            messages = _count_messages(bus, begin + SECONDS)
             used, seconds = processor_time(process.pid) - before, time.monotonic() - begin
         finally:
             process.terminate()
@@ -89,7 +89,7 @@ def _share_of_a_core(process_command: list[str]) -> tuple[float, float]:
 
 
 def command(robots: int, seconds: float, folder: str) -> list[str]:
-    """Return the command of a simulator whose robots, on a grid, drive figure-eights for at least this long."""
+    """Return the command of cmr-sim with robots on a grid that drive figure-eights for at least `seconds`."""
     NOMINAL.save(Path(folder) / "robot_0.yaml")
     side = round(robots**0.5) + 1
     laps = math.ceil(seconds / SHORTEST_LAP)
@@ -102,16 +102,16 @@ def command(robots: int, seconds: float, folder: str) -> list[str]:
 
 
 def _first_motion(bus: Bus, process: "subprocess.Popen[bytes]") -> float:
-    """Wait until robots move; return when that was."""
+    """Wait until robots move; return the time [s of the monotonic clock]."""
     begin = time.monotonic()
-    while not any(any(world.psi_left) for one in bus.receive(0.1) if (world := one.message_of(WORLD_STATE))):
+    while not any(any(world.psi_left) for received in bus.receive(0.1) if (world := received.message_of(WORLD_STATE))):
         if process.poll() is not None or time.monotonic() > begin + LONGEST_START:
-            raise RuntimeError("cmr-sim did not get its robots to move; run it by hand to see why")
+            raise RuntimeError("the robots of cmr-sim do not move; run it by hand to see why")
     return time.monotonic()
 
 
-def _listen(bus: Bus, until: float) -> int:
-    """Receive messages until this time; return their number."""
+def _count_messages(bus: Bus, until: float) -> int:
+    """Receive messages until a time; return their number."""
     count = 0
     while (remaining := until - time.monotonic()) > 0.0:
         count += len(bus.receive(min(remaining, 0.1)))

@@ -1,4 +1,4 @@
-"""The rows of the log tools: memory and time of each, for a log of ten minutes in a laboratory."""
+"""Rows of the log tools: CPU time and memory of each, for a log of ten minutes in a laboratory."""
 
 import os
 import subprocess
@@ -11,7 +11,7 @@ from benchmarks import long_log
 from benchmarks.report import Row
 
 MINUTES = 10
-LONGER = 4  # times the length, for the second log, which shows whether memory grows
+LONGER = 4  # length of a second log, in lengths of the first; it shows whether memory grows
 TOOLS = {  # arguments of each tool; {log} and {out} are filled in
     "cmr-log info": "{log}",
     "cmr-log cut": "{log} --start 30 --out {out}.lcm",
@@ -22,7 +22,7 @@ TOOLS = {  # arguments of each tool; {log} and {out} are filled in
     "cmr-plot": "{log} GYRO_0.yaw_rate MOTOR_FEEDBACK_0.psi_left --out {out}.png",
     "cmr-replay": "{log} --speed max --lcm-url udpm://239.255.76.67:7691?ttl=0",
 }
-GROWN = ("cmr-log info", "cmr-log cut", "cmr-replay")  # tried with the longer log, too
+GROWTH_MEASURED = ("cmr-log info", "cmr-log cut", "cmr-replay")  # measured with the longer log, too
 
 
 def log_tools() -> Iterator[Row]:
@@ -33,12 +33,12 @@ def log_tools() -> Iterator[Row]:
         long_log.write(longer, 60 * MINUTES * LONGER)
         size = log.stat().st_size / 1e6
         for tool in TOOLS:
-            processor, memory = _spent(tool, log)
-            grown = f"{_spent(tool, longer)[1] / memory:.2f} times the memory" if tool in GROWN else "-"
-            yield Row(f"{tool}, {MINUTES} minutes, {size:.0f} MB", f"{processor:.1f} s, {memory:.0f} MB", grown)
+            seconds, memory = _cost(tool, log)
+            growth = f"{_cost(tool, longer)[1] / memory:.2f} times the memory" if tool in GROWTH_MEASURED else "-"
+            yield Row(f"{tool}, {MINUTES} minutes, {size:.0f} MB", f"{seconds:.1f} s, {memory:.0f} MB", growth)
 
 
-def _spent(tool: str, log: Path) -> tuple[float, float]:
+def _cost(tool: str, log: Path) -> tuple[float, float]:
     """Return the CPU time [s] and the largest memory [MB] of a tool. Raises RuntimeError if it failed."""
     name, *subcommand = tool.split()
     with tempfile.TemporaryDirectory(dir=log.parent) as folder:

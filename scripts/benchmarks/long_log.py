@@ -1,4 +1,4 @@
-"""A log like an hour in a laboratory: ten robots with twins, 20 virtual ones, range scans, a camera, calibrations."""
+"""A log as of an hour in a laboratory: ten robots with twins, 20 virtual ones, range scans, a camera, calibrations."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +13,13 @@ from cmr.recordings.events import HEADER, SYNC
 
 BEGIN = 1_700_000_000_000_000  # us
 STEP = 10_000  # us
-STEPS = 100  # of a second
+STEPS = 100  # per second
 ROBOTS, VIRTUAL = 10, 20
 PICTURE = 20_000  # bytes
 CALIBRATION_LASTS = 120  # s
-CALIBRATION_EVERY = 300  # s; another robot is calibrated
-UTIME = slice(8, 16)  # of a message
-OF_EACH_ROBOT = {  # steps from message to message
+CALIBRATION_EVERY = 300  # s after which the next robot is calibrated
+UTIME = slice(8, 16)  # bytes of the timestamp in a message
+OF_EACH_ROBOT = {  # steps between messages, type
     "MOTOR_FEEDBACK": (1, msg.motor_feedback_t),
     "GYRO": (1, msg.gyro_t),
     "MOTOR_COMMAND": (2, msg.motor_command_t),
@@ -32,7 +32,7 @@ TEXTS = {"sha256": "ab" * 32, "yaml": "k1: 0.05\n" * 50, "ranges": np.linspace(0
 
 
 def write(path: Path, seconds: int) -> None:
-    """Write a log of this duration; an hour of it has 2.6 GB. Raises OSError."""
+    """Write a log of this duration; an hour has 2.6 GB. Raises OSError."""
     templates = [(channel, every, _template(kind, robot)) for channel, every, kind, robot in _channels()]
     ids = np.array([*range(ROBOTS), *range(ROBOTS), *range(100, 100 + VIRTUAL)])
     origins = np.repeat([0, 2, 1], [ROBOTS, ROBOTS, VIRTUAL])
@@ -58,7 +58,7 @@ def _channels() -> Iterator[tuple[bytes, int, Any, int]]:
 
 
 def _template(kind: Any, robot: int) -> bytearray:
-    """Return a message's bytes, with zeros and the values of robots that have nothing to report."""
+    """Return the bytes of a message with zeros, and with the strings and arrays of TEXTS."""
     message = kind()
     values = {name: TEXTS.get(name, 0) for name in message.__slots__ if name != "n"}
     return bytearray(make(kind, **{**values, "robot_id": robot}).encode())
@@ -90,12 +90,12 @@ def _status(process: str, utime: int) -> Any:
 
 
 def _calibration(second: int, utime: int) -> Iterator[tuple[str, Any]]:
-    """Yield the messages of the calibrations: the robots drive one after the other; the rest are waiting or done."""
+    """Yield CALIBRATION_STATUS of the robot that is being calibrated, if any; robots are calibrated in turn."""
     robot, since = second // CALIBRATION_EVERY, second % CALIBRATION_EVERY
     if robot < ROBOTS and since <= CALIBRATION_LASTS:
         fields = dict.fromkeys(("k2_over_k3_std", "k1_std", "base_width_std"), 0.01)
         fields |= dict.fromkeys(("path_rmse_before", "path_rmse_after"), 0.1)
         fields |= {"k2_over_k3": 118.0, "k1": 0.05, "base_width": 0.16, "progress": since / CALIBRATION_LASTS}
         state = msg.calibration_status_t.DONE if since == CALIBRATION_LASTS else msg.calibration_status_t.COLLECTING
-        said = make(msg.calibration_status_t, utime=utime, robot_id=robot, state=state, message="Drives.", **fields)
-        yield f"CALIBRATION_STATUS_{robot}", said
+        status = make(msg.calibration_status_t, utime=utime, robot_id=robot, state=state, message="Drives.", **fields)
+        yield f"CALIBRATION_STATUS_{robot}", status

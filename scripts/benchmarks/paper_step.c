@@ -1,5 +1,5 @@
-/* One step of N robots with the paper's model, in the same arithmetic as CMR's own step: the yardstick. */
-#define ROUND 6755399441055744.0 /* adding and subtracting it rounds to whole numbers */
+/* One step of N robots with the paper's model, in the same arithmetic as CMR's own step: the reference. */
+#define ROUND 6755399441055744.0 /* adding and subtracting it rounds to integers */
 #define GAUSS 0.28867513459481287
 
 void step(long n, double *restrict x, double *restrict y, double *restrict theta, double *restrict psi_left,

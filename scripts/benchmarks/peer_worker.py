@@ -1,8 +1,9 @@
-"""One peer in its own process: builds a world of N robots and times its step on request.
+"""Build a world of N robots in another simulator, a peer, and time its step on request.
 
-Usage: PYTHONPATH=scripts python -m benchmarks.peer_worker {mujoco,mujoco_contacts,irsim,vmas} N. It prints its version,
-then for each number of steps on standard input the CPU seconds that so many steps took, and how many contacts the last
-one had. It imports nothing of CMR but `crowd`, which stands alone, so it runs in an environment of its own.
+Usage: PYTHONPATH=scripts python -m benchmarks.peer_worker {mujoco,mujoco_contacts,irsim,vmas} N. Prints the version of
+the peer. Then, for each number of steps on standard input, it makes these steps and prints their CPU seconds, and the
+number of contacts in the last step. Of CMR, it imports only `crowd`, which needs nothing else, so it runs in a separate
+environment.
 """
 
 import sys
@@ -20,11 +21,11 @@ from benchmarks.crowd import RADIUS, SPEED, TURN_RATE, WARM_UP, crowd
 Run: TypeAlias = Callable[[int], int]  # makes this many steps; returns the contacts of the last one
 
 STEP = 0.01  # s
-APART = 3.0  # m; robots stand on a grid, too far from each other to meet
+APART = 3.0  # m between robots on a grid, too far apart to meet
 
 
 def places(robots: int) -> list[tuple[float, float]]:
-    """Return where the robots start, on a square grid."""
+    """Return the starts of the robots on a square grid [m]."""
     columns = int(robots**0.5) + 1
     return [(APART * (1 + i % columns), APART * (1 + i // columns)) for i in range(robots)]
 
@@ -38,9 +39,9 @@ def mujoco(robots: int) -> Run:
 
 
 def mujoco_contacts(robots: int) -> Run:
-    """Return the step function of the crowd: planar bodies that drive circles and meet.
+    """Return the step function of the crowd: planar bodies that drive circles and collide.
 
-    Spheres without friction in one plane meet as discs do, and cost MuJoCo least.
+    Spheres without friction in one plane collide as discs do, and are the fastest shape in MuJoCo.
     """
     numpy: Any = import_module("numpy")
 
@@ -63,10 +64,10 @@ MEMORY = "2G"  # for 10,000 bodies; MuJoCo's own default is more than is availab
 
 
 def mujoco_model(starts: list[tuple[float, float, float]], flag: str) -> Any:
-    """Return a model of bodies with two slides, one hinge and a velocity actuator for each."""
+    """Return a model of bodies, each with two slide joints, one hinge, and a velocity actuator for each joint."""
     library: Any = import_module("mujoco")
 
-    gains = {"x": 5.0, "y": 5.0, "t": 0.1}  # the hinge turns a small inertia; more would not be stable
+    gains = {"x": 5.0, "y": 5.0, "t": 0.1}  # the inertia about the hinge is small; a larger gain would be unstable
     bodies, motors = [], []
     for i, (x, y, _theta) in enumerate(starts):
         joints = [("x", "slide", "1 0 0"), ("y", "slide", "0 1 0"), ("t", "hinge", "0 0 1")]
@@ -99,7 +100,7 @@ def mujoco_run(model: Any, data: Any, command: Callable[[int], None]) -> Run:
 
 
 def irsim(robots: int) -> Run:
-    """Return the step function of differential-drive robots without sensors, collision checks and display."""
+    """Return the step function of differential-drive robots without sensors, collision checks or display."""
     library: Any = import_module("irsim")
 
     side = APART * (robots**0.5 + 3)
@@ -121,9 +122,7 @@ def irsim(robots: int) -> Run:
 
 
 def vmas(robots: int) -> Run:
-    """Return the step function of a world of agents that do not collide, forces set once, one environment in the
-    batch.
-    """
+    """Return the step function of agents that do not collide, with constant forces, in a batch of one environment."""
     torch: Any = import_module("torch")
     core: Any = import_module("vmas.simulator.core")
 

@@ -1,6 +1,6 @@
-"""Rows of the peers: other simulators, step against step in the same run, each in an environment of its own.
+"""Rows of the peers: the steps of other simulators and of CMR, measured alternately in the same run.
 
-They are not dependencies: `install` makes .venv-bench for them, and each runs in a process of its own.
+Peers are not dependencies: `install` creates .venv-bench for them, and each runs in a process of its own.
 """
 
 import os
@@ -26,13 +26,13 @@ PACKAGES = (("torch==2.13.0",), ("mujoco", "ir-sim", "vmas"))
 WORKER = "benchmarks.peer_worker"
 DISK = 4e9  # bytes while installing
 REPETITIONS = 5
-MANY = 100.0  # times CMR's, above which a fraction is meaningless
+MANY = 100.0  # ratio above which decimals are meaningless
 ROBOTS = (10, 100, 1_000, 10_000)
-STEP, CONTACTS = "CMR, no contacts", SERIES  # CMR's measurements with which peers are compared
+STEP, CONTACTS = "CMR, no contacts", SERIES  # CMR's series with which peers are compared
 
 
 class Comparison(NamedTuple):
-    """A peer, the work of ours that does the same, and how often ours is to fit into its time with so many robots."""
+    """A peer, CMR's equivalent series, and the ratios of their times to reach, by number of robots."""
 
     title: str
     ours: str
@@ -52,9 +52,9 @@ COMPARISONS = {
 
 
 class Peer:
-    """One peer's world in a process of its own; a context manager.
+    """A peer's world in a process of its own; a context manager.
 
-    `version` is its package's, `contacts` how many its last step had.
+    `version` is that of its package, `contacts` the number of contacts in its last step.
     """
 
     def __init__(self, name: str, count: int) -> None:
@@ -63,7 +63,7 @@ class Peer:
         self._command = ["env", f"PYTHONPATH={ROOT / 'scripts'}", python, "-m", WORKER, name, str(count)]
 
     def __enter__(self) -> "Peer":
-        self._folder = tempfile.TemporaryDirectory()  # some write logs where they run
+        self._folder = tempfile.TemporaryDirectory()  # some peers write logs into their working directory
         self._process = subprocess.Popen(
             self._command,
             stdin=subprocess.PIPE,
@@ -84,7 +84,7 @@ class Peer:
         self._folder.cleanup()
 
     def run(self, steps: int) -> float:
-        """Make this many steps; return the CPU seconds they took."""
+        """Make `steps` steps; return their CPU seconds."""
         assert self._process.stdin is not None
         print(steps, file=self._process.stdin, flush=True)
         seconds, contacts = self._answer().split()
@@ -100,15 +100,15 @@ class Peer:
 
 
 def install() -> None:
-    """Make the environment with the peers, unless it is there: 1.4 GB, some minutes.
+    """Create the environment of the peers, unless it exists: 1.4 GB, some minutes.
 
-    Raises RuntimeError where the disk is too full, subprocess.CalledProcessError where pip fails.
+    Raises RuntimeError if the disk is too full, subprocess.CalledProcessError if pip fails.
     """
     done = ENVIRONMENT / "installed"
     if done.exists():
         return
     if shutil.disk_usage(ROOT).free < DISK:
-        raise RuntimeError(f"the peers take {DISK / 1e9:g} GB of disk while they are installed, and there is less")
+        raise RuntimeError(f"installing the peers needs {DISK / 1e9:g} GB of free disk space")
     print(f"Installing MuJoCo, ir-sim and VMAS into {ENVIRONMENT} (1.4 GB) ...", file=sys.stderr, flush=True)
     subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True)
     for packages in PACKAGES:
@@ -117,7 +117,7 @@ def install() -> None:
 
 
 def peers() -> Iterator[Row]:
-    """Measure the steps of N robots, without contacts and with, in turns with those of the peers."""
+    """Measure the steps of N robots, with and without contacts, alternating with those of the peers."""
     install()
     for count in ROBOTS:
         with ExitStack() as stack:
@@ -137,19 +137,19 @@ def peers() -> Iterator[Row]:
 
 
 def _ours(count: int) -> tuple[Crowd, dict[str, Clocked]]:
-    """Return our works of so many robots, and the crowd that meets."""
+    """Return the crowd with contacts, and CMR's timed functions for `count` robots."""
     crowd, fleet = Crowd(count), fleet_of(*robots(count))
     return crowd, {STEP: clocked(fleet.advance), CONTACTS: clocked(crowd.advance)}
 
 
 def _compared(comparison: Comparison, count: int, world: Peer, timing: Timing, ours: Timing) -> Row:
-    """Return the row of a peer beside ours."""
+    """Return the row of a peer, with the ratio to CMR's time."""
     ratio, goal = timing.median / ours.median, comparison.goals.get(count)
     touching = f", {world.contacts} pairs touching" if world.contacts else ""
     return Row(
         f"{comparison.title}, {count:,} robots{touching} (version {world.version})",
         per_robot(timing, count),
-        f"{ratio:,.1f} times ours" if ratio < MANY else f"{ratio:,.0f} times ours",
+        f"{ratio:,.1f} times CMR's" if ratio < MANY else f"{ratio:,.0f} times CMR's",
         f"{goal:,} times" if goal else "-",
         ratio >= goal if goal else None,
         Point(comparison.series, count, timing.median),

@@ -1,4 +1,4 @@
-"""The plot: CPU time of a step against the number of robots, for CMR and the peers."""
+"""Plot the CPU time of a step against the number of robots, for CMR and the peers."""
 
 import math
 from collections.abc import Sequence
@@ -13,17 +13,17 @@ from cmr.report.colours import TWIN_COLOUR
 OURS = "CMR"  # prefix of the names of CMR's series
 STEP = 0.01  # s
 MARKERS = "osDv^P"
-LINE_HEIGHT = 14.0  # points between names that would overlap
+LINE_HEIGHT = 14.0  # points between names that would otherwise overlap
 
 
 def draw(points: Sequence[Point], path: Path) -> None:
-    """Draw a line for each series: CMR's in blue, the peers' in grey; dotted: real time."""
+    """Draw a line for each series: CMR's in blue, the peers' in grey; a dotted line marks real time."""
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.subplots()
     names = list(dict.fromkeys(point.series for point in points))
     ends: list[tuple[int, float, str, str]] = []
     for number, name in enumerate(names):
-        # Of repeated measurements, the later one, made beside the peers, counts.
+        # Of repeated measurements, the later one counts, which alternates with the peers.
         line = {point.robots: point.seconds for point in points if point.series == name}
         robots, seconds = zip(*sorted(line.items()), strict=True)
         colour = TWIN_COLOUR if name.startswith(OURS) else "0.45"

@@ -28,12 +28,12 @@ Times: TypeAlias = tuple[float, float]  # CPU seconds and wall-clock seconds
 
 RUNS = 5
 LOG_SECONDS = 120.0
-COPIES = 10  # length of the longer log, in lengths of the other
+COPIES = 10  # length of the longer log, in lengths of the shorter one
 LONGEST_START, LONGEST_FIRST_START = 0.6, 3.0  # s
 LONGEST_WAIT = 60.0  # s; limit for the first message of a simulator
 LONGEST_CALIBRATION, LONGEST_DIAGNOSIS, LONGEST_READING = 3.0, 3.0, 0.25  # s
 DIAGNOSES, PIECE = 3, 2.0  # runs; s
-LARGEST_MEMORY = 3.0  # times the log
+LARGEST_MEMORY = 3.0  # times the size of the log
 LARGEST_GROWTH = 1.2  # of the time per byte when the log gets longer
 # A reader that reports the increase of its memory: bytes.
 MEMORY_OF_READING = """
@@ -45,8 +45,8 @@ def memory(key):
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith(key)) * 1024
 
-Recording.read(sys.argv[1])  # what the first reading imports is not counted
-Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
+Recording.read(sys.argv[1])  # imports all modules, which are not to be counted
+Path("/proc/self/clear_refs").write_text("5")  # resets the peak
 before = memory("VmRSS")
 recording = Recording.read(sys.argv[2])
 print(memory("VmHWM") - before)
@@ -54,7 +54,7 @@ print(memory("VmHWM") - before)
 
 
 def start() -> Iterator[Row]:
-    """Measure from the start of cmr-sim to its first WORLD_STATE with a robot, and until that robot moves."""
+    """Measure the time from the start of cmr-sim to its first WORLD_STATE with a robot, and until that robot moves."""
     with tempfile.TemporaryDirectory() as folder:
         cache, parameters = Path(folder) / "cache", Path(folder) / "parameters"
         parameters.mkdir()
@@ -77,7 +77,7 @@ def calibration() -> Iterator[Row]:
 
 
 def diagnosis() -> Iterator[Row]:
-    """Measure cmr-diagnose as a whole process, warm, on all cores: of two minutes, and of ten in pieces."""
+    """Measure cmr-diagnose as a whole process, warm, on all cores, with logs of two minutes, and of ten in pieces."""
     titles = (
         (f"cmr-diagnose of {LOG_SECONDS:.0f} s at 100 Hz, two effects hidden, whole process, warm", LONGEST_DIAGNOSIS),
         (f"the same of ten minutes in pieces of {PIECE:.0f} s, late commands and poses hidden", None),
@@ -117,7 +117,7 @@ def reading() -> Iterator[Row]:
         growth <= LARGEST_GROWTH,
     )
     yield Row(
-        "its memory at the highest",
+        "peak memory of reading it",
         f"{rise * longer_size / 1e6:.0f} MB",
         f"{rise:.2f} times the log",
         f"{LARGEST_MEMORY:g} times",
@@ -139,7 +139,7 @@ def _log(folder: Path, copies: int = 1) -> Path:
 
 
 def _start_simulator(parameters: Path, cache: Path) -> tuple[Times, Times]:
-    """Start cmr-sim with a virtual robot; return the times until a WORLD_STATE has it and until it has moved."""
+    """Start cmr-sim with a virtual robot; return the times until a WORLD_STATE contains it, and until it moves."""
     url = private_url()
     listener = lcm.LCM(url)
     worlds: list[world_state_t] = []
@@ -155,11 +155,11 @@ def _start_simulator(parameters: Path, cache: Path) -> tuple[Times, Times]:
         stderr=subprocess.DEVNULL,
     ) as process:
         try:
-            for happened in (lambda world: world.n > 0, lambda world: any(world.x)):
-                while not any(happened(world) for world in worlds):
+            for condition in (lambda world: world.n > 0, lambda world: any(world.x)):
+                while not any(condition(world) for world in worlds):
                     listener.handle_timeout(20)
                     if process.poll() is not None or time.monotonic() > begin + LONGEST_WAIT:
-                        raise RuntimeError("cmr-sim did not get its robot to move; run it by hand to see why")
+                        raise RuntimeError("the robot of cmr-sim does not move; run it by hand to see why")
                 moments.append((processor_time(process.pid), time.monotonic() - begin))
         finally:
             process.terminate()
@@ -179,7 +179,7 @@ def _command(command: Sequence[str], cache: Path) -> Times:
 
 
 def command_times(command: Sequence[str], cache: Path) -> Times:
-    """Run a command line to its end, with this folder for compiled code; return its CPU and wall-clock seconds."""
+    """Run a command to its end, with `cache` as folder for compiled code; return its CPU and wall-clock seconds."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
     subprocess.run(command, env=_environment(cache), check=True, stdout=subprocess.DEVNULL)
     wall, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -192,5 +192,5 @@ def _program(name: str) -> list[str]:
 
 
 def _environment(cache: Path) -> dict[str, str]:
-    """Return the environment of a process that keeps what it compiles in `cache`."""
+    """Return the environment of a process that stores compiled code in `cache`."""
     return os.environ | {"NUMBA_CACHE_DIR": str(cache)}

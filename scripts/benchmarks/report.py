@@ -9,7 +9,7 @@ from pathlib import Path
 from benchmarks.timing import Timing
 
 UNITS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-HEADER = "| work | measured | ratio | to reach |\n|---|---|---|---|"
+HEADER = "| work | measured | ratio | goal |\n|---|---|---|---|"
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ def seconds(timing: Timing) -> str:
 
 
 def machine(core: int) -> str:
-    """Return the sentence about the machine and the software."""
+    """Return a description of the machine and the software."""
     versions = [f"{name} {_version(name)}" for name in ("numpy", "numba", "scipy", "lcm")]
     software = f"Python {platform.python_version()}, {', '.join(versions)}"
     return (
         f"{processor()}, {_frequency(core)}{platform.system()} {platform.machine()}; {software}. One core, float64. "
-        "CPU time, unless it says wall: the median of repetitions in turns, the fastest in brackets."
+        "CPU time unless marked as wall: the median of alternating repetitions, the fastest in brackets."
     )
 
 
@@ -73,7 +73,7 @@ def processor() -> str:
 
 
 def _frequency(core: int) -> str:
-    """Return the core's frequency: its highest if the system reports it, otherwise its present one."""
+    """Return the core's frequency: its maximum if the system reports it, otherwise its current one."""
     highest = Path(f"/sys/devices/system/cpu/cpu{core}/cpufreq/cpuinfo_max_freq")
     if highest.exists():
         return f"up to {int(highest.read_text()) / 1e6:.1f} GHz, "

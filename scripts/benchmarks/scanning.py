@@ -9,15 +9,15 @@ from benchmarks.timing import clocked, in_turns
 from cmr.world.interaction.range_sensor import RangeSensor
 
 ROBOTS = 1_000
-AREA_OF_ONE = 4.0  # m^2 for each robot
+AREA_PER_ROBOT = 4.0  # m^2
 RADIUS = 0.1  # m
-LONGEST = 4e-6  # s for each robot
+LONGEST = 4e-6  # s per robot
 
 
 def scan() -> Iterator[Row]:
-    """Measure the scan of many robots at random places, each of which sees the others."""
+    """Measure a scan of each of many robots at random places, which sees the other robots."""
     random = np.random.default_rng(0)
-    side = np.sqrt(ROBOTS * AREA_OF_ONE) / 2.0
+    side = np.sqrt(ROBOTS * AREA_PER_ROBOT) / 2.0
     pose = np.vstack([random.uniform(-side, side, (2, ROBOTS)), random.uniform(-3.0, 3.0, ROBOTS)])
     discs, own, walls = np.vstack([pose[:2], np.full(ROBOTS, RADIUS)]), np.arange(ROBOTS), np.zeros((4, 0))
     sensor = RangeSensor()

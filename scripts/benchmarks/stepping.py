@@ -1,4 +1,4 @@
-"""Rows of the step: its time for many robots beside a C kernel and the memory's bandwidth, and its accuracy."""
+"""Rows of the step: its time for many robots, compared with a C kernel and the memory bandwidth, and its accuracy."""
 
 from collections.abc import Iterator
 
@@ -17,16 +17,16 @@ from cmr.recordings.recording import Floats
 ROBOTS = (1_000, 10_000, 100_000, 1_000_000)
 LONGEST_STEP = 4e-9  # s per robot
 LARGEST_RATIO = 1.6  # to the C kernel
-SMALLEST_SHARE = 0.6  # of the bandwidth
+SMALLEST_SHARE = 0.6  # of the memory bandwidth
 LARGEST_ERROR = 1e-7  # m
-# Bytes that a step moves for each robot: five numbers of state read and written, two duties and the coefficients read.
+# Bytes that a step moves per robot: five numbers of state are read and written, two duties and the coefficients read.
 BYTES = 8 * (2 * 5 + 2 + paper.COEFFICIENTS)
-SAME = 1e-9  # m, rad or rad/s; the C kernel's steps agree with CMR's within rounding
+SAME = 1e-9  # m, rad or rad/s; the steps of CMR and the C kernel agree within rounding
 DRIVE_SECONDS, DRIVE_DUTY = 60.0, 1.0 / 1.2  # the fastest figure-eight: its outer wheel at full duty
 
 
 def robots(count: int) -> tuple[RobotState, RobotParameters, Floats]:
-    """Return random states, parameters and duties (2, count); all different for each robot."""
+    """Return random states, parameters and duties (2, count), different for each robot."""
     random = np.random.default_rng(0)
     pose = random.uniform(-3.0, 3.0, (3, count))
     state = RobotState(*pose, *random.uniform(-15.0, 15.0, (2, count)), *np.zeros((2, count)))
@@ -50,7 +50,7 @@ def rows_of_the_kernel(state: RobotState, parameters: RobotParameters, duty: Flo
 
 
 def step() -> Iterator[Row]:
-    """Measure the step of N robots alternating with the C kernel and the memory's bandwidth."""
+    """Measure the step of N robots, alternating with the C kernel and a measurement of the memory bandwidth."""
     try:
         bind = build()
     except NoCompilerError as error:
@@ -78,7 +78,7 @@ def step() -> Iterator[Row]:
         )
     rate, available = BYTES * ROBOTS[-1] / ours.median, bandwidth(timings["memory"])
     yield Row(
-        f"memory moved by it, {ROBOTS[-1]:,} robots of {BYTES} bytes",
+        f"memory moved by the step of {ROBOTS[-1]:,} robots, {BYTES} bytes each",
         f"{rate / 1e9:.1f} GB/s",
         f"{rate / available:.0%} of {available / 1e9:.1f} GB/s in place",
         f"{SMALLEST_SHARE:.0%}",
@@ -87,13 +87,13 @@ def step() -> Iterator[Row]:
 
 
 def _require_same(fleet: Fleet, arrays: list[Floats]) -> None:
-    """Step the fleet once, too; raise AssertionError if it and the C kernel disagree."""
+    """Step the fleet once as well; raise AssertionError if it disagrees with the C kernel."""
     fleet.advance()
     states = fleet.states()
-    for ours, of_c in zip((*states[:2], *states[3:5]), (*arrays[:2], *arrays[3:5]), strict=True):
-        assert np.allclose(ours, of_c, rtol=0.0, atol=SAME), "the C kernel and the step disagree"
-    turn = np.remainder(states.theta - arrays[2] + np.pi, 2.0 * np.pi) - np.pi
-    assert np.allclose(turn, 0.0, rtol=0.0, atol=SAME), "the C kernel and the step disagree in heading"
+    for ours, reference in zip((*states[:2], *states[3:5]), (*arrays[:2], *arrays[3:5]), strict=True):
+        assert np.allclose(ours, reference, rtol=0.0, atol=SAME), "the C kernel and the step disagree"
+    difference = np.remainder(states.theta - arrays[2] + np.pi, 2.0 * np.pi) - np.pi
+    assert np.allclose(difference, 0.0, rtol=0.0, atol=SAME), "the C kernel and the step disagree in heading"
 
 
 def accuracy() -> Iterator[Row]:
@@ -110,7 +110,7 @@ def accuracy() -> Iterator[Row]:
         worst = max(worst, float(np.hypot(state.x - exact[0, k + 1], state.y - exact[1, k + 1])[0]))
     length = float(np.sum(np.hypot(np.diff(exact[0]), np.diff(exact[1]))))
     yield Row(
-        f"accuracy of 10 ms steps over {DRIVE_SECONDS:.0f} s and {length:.0f} m, largest error of position",
+        f"accuracy of 10 ms steps over {DRIVE_SECONDS:.0f} s and {length:.0f} m, largest position error",
         f"{worst:.1e} m",
         goal=f"{LARGEST_ERROR:.0e} m",
         reached=worst <= LARGEST_ERROR,

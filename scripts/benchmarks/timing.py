@@ -1,4 +1,4 @@
-"""CPU times measured alternately on one core, so that a slowdown of the machine affects all of them."""
+"""Measure CPU times of several functions alternately on one core, so that a slowdown of the machine affects all."""
 
 import os
 import statistics
@@ -11,10 +11,10 @@ from typing import TypeAlias
 import numpy as np
 
 REPETITIONS = 9
-SHORTEST = 0.03  # s; a repetition runs its function as often as needed to last this long
-BANDWIDTH_NUMBERS = 20_000_000  # 160 MB: far more than any cache holds
+SHORTEST = 0.03  # s; a repetition calls its function as often as needed to last this long
+BANDWIDTH_NUMBERS = 20_000_000  # 160 MB: far larger than any cache
 
-Clocked: TypeAlias = Callable[[int], float]  # calls its function this many times and returns the CPU seconds
+Clocked: TypeAlias = Callable[[int], float]  # calls a function this many times, and returns the CPU seconds
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Timing:
 
 
 def pin() -> int:
-    """Keep this process, and those it starts, on one core; return its number."""
+    """Pin this process, and those it starts, to one core; return its number."""
     core = max(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {core})
     return core
@@ -34,7 +34,7 @@ def pin() -> int:
 
 @contextmanager
 def all_cores() -> Iterator[None]:
-    """Let this process, and those it starts, use every core for a while."""
+    """Let this process, and those it starts, use all cores within the context."""
     pinned = os.sched_getaffinity(0)
     os.sched_setaffinity(0, range(os.cpu_count() or 1))
     try:
@@ -44,7 +44,7 @@ def all_cores() -> Iterator[None]:
 
 
 def clocked(work: Callable[[], object]) -> Clocked:
-    """Return a timed version of the function, by this process's CPU clock."""
+    """Return a version of the function that is timed by this process's CPU clock."""
 
     def run(times: int) -> float:
         before = time.process_time()
@@ -69,11 +69,11 @@ def in_turns(
 
 
 def read_modify_write() -> Clocked:
-    """Return the function for measuring bandwidth: a large array multiplied in place."""
+    """Return the function for measuring memory bandwidth: it multiplies a large array in place."""
     numbers = np.ones(BANDWIDTH_NUMBERS)
     return clocked(lambda: np.multiply(numbers, 0.999, out=numbers))
 
 
 def bandwidth(timing: Timing) -> float:
-    """Return the bytes read and written per second by `read_modify_write`."""
+    """Return the bytes that `read_modify_write` reads and writes per second."""
     return 2 * 8 * BANDWIDTH_NUMBERS / timing.median

@@ -1,1 +1,1 @@
-"""Generators of the documentation's pages, from the parsers of the commands and the message types."""
+"""Generators of pages and pictures of the documentation, from parsers, message types, tables and recordings."""

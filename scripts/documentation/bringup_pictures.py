@@ -1,4 +1,4 @@
-"""A picture for each step of cmr bringup: what the person sees and does."""
+"""Draw a picture for each step of cmr bringup: what the person sees and does."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Rectangl
 from robot_driver.bringup.floor import PLAN
 
 BODY, WHEEL, ACTIVE, LINE = "#dfe7f2", "#4a5568", "#c1121f", "#2b6cb0"
-WIDTH, HEIGHT, DOTS = 6.4, 2.6, 110  # inches, inches, in each
+WIDTH, HEIGHT, DOTS = 6.4, 2.6, 110  # inches, inches, dots per inch
 
 
 def draw(step: str, path: Path) -> None:
@@ -30,7 +30,7 @@ def draw(step: str, path: Path) -> None:
 
 
 def box(axes: Axes, x: float, y: float, width: float, height: float, text: str, colour: str = BODY) -> None:
-    """Draw a box with a text in it."""
+    """Draw a box that contains a text."""
     axes.add_patch(FancyBboxPatch((x, y), width, height, boxstyle="round,pad=0.02", fc=colour, ec=WHEEL))
     axes.text(x + 0.5 * width, y + 0.5 * height, text, ha="center", va="center", fontsize=9)
 
@@ -38,7 +38,7 @@ def box(axes: Axes, x: float, y: float, width: float, height: float, text: str, 
 def arrow(
     axes: Axes, start: tuple[float, float], end: tuple[float, float], bend: float = 0.0, colour: str = ACTIVE
 ) -> None:
-    """Draw an arrow; a bent one turns to its right."""
+    """Draw an arrow; a positive `bend` curves it to the right."""
     style = f"arc3,rad={bend}"
     axes.add_patch(
         FancyArrowPatch(start, end, connectionstyle=style, arrowstyle="-|>", mutation_scale=16, lw=2, color=colour)
@@ -48,7 +48,7 @@ def arrow(
 def robot(
     axes: Axes, x: float, y: float, heading: float = 0.0, size: float = 1.0, active: tuple[str, ...] = ()
 ) -> None:
-    """Draw a robot from above; `active` wheels are red."""
+    """Draw a robot from above, with `active` wheels in red."""
     turn = matplotlib.transforms.Affine2D().rotate(heading).translate(x, y) + axes.transData
     parts = [(Rectangle((-0.35, -0.3), 0.75, 0.6), BODY)]
     parts += [
@@ -68,16 +68,16 @@ def robot(
 
 
 def devices(axes: Axes) -> None:
-    """Ports of the computer, and the devices that answer there."""
+    """Draw the computer's ports, and the devices that answer there."""
     box(axes, 0.0, 0.0, 1.5, 1.6, "computer")
     for y, text in ((1.05, "motor controller:\nRoboClaw, Roboteq, MBot"), (0.05, "gyro: KVH\n(or on the board)")):
         box(axes, 3.6, y, 2.4, 0.5, text)
         axes.plot([1.52, 3.58], [y + 0.25] * 2, color=WHEEL, lw=3)
-        axes.text(2.55, y + 0.33, "who are you?", ha="center", fontsize=8, color=LINE)
+        axes.text(2.55, y + 0.33, "identify?", ha="center", fontsize=8, color=LINE)
 
 
 def motors(axes: Axes) -> None:
-    """A robot on a box, one wheel turns; and the same from above."""
+    """Draw a robot on a box with one wheel turning, from the side and from above."""
     box(axes, 0.3, 0.0, 1.2, 0.6, "box")
     axes.add_patch(Rectangle((0.1, 0.64), 1.6, 0.45, fc=BODY, ec=WHEEL))
     axes.add_patch(Circle((0.35, 0.55), 0.34, fc=ACTIVE, ec=WHEEL))
@@ -91,20 +91,20 @@ def motors(axes: Axes) -> None:
 
 
 def ticks(axes: Axes) -> None:
-    """A wheel with tape, turned ten times, then seven."""
+    """Draw a wheel with tape, which is turned ten times, then seven."""
     axes.add_patch(Circle((0.8, 0.8), 0.75, fc=BODY, ec=WHEEL, lw=5))
     axes.add_patch(Rectangle((0.74, 1.25), 0.12, 0.34, fc=ACTIVE))
     axes.add_patch(Rectangle((0.74, 1.68), 0.12, 0.2, fc=ACTIVE))
     arrow(axes, (0.35, 1.2), (1.3, 1.1), bend=-0.45)
     axes.text(1.0, 1.72, "tape on the wheel and beside it", fontsize=9)
     axes.text(1.9, 1.05, "ten turns forward, counted aloud,", fontsize=9)
-    axes.text(1.9, 0.75, "to end with both tapes together;", fontsize=9)
-    axes.text(1.9, 0.45, "then seven, where no data sheet fits", fontsize=9)
+    axes.text(1.9, 0.75, "until both tapes are aligned again;", fontsize=9)
+    axes.text(1.9, 0.45, "then seven, if no data sheet matches", fontsize=9)
     axes.set_xlim(-0.1, 5.0)
 
 
 def stop(axes: Axes) -> None:
-    """The counts before the cable is pulled, and after it is back."""
+    """Draw the counts before the cable is unplugged, and after it is plugged in again."""
     axes.set_aspect("auto")
     axes.set_axis_on()
     axes.spines[["top", "right"]].set_visible(False)
@@ -121,7 +121,7 @@ def stop(axes: Axes) -> None:
 
 
 def battery(axes: Axes) -> None:
-    """What a battery of three lithium cells has, and where the driver warns and stops."""
+    """Draw the voltages of a battery of three lithium cells, and those at which the driver warns and stops."""
     from robot_driver.bringup.supply import KINDS
 
     cells, chemistry, _ = KINDS["lipo3"]
@@ -142,7 +142,7 @@ def battery(axes: Axes) -> None:
 
 
 def gyro(axes: Axes) -> None:
-    """A robot that is turned round once by hand, to its left."""
+    """Draw a robot that is turned once by hand, to its left."""
     axes.plot([0.0, 0.0], [-1.0, 1.0], color="#a0aec0", ls="--")
     axes.plot([-1.0, 1.3], [0.0, 0.0], color="#a0aec0", ls="--")
     robot(axes, 0.0, 0.0, size=1.1)
@@ -156,7 +156,7 @@ def gyro(axes: Axes) -> None:
 
 
 def floor(axes: Axes) -> None:
-    """The drive on the floor, and the space that it needs."""
+    """Draw the drive on the floor, and the space that it needs."""
     axes.add_patch(Rectangle((-0.5, -0.5), 1.7, 1.3, fc="#f7fafc", ec=ACTIVE, ls="--", lw=2))
     axes.text(1.25, 0.7, "the fence: 1.2 m ahead, 0.8 m to the left,", fontsize=9, color=ACTIVE)
     axes.text(1.25, 0.58, "0.5 m to the right and behind", fontsize=9, color=ACTIVE)

@@ -1,4 +1,4 @@
-"""The picture of virtual robots in a camera's picture: a rendered floor with real robots, drawn into by cmr-camera."""
+"""Draw virtual robots into a rendered picture of a floor with real robots, with the code of cmr-camera."""
 
 import math
 from pathlib import Path
@@ -18,7 +18,7 @@ SIZE = (960, 540)  # pixels
 
 
 def draw(path: Path) -> None:
-    """Write the picture: three virtual robots with trails and waypoints, before and behind real ones."""
+    """Write the picture: three virtual robots with trails and waypoints, in front of and behind real ones."""
     arc = [
         (-0.45 + 0.57 * share, 0.55 - 0.41 * math.sin(0.5 * math.pi * share)) for share in (k / 20 for k in range(21))
     ]

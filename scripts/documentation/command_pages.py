@@ -1,4 +1,4 @@
-"""A page of reference for each command, in MyST Markdown, from its parser."""
+"""Generate a reference page for each command from its parser, in MyST Markdown."""
 
 import argparse
 import re
@@ -8,7 +8,7 @@ SPECIAL = re.compile(r"([\\`*_\[\]<>|$#~{}])")  # special characters of Markdown
 
 
 def page(parsers: Sequence[argparse.ArgumentParser]) -> str:
-    """Return the page of a command, whose parser is the first, and of its subcommands."""
+    """Return the page of a command and its subcommands; the command's parser is the first."""
     return "\n".join(line for number, parser in enumerate(parsers) for line in _section(parser, min(number + 1, 2)))
 
 
@@ -18,9 +18,7 @@ def summary(parser: argparse.ArgumentParser) -> str:
 
 
 def options_of(parsers: Sequence[argparse.ArgumentParser]) -> list[str]:
-    """Return the long names of the options of a command and its subcommands, the first name of each, without
-    repetitions.
-    """
+    """Return the first long name of each option of a command and its subcommands, without repetitions."""
     every = list(parsers)
     for parser in every:
         every.extend(_subcommands(parser))
@@ -34,7 +32,7 @@ def _section(parser: argparse.ArgumentParser, level: int) -> Iterator[str]:
         yield escaped(paragraph) + "\n"
     yield f"```text\n{parser.format_usage().strip()}\n```\n"
     subcommands = list(_subcommands(parser))
-    for group in parser._action_groups:  # argparse has no public list of them
+    for group in parser._action_groups:  # argparse has no public list of groups
         actions = [action for action in group._group_actions if action.help != argparse.SUPPRESS]
         actions = [action for action in actions if not isinstance(action, argparse._SubParsersAction)]
         if actions:

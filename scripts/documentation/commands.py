@@ -1,4 +1,4 @@
-"""The commands' own parsers, captured when a command would parse its arguments, so that it does not run."""
+"""Capture the parsers of the commands at the moment at which they would parse arguments, so that nothing runs."""
 
 import argparse
 import ast
@@ -13,17 +13,17 @@ from typing import NoReturn
 from setuptools.config.pyprojecttoml import read_configuration
 
 PROJECT = Path(__file__).resolve().parents[2]
-CATALOGUE = "cmr.commands.catalogue"  # of the umbrella command, cmr
-BY_HAND = {"cmr-camera": ("calibrate", "board", "tags")}  # subcommands that have parsers of their own
+CATALOGUE = "cmr.commands.catalogue"  # subcommands of the command cmr
+SEPARATE_PARSERS = {"cmr-camera": ("calibrate", "board", "tags")}  # subcommands with parsers of their own
 
 
 class _Captured(Exception):  # noqa: N818 - it is not an error
-    """A command is about to parse its arguments; the first argument is its parser."""
+    """Raised when a command would parse its arguments; its first argument is the parser."""
 
 
 @cache  # called for each command line of the documentation
 def modules() -> Mapping[str, str]:
-    """Return each command with the module that has its `main`: the entry points of pyproject.toml, and `cmr init`."""
+    """Return the module with the `main` of each command: entry points of pyproject.toml, and subcommands of `cmr`."""
     scripts: dict[str, str] = read_configuration(PROJECT / "pyproject.toml", expand=False)["project"]["scripts"]
     result = {command: _module_of(entry_point) for command, entry_point in scripts.items()}
     if "cmr" in result and find_spec(CATALOGUE):
@@ -33,9 +33,9 @@ def modules() -> Mapping[str, str]:
 
 
 def _module_of(entry_point: str) -> str:
-    """Return the module that an entry point such as `cmr.commands:sim` names when it calls `run`.
+    """Return the module that an entry point such as `cmr.commands:sim` passes to `run`.
 
-    It is read, not called: an imported cmr.commands.sim hides the function of that name.
+    The source is read, not executed: importing cmr.commands.sim would hide the function of that name.
     """
     module, function = entry_point.split(":")
     tree = ast.parse(Path(str(import_module(module).__file__)).read_text("utf-8"))
@@ -56,21 +56,21 @@ def main_of(command: str) -> Callable[[list[str]], int]:
 
 
 def parsers_of(command: str) -> list[argparse.ArgumentParser]:
-    """Return the parser of a command, and those of its subcommands if they are separate.
+    """Return the parser of a command, and the separate parsers of its subcommands.
 
-    The umbrella command `cmr` has none: it passes its arguments on.
+    The command `cmr` has no parser: it passes its arguments on.
     """
 
     def capture(parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         raise _Captured(parser)
 
     main = main_of(command)
-    lines = [[], *([name] for name in BY_HAND.get(command, ()))]
+    lines = [[], *([name] for name in SEPARATE_PARSERS.get(command, ()))]
     return [] if command == "cmr" else [_captured(capture, main, line) for line in lines]
 
 
 def parse(command: str, arguments: list[str]) -> None:
-    """Parse a command line by the command's own parser, without running it. Raises SystemExit if it is wrong."""
+    """Parse a command line with the command's parser, without running the command. Raises SystemExit if it is wrong."""
     usual = argparse.ArgumentParser.parse_args
 
     def parse_only(parser: argparse.ArgumentParser, args: Sequence[str] | None = None, *_: object) -> NoReturn:
@@ -83,7 +83,7 @@ def parse(command: str, arguments: list[str]) -> None:
 def _captured(
     parse_args: Callable[..., NoReturn], main: Callable[[list[str]], int], line: list[str]
 ) -> argparse.ArgumentParser:
-    """Return the parser that `main` was about to use for a command line."""
+    """Return the parser that `main` would use for a command line."""
     with _parsing_by(parse_args):
         try:
             main(line)

@@ -1,4 +1,4 @@
-"""The page docs/reference/emulated_devices.md on the emulated controllers' commands, generated from their tables."""
+"""Generate docs/reference/emulated_devices.md, the commands of the emulated controllers, from their tables."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -15,36 +15,37 @@ WITH_EFFECT = {28, 29, 55, 56, 68, 69, 80, 81, 94, 95}  # settings with an effec
 INTRODUCTION = """\
 # Emulated motor controllers
 
-What the controllers of `cmr-emulate` understand. The page comes from their tables (`scripts/write_emulated_devices`),
-and a test compares the two. A controller does not answer what is in no table, or refuses it where its protocol can, as
-a real one of another firmware; at its end `cmr-emulate` names what was not understood. Clients that nobody here wrote
-drive and read these controllers in the tests: basicmicro, tcr-roboclaw, roboclaw, PyRoboteq and roboteq.
+This page lists the commands that the controllers of `cmr-emulate` understand. It is generated from their tables
+(`scripts/write_emulated_devices`), and a test compares the two. A controller ignores any other command, or refuses it
+if its protocol can, like a real controller with other firmware. When `cmr-emulate` ends, it lists the commands that
+were not understood. In the tests, independent clients drive and read these controllers: basicmicro, tcr-roboclaw,
+roboclaw, PyRoboteq and roboteq.
 
-A RoboClaw and a Roboteq that are given speeds keep them by a loop of their own. Makers do not print its law: here it is
-PID with the wanted share of the full speed added. Its gains are in `speed_loop` of
-[the settings](../tutorials/emulated_robot.md), as who set the robot up has tuned them.
+A RoboClaw or Roboteq that is commanded by speeds controls them in a loop of its own. The manufacturers do not publish
+the control law. The emulator uses PID control with feed-forward: the commanded share of the full speed. The gains are
+in `speed_loop` of [the settings](../tutorials/emulated_robot.md), where you set those that your robot was tuned with.
 """
 ROBOCLAW = """
 ## RoboClaw
 
-Packet serial of firmware 4.2, one unit or two (`roboclaw`, `roboclaw-pair`). Integers are big-endian. A write is
-acknowledged with FF, and needs a CRC; an answer has one. A packet of which two bytes come more than 10 ms apart is
-dropped. Speeds are in counts a second. An acceleration of 0 is none, which the manual leaves open. Commands with
-distances and positions are not emulated.
+Packet serial of firmware 4.2, with one unit or two (`roboclaw`, `roboclaw-pair`). Integers are big-endian. A write is
+acknowledged with FF, and needs a CRC; an answer has a CRC. A packet is dropped if two of its bytes arrive more than
+10 ms apart. Speeds are in counts per second. An acceleration of 0 means no acceleration; the manual leaves this open.
+Commands with distances or positions are not emulated.
 """
 ROBOTEQ = """
 ## Roboteq
 
-Lines of an SDC2160 with two channels (`roboteq`). Names may be in small letters, numbers in square brackets, and a plus
-sign at the end: clients that are used with real ones write so. In closed loop, a command is followed as a speed.
+Text lines of an SDC2160 with two channels (`roboteq`). Names may be in lower case, numbers in square brackets, and a
+plus sign at the end, as clients for real controllers write them. In closed loop, a command is a speed.
 """
 MBOT = """
 ## MBot control board
 
-Topics of the firmware for the classic robot (`mbot`). Integers are little-endian, the right wheel is mirrored.
-Velocities are driven in open loop by the calibration that the board keeps; duties beyond 0.995 give no more.
+Topics of the firmware for the classic robot (`mbot`). Integers are little-endian, and the right wheel is mirrored.
+Velocities are driven in open loop, with the calibration stored on the board; duties are limited to 0.995.
 """
-KEPT_ONLY = " Those below without a star are only kept and read back: no voltage, current or pin has an effect."
+STORED_ONLY = "Settings without a star are only stored and read back: voltages, currents and pins have no effect."
 
 
 def document() -> str:
@@ -52,10 +53,10 @@ def document() -> str:
     return "".join(
         (
             *(INTRODUCTION, ROBOCLAW, _commands("Driving", DRIVING), _commands("Sensing and timeout", SENSING)),
-            _commands("Settings", SETTINGS, KEPT_ONLY),
+            _commands("Settings", SETTINGS, STORED_ONLY),
             *(ROBOTEQ, _lines("Actions", "!", ACTIONS), _lines("Queries", "?", QUERIES)),
             _lines("Settings of the Roboteq", "^", CONFIGURATION),
-            *(MBOT, _topics("Taken", TAKEN), _topics("Said, while it is sent the time", SAID)),
+            *(MBOT, _topics("Received", TAKEN), _topics("Sent, while the board receives the time", SAID)),
         )
     )
 
@@ -70,18 +71,20 @@ def _commands(title: str, commands: Mapping[int, Read | Write], remark: str = ""
         )
         for number, entry in sorted(commands.items())
     )
-    head = f"\n### {title}\n{f'{chr(10)}{remark.strip()}{chr(10)}' if remark else ''}\n"
-    return head + _table(("command", "data", "answer", "what it is"), rows)
+    head = f"\n### {title}\n{f'{chr(10)}{remark}{chr(10)}' if remark else ''}\n"
+    return head + _table(("command", "data", "answer", "meaning"), rows)
 
 
 def _lines(title: str, sign: str, entries: Mapping[str, tuple[object, ...]]) -> str:
     rows = ((f"`{sign}{name}`", str(entry[0])) for name, entry in entries.items())
-    return f"\n### {title}\n\n" + _table(("line", "what it is"), rows)
+    return f"\n### {title}\n\n" + _table(("line", "meaning"), rows)
 
 
 def _topics(title: str, topics: Mapping[int, Topic]) -> str:
-    rows = ((str(number), f"`{one.name}`", _layout(one.layout), one.what) for number, one in sorted(topics.items()))
-    return f"\n### {title}\n\n" + _table(("topic", "name", "payload", "what it is"), rows)
+    rows = (
+        (str(number), f"`{topic.name}`", _layout(topic.layout), topic.what) for number, topic in sorted(topics.items())
+    )
+    return f"\n### {title}\n\n" + _table(("topic", "name", "payload", "meaning"), rows)
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
@@ -90,7 +93,7 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def _layout(layout: str | None) -> str:
-    """Return a layout of `struct` in words."""
+    """Return a layout of `struct` as a list of types."""
     if layout is None:
         return "differs"
     parts = re.findall(r"([0-9]*)([a-zA-Z])", layout)

@@ -1,4 +1,4 @@
-"""The import graph, read from the sources: for the test of the layers, and for the picture in ARCHITECTURE.md."""
+"""Read the import graph from the sources, for the test of the layers and the picture in ARCHITECTURE.md."""
 
 import ast
 from collections.abc import Iterable, Iterator, Mapping, Set
@@ -14,7 +14,7 @@ TOP, LATE, TYPING = "top", "late", "typing"
 
 
 class Import(NamedTuple):
-    """A module imports another: at its top, late (inside a function, or by name), or for type checkers alone."""
+    """An import between modules; `kind`: at the top, late (in a function, or by name), or for type checkers only."""
 
     importer: str
     imported: str
@@ -35,7 +35,7 @@ def modules(project: Path = PROJECT) -> dict[str, Path]:
 
 
 def imports(sources: Mapping[str, Path]) -> list[Import]:
-    """Return the imports among modules; of several ways, only the strongest counts."""
+    """Return the imports among modules; of several imports of the same module, only the strongest kind counts."""
     found: dict[tuple[str, str], str] = {}
     for module, path in sources.items():
         if module == GENERATED:
@@ -44,7 +44,7 @@ def imports(sources: Mapping[str, Path]) -> list[Import]:
             imported = _known(name, sources)
             if imported and imported != module:
                 kinds = {kind, found.get((module, imported), kind)}
-                found[module, imported] = next(one for one in (TOP, LATE, TYPING) if one in kinds)
+                found[module, imported] = next(each for each in (TOP, LATE, TYPING) if each in kinds)
     return [Import(*pair, kind) for pair, kind in found.items()]
 
 
@@ -55,10 +55,10 @@ def imported_by(node: ast.AST, kind: str = TOP) -> Iterator[tuple[str, str]]:
             yield from ((alias.name, kind) for alias in child.names)
         elif isinstance(child, ast.ImportFrom):
             if child.level or child.module is None:
-                raise ValueError("an import is absolute: a reader sees where it leads")
+                raise ValueError("imports must be absolute, so that a reader sees where they lead")
             yield from ((f"{child.module}.{alias.name}", kind) for alias in child.names)
         elif isinstance(child, ast.Call) and _name(child.func) in LATE_BY_NAME:
-            named = [one.value for one in child.args if isinstance(one, ast.Constant)]
+            named = [argument.value for argument in child.args if isinstance(argument, ast.Constant)]
             yield from ((name, LATE) for name in named if isinstance(name, str))
         inside = LATE if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)) and kind == TOP else kind
         if isinstance(child, ast.If) and _name(child.test) == "TYPE_CHECKING":
@@ -74,7 +74,7 @@ def _known(name: str, sources: Mapping[str, Path]) -> str:
     """Return the module of a dotted name, empty if it is not part of this project."""
     while name and name not in sources:
         name = name.rpartition(".")[0]
-    return "" if name == "cmr" else name  # which contains all others, and imports them when used
+    return "" if name == "cmr" else name  # the package cmr imports its modules only when they are used
 
 
 def folder_of(module: str, sources: Mapping[str, Path]) -> str:
@@ -83,9 +83,9 @@ def folder_of(module: str, sources: Mapping[str, Path]) -> str:
 
 
 def package_of(module: str, sources: Mapping[str, Path]) -> str:
-    """Return the package to which a module belongs: a folder or module of `cmr`, one of its experiments, or a device.
+    """Return the package of the architecture to which a module belongs.
 
-    Deeper modules belong to it.
+    It is a folder or module directly in `cmr`, `cmr.experiments` or `robot_driver`; deeper modules belong to it.
     """
     if module.startswith("robot_driver"):
         return ".".join(folder_of(module, sources).split(".")[:2])
@@ -95,15 +95,15 @@ def package_of(module: str, sources: Mapping[str, Path]) -> str:
 def between_packages(found: Iterable[Import], sources: Mapping[str, Path]) -> dict[str, set[str]]:
     """Return the packages that each package imports, at the top or late."""
     graph: dict[str, set[str]] = {package_of(module, sources): set() for module in sources}
-    for one in found:
-        importer, imported = package_of(one.importer, sources), package_of(one.imported, sources)
-        if one.kind != TYPING and importer != imported:
+    for each in found:
+        importer, imported = package_of(each.importer, sources), package_of(each.imported, sources)
+        if each.kind != TYPING and importer != imported:
             graph[importer].add(imported)
     return graph
 
 
 def cycles(graph: Mapping[str, Set[str]]) -> list[set[str]]:
-    """Return the sets of names that reach one another, two or more in each (strongly connected components)."""
+    """Return the strongly connected components with two or more names, which are the import cycles."""
     rest = {name: set(followers) for name, followers in graph.items()}
     while ends := [name for name, followers in rest.items() if not followers & rest.keys()]:  # they are on no cycle
         for name in ends:

@@ -1,4 +1,4 @@
-"""The picture of the packages in ARCHITECTURE.md, made from the imports: upper packages import lower ones."""
+"""Draw the packages for ARCHITECTURE.md from the imports: upper packages import lower ones."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from html import escape
@@ -8,19 +8,19 @@ from typing import NamedTuple
 from documentation.imports import PROJECT, between_packages, imports, modules
 
 PICTURE = PROJECT / "docs" / "pictures" / "packages.svg"
-# Any package may import these, and they import only one another; arrows to them would hide all others.
+# Any package may import these, and they import only each other. Arrows to them would clutter the picture.
 GROUND = (
     *("cmr.cli", "cmr.documents", "cmr.report", "cmr.distribution", "cmr.files", "cmr.priority", "cmr.threads"),
     "cmr.workers",
 )
-WITHOUT = ("cmr", "cmr.__main__", "cmr.experiments")  # they contain other packages, or start one
-WIDTH, HEIGHT = 164, 30  # of a box
-APART, POINT = 16, 4  # between two in a row; width of an arrow in it
-DOWN = 74  # from row to row
-MARGIN = 20
-# Of arrows, by the box they leave; all are visible on white and on black (Okabe and Ito's colours, some darker).
+OMITTED = ("cmr", "cmr.__main__", "cmr.experiments")  # they only contain other packages, or start one
+WIDTH, HEIGHT = 164, 30  # px, of a box
+APART, POINT = 16, 4  # px between boxes in a row; width of an arrow that passes through a row
+DOWN = 74  # px between rows
+MARGIN = 20  # px
+# Colours of arrows, by the box they leave; all are visible on white and on black (Okabe and Ito's, some darker).
 COLOURS = ("#0072b2", "#d55e00", "#00846a", "#b0578d", "#777777", "#a07800")
-SWEEPS = 8  # over the rows, to place boxes above their imports
+SWEEPS = 8  # over the rows, to place boxes near their neighbours
 STYLE = """\
 text { font: 13px system-ui, sans-serif; text-anchor: middle; fill: #1a1a1a }
 rect { fill: #fff; stroke: #555 }
@@ -40,21 +40,21 @@ Graph = Mapping[str, Set[str]]
 
 
 def packages() -> dict[str, set[str]]:
-    """Return the packages of the picture, each with those that it imports."""
+    """Return the packages in the picture, each with the packages that it imports."""
     sources = modules()
     graph = between_packages(imports(sources), sources)
-    hidden = {*GROUND, *WITHOUT}
+    hidden = {*GROUND, *OMITTED}
     return {name: imported - hidden for name, imported in sorted(graph.items()) if name not in hidden}
 
 
 def depths(graph: Graph) -> dict[str, int]:
-    """Return the row of each package: 0 for those that import none, else one above the highest that it imports."""
+    """Return the row of each package: 0 if it imports none, otherwise one above the highest that it imports."""
     found: dict[str, int] = {}
     while len(found) < len(graph):
         ready = [name for name, imported in graph.items() if name not in found and imported <= found.keys()]
         if not ready:
-            raise ValueError(f"packages import one another in a circle: {sorted(graph.keys() - found.keys())}")
-        found |= {name: max((found[one] + 1 for one in graph[name]), default=0) for name in ready}
+            raise ValueError(f"import cycle between packages: {sorted(graph.keys() - found.keys())}")
+        found |= {name: max((found[other] + 1 for other in graph[name]), default=0) for name in ready}
     return found
 
 
@@ -62,21 +62,21 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
     """Return the graph without transitive arrows: imports that are also imported indirectly."""
     below: dict[str, set[str]] = {}
     for name in sorted(graph, key=depths(graph).__getitem__):
-        below[name] = set(graph[name]).union(*(below[one] for one in graph[name]))
+        below[name] = set(graph[name]).union(*(below[other] for other in graph[name]))
     return {
-        name: {one for one in imported if not any(one in below[other] for other in imported)}
+        name: {lower for lower in imported if not any(lower in below[other] for other in imported)}
         for name, imported in graph.items()
     }
 
 
 class Layout(NamedTuple):
-    """Positions of the boxes: the middle of the upper side of each, and the points between which arrows bend [px].
+    """Positions of the boxes, and of the points through which arrows pass [px].
 
-    Arrows over several rows pass between the boxes of intermediate rows, at points in those rows.
+    A position is the middle of a box's upper side. Arrows over several rows pass between the boxes of the rows between.
     """
 
     places: Mapping[str, tuple[float, float]]
-    ways: dict[tuple[str, str], list[str]]  # of each arrow: the names of its points, including its ends
+    ways: dict[tuple[str, str], list[str]]  # for each arrow: the names of its points, including its ends
     width: float
     height: float
 
@@ -100,7 +100,9 @@ def layout(graph: Graph) -> Layout:
     for _ in range(SWEEPS):
         for row in (*members, *reversed(members)):
             x = _across(members)
-            means = {name: sum(x[one] for one in neighbours[name]) / max(len(neighbours[name]), 1) for name in x}
+            means = {
+                name: sum(x[neighbour] for neighbour in neighbours[name]) / max(len(neighbours[name]), 1) for name in x
+            }
             members[row].sort(key=lambda name: (round(means[name], 6), name))
     x = _across(members)
     left = min(x.values()) - WIDTH / 2 - MARGIN
@@ -111,7 +113,7 @@ def layout(graph: Graph) -> Layout:
 
 
 def _across(members: Mapping[int, Sequence[str]]) -> dict[str, float]:
-    """Return the middle of each box and point of an arrow, every row about 0 [px]."""
+    """Return the middle of each box and of each point of an arrow, with every row centred at 0 [px]."""
     found: dict[str, float] = {}
     for row in members.values():
         widths = [POINT if ">" in name else WIDTH for name in row]
@@ -131,7 +133,7 @@ def picture() -> str:
     colours = {name: number % len(COLOURS) for number, name in enumerate(sorted(graph, key=boxes.__getitem__))}
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">',
-        "<!-- Made from the imports by scripts/write_architecture_picture; a test compares it with them. -->",
+        "<!-- Generated from the imports by scripts/write_architecture_picture; a test compares the two. -->",
         f"<style>\n{STYLE}\n</style>",
         *_heads(),
         f'<rect class="back" width="{width}" height="{height}"/>',
@@ -144,7 +146,7 @@ def picture() -> str:
 
 
 def _heads() -> Iterator[str]:
-    """Yield a head for the arrows of each colour."""
+    """Yield an arrow head of each colour."""
     for number, colour in enumerate(COLOURS):
         yield (
             f'<marker id="head{number}" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" '
@@ -153,7 +155,7 @@ def _heads() -> Iterator[str]:
 
 
 def _arrow(points: Sequence[tuple[float, float]], colour: int) -> str:
-    """Return a curve from the lower side of the first box to the upper side of the last, straight past others."""
+    """Return an arrow from the lower side of the first box to the upper side of the last, vertical between others."""
     parts = [f"M{points[0][0]:g} {points[0][1] + HEIGHT:g}"]
     for (x1, y1), (x2, y2) in pairwise(points):
         start, end, half = y1 + HEIGHT, y2, (y2 - y1 - HEIGHT) / 2.0
@@ -174,9 +176,9 @@ def _ground(width: float, height: float) -> Iterator[str]:
     y = height - MARGIN - HEIGHT
     yield f'<rect class="ground" x="{MARGIN}" y="{y:g}" width="{width - 2 * MARGIN:g}" height="{HEIGHT}" rx="4"/>'
     names = ", ".join(map(label, GROUND))
-    yield f'<text x="{width / 2:g}" y="{y + 20:g}">ground, which any package may import: {escape(names)}</text>'
+    yield f'<text x="{width / 2:g}" y="{y + 20:g}">any package may import: {escape(names)}</text>'
 
 
 def label(name: str) -> str:
-    """Return the label of a box: the package without `cmr`, to which most belong."""
+    """Return the label of a box: the package's name without `cmr.`."""
     return name.removeprefix("cmr.").replace("experiments.", "experiments/").replace("driver.", "driver/")

@@ -1,6 +1,7 @@
-"""Measurements in docs/measurements between two marks: output of the command in the first, with date and machine.
+"""Read and replace the measurements in the pages of docs/measurements.
 
-A block begins with the line `<!-- measurement NAME: COMMAND -->` and ends with `<!-- end of NAME -->`.
+A measurement is a block between the lines `<!-- measurement NAME: COMMAND -->` and `<!-- end of NAME -->`. It contains
+the output of the command, with the date and the machine.
 """
 
 import re
@@ -17,7 +18,7 @@ BLOCK = re.compile(
 
 
 class Measurement(NamedTuple):
-    """A block of a page: its name, the command that measures it, as typed in the checkout, and its last output."""
+    """A block of a page: its name, its command as typed in the checkout, and its last output."""
 
     page: Path
     name: str
@@ -33,7 +34,7 @@ def measurements() -> Iterator[Measurement]:
 
 
 def in_page(output: str, command: str, stamp: str) -> str:
-    """Return a command's output formatted for a page: tables unchanged, other text as printed."""
+    """Return a command's output formatted for a page: tables unchanged, other text in a code block."""
     output = output.strip()
     is_markdown = re.search(r"^\|[-|: ]+\|$", output, re.MULTILINE)
     shown = output if is_markdown else f"```text\n{output}\n```"
@@ -41,7 +42,7 @@ def in_page(output: str, command: str, stamp: str) -> str:
 
 
 def replace(page: str, name: str, text: str) -> str:
-    """Return the page with this text in the block of this name, which the page has."""
+    """Return the page with `text` as the content of the block `name`, which must exist."""
     return BLOCK.sub(lambda block: _with(block, text) if block["name"] == name else block[0], page)
 
 

@@ -1,4 +1,4 @@
-"""The page of message types, in MyST Markdown, from lcmtypes/*.lcm and the table of streams."""
+"""Generate the page of message types from lcmtypes/*.lcm and the table of streams, in MyST Markdown."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -14,7 +14,7 @@ STRUCT = re.compile(r"struct (\w+)")
 
 @dataclass
 class Message:
-    """A message type: its name, its description, and its members, each with type and meaning."""
+    """A message type: its name, its description, and its members as (name, type, meaning)."""
 
     name: str = ""
     about: str = ""
@@ -23,7 +23,7 @@ class Message:
 
 
 def read(text: str) -> Message:
-    """Read an .lcm file of one struct. A comment describes the line, or the lines, that follow it."""
+    """Read an .lcm file with one struct. A comment describes the line or lines that follow it."""
     message, comment, fresh = Message(), "", True
     for line in map(str.strip, text.splitlines()):
         if line.startswith("//"):

@@ -1,4 +1,4 @@
-"""Pages for the notebooks in docs/notebooks, in MyST Markdown: their cells, with their output of text and pictures."""
+"""Generate pages from the notebooks in docs/notebooks, in MyST Markdown: cells with their text and pictures."""
 
 import base64
 import json
@@ -14,7 +14,7 @@ These notebooks are in `docs/notebooks/` of the checkout. Open them with Jupyter
 
 
 def pages(notebooks: Iterable[Path]) -> dict[str, bytes]:
-    """Return the files of all notebooks by their names: notebooks.md, a page for each, and their pictures."""
+    """Return the files for all notebooks by name: notebooks.md, a page for each notebook, and their pictures."""
     result: dict[str, bytes] = {}
     names = []
     for path in notebooks:

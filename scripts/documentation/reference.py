@@ -1,4 +1,4 @@
-"""Write the generated pages of the reference, into a folder that is not in git."""
+"""Write the generated pages of the reference into a folder that is not in git."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from documentation.commands import PROJECT, modules, parsers_of
 INTRODUCTION = """\
 # Commands
 
-Every command explains itself with `--help`. These pages come from the same parsers.
+Every command prints its description with `--help`. These pages are generated from the same parsers.
 
 | command | purpose |
 |---|---|"""
@@ -16,10 +16,10 @@ EXIT_CODES = """\
 Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
 """
 SHARED = """\
-## Options in common
+## Common options
 
-What means the same has the same name in every command. All commands have `--help`, `--version`, `--lcm-url` and
-`--quiet`; these are the others that several commands have:
+Options with the same meaning have the same name in every command. All commands have `--help`, `--version`, `--lcm-url`
+and `--quiet`. Several commands have these options:
 
 | option | commands |
 |---|---|"""
@@ -27,7 +27,7 @@ EVERYWHERE = {"--help", "--version", "--lcm-url", "--quiet"}
 
 
 def write_reference(folder: Path) -> None:
-    """Write a page for each command and notebook, commands.md and notebooks.md, which list them, and messages.md."""
+    """Write a page for each command and notebook, commands.md and notebooks.md with their lists, and messages.md."""
     pages = _command_pages()
     pages["messages.md"] = message_page.page(sorted((PROJECT / "lcmtypes").glob("*.lcm")))
     files = {name: text.encode() for name, text in pages.items()}
@@ -36,7 +36,7 @@ def write_reference(folder: Path) -> None:
         _write(folder / name, data)
     for path in folder.rglob("*.*"):
         if path.relative_to(folder).as_posix() not in files:
-            path.unlink()  # of a command or a notebook that was removed
+            path.unlink()  # its command or notebook was removed
 
 
 def _command_pages() -> dict[str, str]:
@@ -55,13 +55,13 @@ def _command_pages() -> dict[str, str]:
 
 
 def _shared(having: dict[str, list[str]]) -> list[str]:
-    """Return a row for each option that several commands have, but not all."""
+    """Return a row for each option that several commands have, without those that all have."""
     chosen = {option: commands for option, commands in sorted(having.items()) if option not in EVERYWHERE}
     return [f"| `{option}` | {', '.join(commands)} |" for option, commands in chosen.items() if len(commands) > 1]
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a page if it has changed: Sphinx reads newer files again."""
+    """Write a page only if it has changed, because Sphinx processes newer files again."""
     if path.is_file() and path.read_bytes() == data:
         return
     path.parent.mkdir(parents=True, exist_ok=True)

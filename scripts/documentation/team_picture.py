@@ -1,6 +1,7 @@
-"""A team of real and virtual robots with a camera over the floor, for a picture of the page of cmr-view.
+"""Run a team of real and virtual robots with a camera over the floor, for a picture of the page of cmr-view.
 
-The real robots are emulated. The floor is rendered with them on it, and the virtual ones are drawn into its picture.
+The real robots are emulated. The camera's picture of the floor with the real robots is rendered, and the virtual robots
+are drawn into it.
 """
 
 import math
@@ -50,7 +51,7 @@ TAGS = tuple(
 
 
 def drive_team(folder: Path, parameters: Path) -> tuple[Path, Path]:
-    """Run the team for half a minute; return its scenario's file and its log."""
+    """Run the team for half a minute; return the file of its scenario, and its log."""
     scenario = folder / "team.yaml"
     scenario.write_text(SCENARIO.format(parameters=parameters, place=PLACE))
     subprocess.run([our_command("cmr-run"), scenario, "--out", folder / "team"], check=True)
@@ -58,7 +59,7 @@ def drive_team(folder: Path, parameters: Path) -> tuple[Path, Path]:
 
 
 def with_camera(log: Path, path: Path) -> float:
-    """Write a copy of a log with one picture of the camera in it; return how many seconds after the log's beginning."""
+    """Write a copy of a log with one picture of the camera added; return its time after the log's beginning [s]."""
     events = list(EventReader(log))
     moment = next(event.utime for event in events if _has_set_off(event)) + DRIVEN
     seen = [event for event in events if event.utime <= moment]
@@ -69,11 +70,11 @@ def with_camera(log: Path, path: Path) -> float:
     image = make(camera_image_t, utime=utime, camera="ceiling", width=width, height=height, jpeg=jpeg.tobytes())
     taken = Event(seen[-1].number, utime, CAMERA_IMAGE.name, image.encode())
     path.write_bytes(b"".join(map(event_bytes, [*seen, taken, *events[len(seen) :]])))
-    return (utime - events[0].utime) * 1e-6 + 0.02  # the picture is there
+    return (utime - events[0].utime) * 1e-6 + 0.02  # just after the picture
 
 
 def _has_set_off(event: Event) -> bool:
-    """Return whether this is the world after the leader has set off; it starts at the origin."""
+    """Return whether this is a world state in which the leader has left its start, the origin."""
     if event.channel != WORLD_STATE.name:
         return False
     world = decode(event.channel, event.data).message_of(WORLD_STATE)
@@ -83,7 +84,7 @@ def _has_set_off(event: Event) -> bool:
 
 
 def _picture(seen: Iterable[Event]) -> Picture:
-    """Return the camera's picture at the last of these events, with the virtual robots and their waypoints."""
+    """Return the camera's picture at the time of the last event, with the virtual robots and their waypoints."""
     tracks, utime = Tracks(TRAIL), 0
     ways: dict[int, waypoints_t] = {}
     for event in seen:

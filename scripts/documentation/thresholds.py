@@ -1,4 +1,4 @@
-"""The page of the search's thresholds, docs/reference/thresholds.md, made from the constants of its modules."""
+"""Generate docs/reference/thresholds.md, the thresholds of the search, from the constants of its modules."""
 
 import ast
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from documentation.imports import PROJECT
 
 PAGE = PROJECT / "docs" / "reference" / "thresholds.md"
 ESTIMATION = PROJECT / "cmr" / "estimation"
-# The stages in the order in which a diagnosis passes through them, each with its modules.
+# The stages of a diagnosis in their order, each with its modules.
 STAGES = {
     "Criterion": ("criterion",),
     "Screening": ("search/screening", "search/inflation", "search/localisation", "search/linear"),
@@ -47,7 +47,7 @@ UNITS = {
     "ASIDE, SHARE_ASIDE": "m, -",
     "MOMENTS, MOMENT_STEP, MOMENTS_APART": "-, s, s",
 }
-# Origin of a value that was not set by hand and confirmed by the whole study.
+# Origins of values.
 BY_HAND = "by hand, on the study"
 BIC = "Bayesian information criterion: Schwarz, Annals of Statistics 6, 1978"
 CONTROL = "genomic control: Devlin and Roeder, Biometrics 55, 1999"
@@ -71,21 +71,22 @@ SOURCES = {
     **dict.fromkeys(("PROMISING", "FINALISTS", "BEST_PAIRS", "FITTED_INSTEAD", "MOST_STEPS", "MOST_SMALL"), EFFORT),
     **dict.fromkeys(("MOST_CELLS", "STARTS", "ROUNDS", "rivals.MOST", "SMALLEST_BLOCK", "AGES"), EFFORT),
 }
-HEAD = "| name | value | unit | meaning | where from | module |\n|---|---|---|---|---|---|\n"
+HEAD = "| name | value | unit | meaning | origin | module |\n|---|---|---|---|---|---|\n"
 INTRODUCTION = """\
 # Thresholds of the diagnosis
 
-The numbers by which the search decides, in the order of its stages. The page comes from the modules
-(`scripts/write_thresholds`), and a test compares the two. Drops are those of the sum of squared white errors, which is
-twice the log-likelihood. The unit "-" stands for a pure number: a drop, a share, a factor or a count.
+This page lists the thresholds by which the search decides, in the order of its stages. It is generated from the modules
+(`scripts/write_thresholds`), and a test compares the two. A drop is a likelihood-ratio statistic: the decrease of the
+sum of squared whitened errors, which is twice the increase of the log-likelihood. The unit "-" stands for a pure
+number: a drop, a share, a factor or a count.
 
-A value that comes from elsewhere says from where. "By hand, on the study" means that it was chosen so that
-[the study of hidden effects](../measurements/diagnosis.md) came out best, and that nothing but this study bears it out.
+The column "origin" names the source of a value. "By hand, on the study" means that the value gave the best results in
+[the study of hidden effects](../measurements/diagnosis.md), and that only this study supports it.
 """
 
 
 class Threshold(NamedTuple):
-    """One line of a module that gives one number or a few: names, values, unit, meaning, and origin."""
+    """A line of a module that assigns one or more numbers: names, values, unit, meaning, and origin."""
 
     names: str
     values: str
@@ -100,13 +101,13 @@ def document() -> str:
     for stage, modules in STAGES.items():
         parts.append(f"\n## {stage}\n\n{HEAD}")
         for module in modules:
-            cells = ((f"`{one.names}`", f"`{one.values}`", *one[2:], f"`{module}`") for one in thresholds(module))
+            cells = ((f"`{each.names}`", f"`{each.values}`", *each[2:], f"`{module}`") for each in thresholds(module))
             parts += [f"| {' | '.join(row)} |\n" for row in cells]
     return "".join(parts)
 
 
 def thresholds(module: str) -> Iterator[Threshold]:
-    """Yield the thresholds of a module below cmr/estimation, in its order."""
+    """Yield the thresholds of a module in cmr/estimation, in the order of its source."""
     text = (ESTIMATION / f"{module}.py").read_text(encoding="utf-8")
     lines, short = text.splitlines(), Path(module).name
     for node in ast.parse(text).body:
@@ -136,7 +137,7 @@ def _of(table: dict[str, str], module: str, names: str) -> str:
 
 
 def _comment(lines: list[str], index: int) -> str:
-    """Return the comment on a line, else that of the lines above it."""
+    """Return the comment on a line, or on the lines above it."""
     _code, found, comment = lines[index].partition("#")
     if found:
         return comment.strip()

@@ -1,1 +1,1 @@
-"""What scripts/fuzz and scripts/fuzz_bus do."""
+"""Targets, inputs and checks of scripts/fuzz and scripts/fuzz_bus."""

@@ -1,8 +1,8 @@
 """Fuzz pairs of a process and message types: bus_target.py PROCESS TYPE,... SECONDS FOLDER [--atheris | FILE ...].
 
-SECONDS are those of a processor, for each pair. With files, lives are given the inputs that are recorded in them.
-Atheris takes one type. TYPE may be `every`; with `?` it only prints to which channels the process subscribes, and where
-in the code.
+SECONDS is the CPU time for each pair. With FILEs, the inputs recorded in them are repeated. With --atheris, exactly one
+TYPE is allowed. TYPE may be `every`. With `?`, the channels to which the process subscribes are printed, with the
+places in the code that subscribe, and nothing is fuzzed.
 """
 
 import importlib
@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fuzzing.inputs import Inputs
-    from fuzzing.life import Finding, Life
+    from fuzzing.process_run import Finding, ProcessRun
 
 ROOT = Path(__file__).resolve().parents[2]
-# What the fuzzer sees the branches of. What Numba compiles cannot be instrumented.
+# Modules whose branches guide the fuzzer. Functions compiled by Numba cannot be instrumented.
 INSTRUMENTED = (
     *(
         "cmr.bus",
@@ -41,25 +41,25 @@ INSTRUMENTED = (
     *("cmr.recordings", "cmr.camera.tracks", "robot_driver"),
 )
 SIMULATED = ("robot_driver.emulator", "robot_driver.simulated")
-COMPILED = ("compiled", "njit", "numba")  # words in modules with such functions
-LONGEST_LIFE = 5_000  # inputs
-MOST_OF_A_KIND = 3  # findings of one kind at one place that are kept
-LARGEST_GROWTH = 40e6  # bytes, within a life after its first third, or its first 500 inputs
-SETTLING = 500  # inputs
-FEWEST = 20  # inputs of a life of which the growth is measured
-EVERY, NOTED = "every", "subscriptions.json"
+COMPILED = ("compiled", "njit", "numba")  # words that only modules with compiled functions contain
+LONGEST_RUN = 5_000  # inputs
+MOST_OF_A_KIND = 3  # recorded findings of one kind at one place
+LARGEST_GROWTH = 40e6  # bytes in one run, after it has settled
+SETTLING = 500  # inputs before growth is measured
+FEWEST_INPUTS = 20  # for measuring growth in a run; a run with fewer counts as short
+EVERY, SUBSCRIPTIONS_FILE = "every", "subscriptions.json"
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 class Target:
-    """Gives inputs to lives of a process, one after the other, and keeps what ended badly."""
+    """Runs a process again and again with fuzzed inputs, and records the findings."""
 
     def __init__(self, process: str, stream: str, folder: Path) -> None:
         from cmr.bus.keys import write_new_key
         from cmr.bus.streams import STREAMS
         from fuzzing.programs import PROGRAMS
 
-        self.executions = self.lives = self.short_lives = 0
+        self.executions = self.runs = self.short_runs = 0
         self.longest = self.growth = 0.0
         self.found: dict[tuple[str, str], int] = {}
         self._program, self._folder = PROGRAMS[process], folder
@@ -68,80 +68,80 @@ class Target:
         self._scratch = Path(tempfile.mkdtemp(prefix="cmr-fuzz-bus-"))
         self._key_file = self._scratch / "key"
         self._key = write_new_key(self._key_file)
-        self._life: Life | None = None
+        self._run: ProcessRun | None = None
         self._inputs: Inputs | None = None
         self._count = self._settled = 0
 
     def give(self, data: bytes) -> None:
-        """Give one input."""
-        if self._life is None:
+        """Give one input to the current run; begin a run first if there is none."""
+        if self._run is None:
             self._begin()
-        assert self._life is not None
+        assert self._run is not None
         assert self._inputs is not None
         self._given.write(len(data).to_bytes(2, "big") + data)
         self._count += 1
         self.executions += 1
         self._inputs.give(data)
         if self._count == 1 or self._count % 50 == 0:
-            self._life.take_over()
-        if self._count == SETTLING or (self._settled == 0 and self._count == FEWEST):
+            self._run.install()
+        if self._count == SETTLING or (self._settled == 0 and self._count == FEWEST_INPUTS):
             self._settled = _resident()
-        self.longest = max(self.longest, self._life.longest)
-        if self._life.found or self._life.is_over or self._count >= LONGEST_LIFE:
+        self.longest = max(self.longest, self._run.longest)
+        if self._run.found or self._run.has_ended or self._count >= LONGEST_RUN:
             self.finish()
 
     def finish(self) -> None:
-        """End the present life, and note what came of it."""
-        if self._life is None:
+        """End the current run, and record its findings."""
+        if self._run is None:
             return
-        life, self._life = self._life, None
+        run, self._run = self._run, None
         grown = _resident() - self._settled if self._settled else 0
-        life.end()
+        run.end()
         self._given.close()
         self.growth = max(self.growth, float(grown))
         if grown > LARGEST_GROWTH:
-            life._find("growth", "", f"{grown / 1e6:.0f} MB within {self._count} inputs")
-        self.short_lives += self._count < FEWEST
-        for finding in life.found:
+            run.report_finding("growth", "", f"{grown / 1e6:.0f} MB within {self._count} inputs")
+        self.short_runs += self._count < FEWEST_INPUTS
+        for finding in run.found:
             self._keep(finding)
         shutil.rmtree(self._place, ignore_errors=True)
-        if not any(life.found):
+        if not any(run.found):
             self._record.unlink(missing_ok=True)
-        if any(finding.kind == "hang" and finding.text.startswith("no rest") for finding in life.found):
+        if any(finding.kind == "hang" and finding.text.startswith("no rest") for finding in run.found):
             self.report()
-            os._exit(3)  # a thread that never rests cannot be ended
+            os._exit(3)  # a thread that never yields cannot be ended
 
     def clean(self) -> None:
-        """Leave nothing behind."""
+        """Remove temporary files."""
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def report(self) -> None:
-        """Write down what came of it."""
-        result = {name: getattr(self, name) for name in ("executions", "lives", "short_lives", "longest", "growth")}
-        result["found"] = [[*which, count] for which, count in self.found.items()]
+        """Write the result to result.json."""
+        result = {name: getattr(self, name) for name in ("executions", "runs", "short_runs", "longest", "growth")}
+        result["found"] = [[*kind_and_place, count] for kind_and_place, count in self.found.items()]
         (self._folder / "result.json").write_text(json.dumps(result))
 
     def _begin(self) -> None:
         from fuzzing.inputs import Inputs
-        from fuzzing.life import Life
+        from fuzzing.process_run import ProcessRun
 
-        self.lives += 1
-        self._place = self._scratch / f"life_{self.lives}"
+        self.runs += 1
+        self._place = self._scratch / f"run_{self.runs}"
         self._place.mkdir()
-        has_key = self.lives % 2 == 0 or self._program.needs_key
-        self._record = self._folder / f"life_{self.lives}{'_with_key' if has_key else ''}.bin"
+        has_key = self.runs % 2 == 0 or self._program.needs_key
+        self._record = self._folder / f"run_{self.runs}{'_with_key' if has_key else ''}.bin"
         self._given = self._record.open("wb")
         self._count, self._settled = 0, 0
-        self._life = Life(self._program, self._place, self._key_file if has_key else None)
-        self._life.begin()
-        self._inputs = Inputs(self._life, self._stream, self._key if has_key else None)
+        self._run = ProcessRun(self._program, self._place, self._key_file if has_key else None)
+        self._run.begin()
+        self._inputs = Inputs(self._run, self._stream, self._key if has_key else None)
 
     def _keep(self, finding: "Finding") -> None:
-        which = finding.kind, finding.where
-        self.found[which] = self.found.get(which, 0) + 1
-        if self.found[which] <= MOST_OF_A_KIND:
-            with (self._folder / "found.txt").open("a") as said:
-                said.write(
+        kind_and_place = finding.kind, finding.where
+        self.found[kind_and_place] = self.found.get(kind_and_place, 0) + 1
+        if self.found[kind_and_place] <= MOST_OF_A_KIND:
+            with (self._folder / "found.txt").open("a") as log:
+                log.write(
                     f"{self._record} after {self._count} inputs: {finding.kind} {finding.where}\n{finding.text}\n\n"
                 )
 
@@ -151,7 +151,7 @@ def _resident() -> int:
 
 
 def inputs_of(record: Path) -> Iterator[bytes]:
-    """Yield the inputs that a life was given."""
+    """Yield the inputs recorded in the file of a run."""
     data = record.read_bytes()
     at = 0
     while at + 2 <= len(data):
@@ -161,7 +161,7 @@ def inputs_of(record: Path) -> Iterator[bytes]:
 
 
 def main() -> int:
-    """Fuzz, or try again."""
+    """Fuzz, or repeat recorded runs; return the exit code."""
     process, stream, seconds, folder, *more = sys.argv[1:]
     out = Path(folder)
     out.mkdir(parents=True, exist_ok=True)
@@ -176,12 +176,12 @@ def main() -> int:
         found = 0
         if stream == EVERY:
             noted = subscriptions(process)
-            (out / NOTED).write_text(json.dumps(noted))
-            stream = ",".join(noted["heard"])
+            (out / SUBSCRIPTIONS_FILE).write_text(json.dumps(noted))
+            stream = ",".join(noted["streams"])
         for each in stream.split(","):
             target = Target(process, each, out / each)
             if more:
-                _again(target, [Path(record) for record in more if not record.startswith("--")])
+                _repeat(target, [Path(record) for record in more if not record.startswith("--")])
             elif seconds != "0":
                 _by_chance(target, float(seconds))
             target.report()
@@ -190,39 +190,39 @@ def main() -> int:
     return int(found > 0)
 
 
-def _again(target: "Target", records: list[Path]) -> None:
-    """Give lives the inputs of records again."""
+def _repeat(target: "Target", records: list[Path]) -> None:
+    """Repeat the recorded runs, each with its inputs."""
     for record in records:
-        target.lives = int(record.stem.split("_")[1]) - 1  # with a key or without one, as then
+        target.runs = int(record.stem.split("_")[1]) - 1  # so that the run has a key if the recorded one had
         for data in inputs_of(record):
             target.give(data)
         target.finish()
 
 
 def subscriptions(process: str) -> dict[str, Any]:
-    """Return the names of the streams that a process hears, and where it subscribes to what."""
+    """Return the names of the streams that a process subscribes to, and where in the code it does so."""
     from cmr.bus.keys import write_new_key
-    from fuzzing.life import Life
+    from fuzzing.process_run import ProcessRun
     from fuzzing.programs import PROGRAMS
 
     with tempfile.TemporaryDirectory(prefix="cmr-fuzz-bus-") as folder, _quiet():
         key = Path(folder) / "key"
         write_new_key(key)
-        life = Life(PROGRAMS[process], Path(folder), key)
-        life.begin()
-        made = {(Path(name).resolve(), line) for name, line in life.network.subscribed.values()}
+        run = ProcessRun(PROGRAMS[process], Path(folder), key)
+        run.begin()
+        made = {(Path(name).resolve(), line) for name, line in run.network.subscribed.values()}
         places = sorted((str(path.relative_to(ROOT)), line) for path, line in made if path.is_relative_to(ROOT))
-        heard, found = list(life.heard()), [list(finding) for finding in life.found]
-        life.end()
-    return {"heard": heard, "places": places, "found": found}
+        streams, found = list(run.subscribed_streams()), [list(finding) for finding in run.found]
+        run.end()
+    return {"streams": streams, "places": places, "found": found}
 
 
 def _by_chance(target: Target, seconds: float) -> None:
     from fuzzing.inputs import LONGEST
 
-    chance, end = Random(0), time.process_time() + seconds
+    rng, end = Random(0), time.process_time() + seconds
     while time.process_time() < end:
-        target.give(chance.randbytes(chance.randrange(LONGEST)))
+        target.give(rng.randbytes(rng.randrange(LONGEST)))
     target.finish()
 
 
@@ -257,7 +257,7 @@ def _with_atheris(process: str, stream: str, seconds: float, out: Path) -> int:
 
 
 def _not_instrumented() -> list[str]:
-    """Return the modules of ours of which the fuzzer sees no branches."""
+    """Return the names of CMR's modules that Atheris must not instrument."""
     names = []
     for path in (
         *(ROOT / "cmr").rglob("*.py"),
@@ -266,18 +266,18 @@ def _not_instrumented() -> list[str]:
     ):
         parts = path.relative_to(ROOT).with_suffix("").parts
         name = ".".join(("cmr", *parts) if parts[0] == "tools" else parts).removesuffix(".__init__")
-        is_seen = name.startswith(INSTRUMENTED) and not name.startswith(SIMULATED)
-        if not is_seen or any(word in path.read_text() for word in COMPILED):
+        is_wanted = name.startswith(INSTRUMENTED) and not name.startswith(SIMULATED)
+        if not is_wanted or any(word in path.read_text() for word in COMPILED):
             names.append(name)
     return names
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Throw away what processes print."""
+    """Discard the output of processes."""
     before = sys.stdout, sys.stderr
-    with open(os.devnull, "w") as nothing:  # noqa: PTH123
-        sys.stdout = sys.stderr = nothing
+    with open(os.devnull, "w") as null:  # noqa: PTH123
+        sys.stdout = sys.stderr = null
         try:
             yield
         finally:

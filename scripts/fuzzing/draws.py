@@ -1,4 +1,4 @@
-"""Decisions that are read from bytes, which a fuzzer or chance chose: the same bytes decide the same."""
+"""Make decisions from a fuzzer's or random bytes; the same bytes give the same decisions."""
 
 import struct
 from collections.abc import Sequence
@@ -8,9 +8,9 @@ One = TypeVar("One")
 
 
 class Draws:
-    """Decides by the bytes of `data`, one after the other; at their end, each decision is the first there is.
+    """Draws values from the bytes of `data` in turn; when they are used up, it draws from zeros.
 
-    So whoever has the bytes can have all decisions again, and bytes that are nearly the same decide nearly the same.
+    The bytes alone reproduce all decisions, and similar bytes give similar decisions.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -18,25 +18,25 @@ class Draws:
 
     @property
     def are_left(self) -> bool:
-        """Whether there are bytes that nothing was decided by."""
+        """Whether unused bytes are left."""
         return self._at < len(self._data)
 
     def take(self, count: int) -> bytes:
-        """Return so many bytes, zeros where there are no more."""
+        """Return the next `count` bytes, padded with zeros."""
         drawn = self._data[self._at : self._at + count]
         self._at += count
         return drawn.ljust(count, b"\0")
 
     def below(self, count: int) -> int:
-        """Return a whole number from 0 to count - 1, for up to 65,536."""
+        """Return an integer from 0 to count - 1; count is at most 65,536."""
         return int.from_bytes(self.take(1 if count <= 256 else 2), "big") % count
 
     def choice(self, choices: Sequence[One]) -> One:
-        """Return one of these."""
+        """Return one of the choices."""
         return choices[self.below(len(choices))]
 
     def one_in(self, count: int) -> bool:
-        """Return True once in so many times; not where there are no bytes left."""
+        """Return True with probability 1 / count; False if no bytes are left."""
         return self.below(count) == count - 1
 
     def fraction(self) -> float:

@@ -1,4 +1,4 @@
-"""Which duties a driver may send, computed from the messages that it got and independently of its own code."""
+"""Check a driver's duties against the messages that it received, independently of the driver's code."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,16 +8,16 @@ from cmr.bus.signing import without_signature
 from cmr.bus.streams import ESTOP
 from cmr.msg import estop_t, motor_command_t
 
-LIFETIME = 600_000  # us after which no command that came moves a motor: 0.5 s, and time to stop
-STOPPED_AFTER = 150_000  # us after an emergency stop
+LIFETIME_US = 600_000  # after which a command no longer moves a motor: 0.5 s, and time to stop
+STOPPED_AFTER_US = 150_000  # after an emergency stop
 ROUNDING = 1e-3  # duty
 
 
 class DutyChecks:
-    """Compares the duties that the device was sent with the largest that anybody could have commanded lately.
+    """Compares the duties that the device received with the largest duty that was commanded recently.
 
-    Who sent a command, and whether it was signed or of now, is left aside: a duty that not even all commands together
-    allow is wrong in any case. Times are us.
+    The sender, signature and timestamp of a command are ignored: a duty above all recent commands is wrong in any
+    case. Times are in us.
     """
 
     def __init__(self, channel: str, duties: Callable[[], Sequence[float]]) -> None:
@@ -26,7 +26,7 @@ class DutyChecks:
         self._stopped_since: int | None = None
 
     def sent(self, channel: str, data: bytes, utime: int) -> None:
-        """Note a message that is sent to the driver."""
+        """Record a message that is sent to the driver."""
         try:
             message = decode(channel, without_signature(data)).message
         except RejectedMessage:
@@ -42,12 +42,12 @@ class DutyChecks:
                 self._commanded.append((utime, largest))
 
     def problem(self, utime: int) -> str:
-        """Return what the device does and must not; empty if all is well."""
-        self._commanded = [(when, duty) for when, duty in self._commanded if utime - when <= LIFETIME]
+        """Return a description of a duty that is too large; empty if there is none."""
+        self._commanded = [(when, duty) for when, duty in self._commanded if utime - when <= LIFETIME_US]
         permitted = max((duty for _, duty in self._commanded), default=0.0)
-        if self._stopped_since is not None and utime - self._stopped_since > STOPPED_AFTER:
+        if self._stopped_since is not None and utime - self._stopped_since > STOPPED_AFTER_US:
             permitted = 0.0
         duties = self._duties()
         if all(abs(duty) <= permitted + ROUNDING for duty in duties):
             return ""
-        return f"the motors have duties of {duties}, at most {permitted} was permitted"
+        return f"the motors have duties {duties}, but at most {permitted} is permitted"

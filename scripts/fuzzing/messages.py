@@ -1,4 +1,4 @@
-"""Messages as strangers may send them: right ones, and some whose fields, stamps, lengths, texts or bytes are not."""
+"""Messages for fuzzing: valid ones, and some with wrong fields, timestamps, lengths, strings or bytes."""
 
 import copy
 import hashlib
@@ -17,9 +17,25 @@ from fuzzing.draws import Draws
 from tests.support.small_log import FIELDS
 
 INT_BITS = {"int8_t": 8, "int16_t": 16, "int32_t": 32, "int64_t": 64, "byte": 8, "boolean": 8}
-LARGEST_FLOAT = 3.4e38  # of 4 bytes; a larger one cannot be encoded
+LARGEST_FLOAT = 3.4e38  # in 4 bytes; a larger one cannot be encoded
 SECOND, HOUR = 1_000_000, 3_600_000_000  # us
-STAMPS = (0, 0, 0, 0, 0, -1, 1, -100_000, 100_000, -SECOND, SECOND, -3 * SECOND, 3 * SECOND, -HOUR, HOUR)  # us from now
+STAMPS = (
+    0,
+    0,
+    0,
+    0,
+    0,
+    -1,
+    1,
+    -100_000,
+    100_000,
+    -SECOND,
+    SECOND,
+    -3 * SECOND,
+    3 * SECOND,
+    -HOUR,
+    HOUR,
+)  # us relative to now
 ABSURD_STAMPS = (0, 1, -1, 2**63 - 1, -(2**63), 2**62, 10**18)
 REALS = (
     *(math.nan, math.inf, -math.inf, 1e300, -1e300, 1.7e308, 5e-324, 1e-300, 0.0, -0.0, 1.0, -1.0, 1.0000001),
@@ -54,7 +70,7 @@ YAMLS = (
     *("", "schema: 1", "[" * 5000, "a: &a [*a]", "{" * 3000, "? " * 3000, "- " * 5000, "schema: 1\nschema: 1\n"),
     *("!!python/object/apply:os.system [ls]", "a: &a [x,x,x,x]\nb: [*a,*a,*a,*a]\n", "\t", "\0", "x: " + "9" * 9000),
 )
-NUMBERS = ("0.04", "118.0", "0.054", "0.161")  # in PARAMETERS
+NUMBERS = ("0.04", "118.0", "0.054", "0.161")  # as in fuzzing.programs.PARAMETERS
 YAML = (
     "schema: 1\nrobot_id: {robot_id}\nwritten: 2026-11-22T00:00:00Z\nparameters:\n"
     "  wheel_radius: {{value: {0}, unit: m}}\n  k2_over_k3: {{value: {1}, unit: rad/s^2}}\n"
@@ -79,20 +95,20 @@ ODD_NUMBERS = (
 )
 LENGTHS = (0, 1, 2, 3, 5, 50, 300, 1000)
 HOST = socket.gethostname()
-PLAIN: dict[str, dict[str, Any]] = {  # what differs from the messages of the small log, so that it is taken
+PLAIN: dict[str, dict[str, Any]] = {  # fields that differ from the small log's, so that processes accept the message
     "MOTOR_FEEDBACK": {"psi_right": 0.1, "current_left": 1.0},
     "WHEEL_SPEED_COMMAND": {"psi_right": 3.5},
     "WAYPOINTS": {"x": [0.5, 1.0], "y": [0.0, 0.5]},
     "POSE": {"x": 0.1, "y": 0.1, "theta": 0.1},
     "RANGE_SCAN": {"ranges": [0.5, 2.0, 0.1]},
-    # --version: what an agent starts of it does nothing.
+    # --version: the process that an agent starts ends at once.
     "PROCESS_REQUEST": {"host": HOST, "command": '["cmr-pilot", "--version"]', "role": "pilot", "name": "pilot 0"},
     "PROCESS_STATUS": {"host": HOST},
 }
 
 
 def message_of(stream: Stream[Message], robot_id: int, utime: int) -> Any:
-    """Return a message of a stream as its owner would send it at `utime` [us]."""
+    """Return a valid message of a stream, with timestamp `utime` [us]."""
     message: Any = copy.deepcopy(_plain(stream))
     message.utime = utime
     if stream.per_robot:
@@ -106,7 +122,7 @@ def message_of(stream: Stream[Message], robot_id: int, utime: int) -> Any:
 
 
 def fuzzed(draws: Draws, stream: Stream[Message], robot_id: int, utime: int) -> bytes:
-    """Return the bytes of a message of a stream, more or less; some are right, and of now."""
+    """Return the bytes of a fuzzed message of a stream; some are valid and have timestamp `utime` [us]."""
     message = message_of(stream, robot_id, utime)
     kind = draws.below(10)
     if kind in (1, 2, 3, 4):
@@ -128,7 +144,7 @@ def fuzzed(draws: Draws, stream: Stream[Message], robot_id: int, utime: int) -> 
 
 
 def _yaml(draws: Draws, robot_id: int) -> str:
-    """Return what might be a parameter file."""
+    """Return the text of a valid or damaged parameter file."""
     if draws.one_in(3):
         return draws.choice(YAMLS)
     odd = [draws.choice((*ODD_NUMBERS, str(draws.real()))) if draws.one_in(3) else number for number in NUMBERS]
@@ -156,7 +172,7 @@ def _plain(stream: Stream[Message]) -> Any:
 
 
 def _changeable(message_type: type[Message]) -> tuple[Field, ...]:
-    """Return all fields but the stamp, whose changes are a case of their own."""
+    """Return all fields except the timestamp, which is changed separately."""
     return tuple(field for field in fields_of(message_type) if field.name not in ("utime", "n")) + _counts(message_type)
 
 
@@ -165,7 +181,7 @@ def _counts(message_type: type[Message]) -> tuple[Field, ...]:
 
 
 def _change(draws: Draws, message: Any, field: Field) -> None:
-    """Change a field of a message to something that can be encoded."""
+    """Set a field of a message to another value that can be encoded."""
     if field.name == "n":
         _resize(message, draws.choice(LENGTHS))
     elif field.wire_type == BYTES:
@@ -182,7 +198,7 @@ def _change(draws: Draws, message: Any, field: Field) -> None:
 
 
 def _resize(message: Any, length: int) -> None:
-    """Make all arrays of a message so long."""
+    """Give all arrays of a message this length."""
     kind: Any = type(message)
     for field in fields_of(kind):
         if field.counted_by is not None or field.wire_type == BYTES:
@@ -192,7 +208,7 @@ def _resize(message: Any, length: int) -> None:
 
 
 def _number(draws: Draws, wire_type: str, value: float) -> float:
-    """Return a number that this type of field can hold."""
+    """Return a number that a field of this type can hold."""
     if wire_type in INT_BITS:
         whole = draws.choice((*WHOLES, draws.whole(), int(value) + 1, int(value) - 1))
         bits = INT_BITS[wire_type]
@@ -221,14 +237,14 @@ def _flipped(draws: Draws, data: bytes) -> bytes:
 
 
 def _length(draws: Draws, data: bytes) -> bytes:
-    """Put an absurd length, or something like it, in the place of four bytes."""
+    """Replace four bytes by an integer that is an absurd length."""
     at = FINGERPRINT_BYTES + draws.below(max(min(len(data), 200) - FINGERPRINT_BYTES, 1))
     absurd = draws.choice((2**31 - 1, -(2**31), -1, 0, 1, 10**6, 65_536, len(data)))
     return data[:at] + absurd.to_bytes(4, "big", signed=True) + data[at + 4 :]
 
 
 def _foreign(draws: Draws, data: bytes) -> bytes:
-    """Give it the fingerprint of another type, or an older one, or of none."""
+    """Replace the fingerprint by that of another type, an older version, or random bytes."""
     fingerprints = [stream.message_type._get_packed_fingerprint() for stream in STREAMS]
     return draws.choice((*fingerprints, *OLDER, draws.take(8)))[:FINGERPRINT_BYTES] + data[FINGERPRINT_BYTES:]
 

@@ -1,4 +1,4 @@
-"""All pairs of a process and a message type that it subscribes to: which there are, and what came of fuzzing them."""
+"""Find all pairs of a process and a message type that it subscribes to, fuzz them, and tabulate the results."""
 
 import json
 import re
@@ -12,19 +12,19 @@ from pathlib import Path
 from typing import Any
 
 from fuzzing.programs import PROGRAMS, ROOT
-from fuzzing.subscriptions import not_made
+from fuzzing.subscriptions import missing_subscriptions
 
 TARGET = Path(__file__).with_name("bus_target.py")
-COLUMNS = "| process | message | executions | edges | features | lives | longest step | growth | found |"
+COLUMNS = "| process | message | executions | edges | features | runs | longest step | growth | found |"
 HEAD = f"{COLUMNS}\n{'|---' * 9}|"
 COVERAGE = re.compile(r"cov: (\d+) ft: (\d+) ")
-EVERY, NOTED = "every", "subscriptions.json"  # as in bus_target.py
+EVERY, SUBSCRIPTIONS_FILE = "every", "subscriptions.json"  # as in bus_target.py
 BY_CHANCE = "by chance"
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How pairs are fuzzed: where results go, for how many seconds each, and how many at a time."""
+    """How pairs are fuzzed: folder of results, CPU time for each [s], and number of processes at the same time."""
 
     out: Path
     seconds: float
@@ -33,49 +33,49 @@ class Plan:
 
     @property
     def has_atheris(self) -> bool:
-        """Whether Atheris finds the inputs."""
+        """Whether Atheris chooses the inputs."""
         return not self.by_chance and find_spec("atheris") is not None
 
 
 def pairs_of(process: str, out: Path) -> list[str]:
     """Return the streams that a process subscribes to."""
-    heard: list[str] = _noted(process, out)["heard"]
-    return heard
+    streams: list[str] = _subscriptions(process, out)["streams"]
+    return streams
 
 
 def unfuzzed(out: Path) -> list[str]:
-    """Return where in the code somebody subscribes to what no process was seen to subscribe to, as file:line."""
-    made = {(name, line) for process in PROGRAMS for name, line in _noted(process, out)["places"]}
-    return not_made(ROOT, made)
+    """Return the places in the code, as file:line, that subscribe but were reached by no started process."""
+    observed = {(name, line) for process in PROGRAMS for name, line in _subscriptions(process, out)["places"]}
+    return missing_subscriptions(ROOT, observed)
 
 
-def _noted(process: str, out: Path) -> dict[str, Any]:
-    """Return what a process was seen to subscribe to, and where; it is started if that was not seen yet."""
-    noted = out / _folder(process) / NOTED
-    if not noted.exists():
-        noted.parent.mkdir(parents=True, exist_ok=True)
-        done = subprocess.run(_command(process, "?", 0, noted.parent), capture_output=True, text=True, check=True)
-        noted.write_text(done.stdout)
-    return dict(json.loads(noted.read_text()))
+def _subscriptions(process: str, out: Path) -> dict[str, Any]:
+    """Return the subscriptions of a process and their places in the code; start the process if no file has them."""
+    file = out / _folder(process) / SUBSCRIPTIONS_FILE
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        done = subprocess.run(_command(process, "?", 0, file.parent), capture_output=True, text=True, check=True)
+        file.write_text(done.stdout)
+    return dict(json.loads(file.read_text()))
 
 
 def fuzz_all(plan: Plan, only: str | None) -> bool:
-    """Fuzz all pairs, or those of one process, and print a table; return whether something was found."""
+    """Fuzz all pairs, or those of `only`, and print a table; return whether a problem was found."""
     wanted, _, stream = (only or "").partition(":")
     processes = [name for name in PROGRAMS if not wanted or name == wanted]
     if not processes:
-        raise SystemExit(f"There is no process {wanted}: {', '.join(PROGRAMS)}")
+        raise SystemExit(f"There is no process {wanted}. Known processes: {', '.join(PROGRAMS)}")
     print(HEAD, flush=True)
     with ThreadPoolExecutor(plan.jobs) as pool:
         is_found: bool = any(list(pool.map(lambda name: _fuzz(plan, name, stream), processes)))
-    left_out = [] if wanted else unfuzzed(plan.out)
-    for place in left_out:
-        print(f"Not fuzzed: what is subscribed to in {place}", flush=True)
-    return is_found or bool(left_out)
+    missing = [] if wanted else unfuzzed(plan.out)
+    for place in missing:
+        print(f"Not fuzzed: the subscription in {place}", flush=True)
+    return is_found or bool(missing)
 
 
 def try_again(records: Iterable[Path]) -> int:
-    """Give the lives of records their inputs again; return the worst exit code."""
+    """Repeat recorded runs and print their findings; return the largest exit code."""
     worst = 0
     for record in records:
         folder = record.absolute().parent
@@ -83,19 +83,20 @@ def try_again(records: Iterable[Path]) -> int:
         again = folder.parent / "again"
         command = _command(process, folder.name, 0, again, str(record.absolute()))
         worst = max(worst, subprocess.run(command, check=False).returncode)
-        said = again / folder.name / "found.txt"
-        print(said.read_text() if said.exists() else f"{record}: nothing was found", flush=True)
+        findings = again / folder.name / "found.txt"
+        print(findings.read_text() if findings.exists() else f"{record}: nothing was found", flush=True)
     return worst
 
 
 def _fuzz(plan: Plan, process: str, only: str) -> bool:
-    """Fuzz the pairs of a process that are not finished."""
+    """Fuzz the unfinished pairs of a process and print all rows; return whether a problem was found."""
     folder = plan.out / _folder(process)
-    if not (plan.has_atheris or only or (folder / NOTED).exists()):
+    if not (plan.has_atheris or only or (folder / SUBSCRIPTIONS_FILE).exists()):
         _run(plan, process, EVERY, folder)
     streams = [stream for stream in pairs_of(process, plan.out) if not only or stream == only]
     if not streams:
-        print(f"Not fuzzed: {process}, which subscribed to nothing: {_noted(process, plan.out)['found']}", flush=True)
+        found = _subscriptions(process, plan.out)["found"]
+        print(f"Not fuzzed: {process}, which subscribed to nothing: {found}", flush=True)
         return True
     missing = [stream for stream in streams if not _is_done(folder / stream, plan.seconds)]
     if plan.has_atheris:
@@ -117,9 +118,9 @@ def _run(plan: Plan, process: str, streams: str, folder: Path, *more: str) -> No
         if not result.exists():
             continue
         outcome = json.loads(result.read_text()) | {"seconds": plan.seconds}
-        said = COVERAGE.findall((folder / "log").read_text(errors="replace"))
-        if more and said:
-            outcome["edges"], outcome["features"] = map(int, said[-1])
+        coverage = COVERAGE.findall((folder / "log").read_text(errors="replace"))
+        if more and coverage:
+            outcome["edges"], outcome["features"] = map(int, coverage[-1])
         result.write_text(json.dumps(outcome))
 
 
@@ -146,8 +147,8 @@ def _row(process: str, stream: str, folder: Path) -> str:
     if not result:
         return f"| {process} | {stream} | - | - | - | - | - | - | ended early: {folder.parent / 'log'} |"
     kinds = ", ".join(f"{count} x {kind} {where}".strip() for kind, where, count in result["found"])
-    seen = [f"{result[name]:,}" if name in result else BY_CHANCE for name in ("edges", "features")]
-    numbers = [f"{result['executions']:,}", *seen, result["lives"], f"{result['longest']:.3f} s"]
+    coverage = [f"{result[name]:,}" if name in result else BY_CHANCE for name in ("edges", "features")]
+    numbers = [f"{result['executions']:,}", *coverage, result["runs"], f"{result['longest']:.3f} s"]
     cells = [process, stream, *numbers, f"{result['growth'] / 1e6:.0f} MB", kinds or 0]
     return f"| {' | '.join(map(str, cells))} |"
 

@@ -1,4 +1,4 @@
-"""The processes that subscribe to messages: how each is started so that it runs beside the fuzzer, by its own main."""
+"""The processes that subscribe to messages, and how main() of each is run beside the fuzzer."""
 
 import importlib
 import signal
@@ -21,7 +21,7 @@ from robot_driver.simulated.usb import OwnUsb, UsbAdapter
 ROOT = Path(__file__).resolve().parents[2]
 PARAMETERS = ROOT / "cmr/experiments/scenario/shipped/parameters/robot_0.yaml"
 URL, OTHER_URL = "memq://fuzz", "memq://strangers"
-ANYTHING = "anything"  # how a process may end, beside exit codes
+ANYTHING = "anything"  # a value of Program.may_end: any message
 SCENARIO = """\
 duration: 60
 parameters: {parameters}
@@ -31,8 +31,8 @@ robots:
 """
 
 
-class Stage:
-    """What a process runs on: its folder, its clock, and what is checked of the world beyond it."""
+class Testbed:
+    """The surroundings of a process: its folder, its clock, and the checks of its motors' duties, if any."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -42,21 +42,21 @@ class Stage:
 
 @dataclass(frozen=True)
 class Program:
-    """A process: its module with `main`, its arguments in a folder, and what is put in place of what it cannot have.
+    """A process: its module with `main`, its arguments for a folder, and a function that replaces what it cannot use.
 
-    `may_end` are words of the last sentence with which it may end by itself; None: it may not. `url` is where messages
-    come from.
+    `may_end` is part of the message with which it may end by itself; None: it may not. `url` is the bus from which
+    it receives the fuzzed messages.
     """
 
     module: str
     arguments: Callable[[Path], Sequence[str]]
-    prepare: Callable[[Stage], None] = lambda _stage: None
+    prepare: Callable[[Testbed], None] = lambda _testbed: None
     may_end: str | None = None
     url: str = URL
-    relays: bool = False  # what it publishes is what strangers say
+    relays: bool = False  # it publishes messages of others unchanged
     needs_key: bool = False
-    more: tuple[str, ...] = ()  # files in which it subscribes, beside that of its module,
-    instead: tuple[str, ...] = ()  # or in place of it
+    more: tuple[str, ...] = ()  # files in which it subscribes, besides that of its module
+    instead: tuple[str, ...] = ()  # files in which it subscribes, if not in that of its module
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -65,8 +65,8 @@ class Program:
         return self.instead or (own.replace(".", "/") + ".py", *self.more)
 
 
-def _driver(stage: Stage) -> None:
-    """Plug an emulated robot into a simulated computer, and have the driver run on it."""
+def _driver(testbed: Testbed) -> None:
+    """Plug an emulated robot into a simulated computer, and let the driver run on it."""
     settings = load_settings(None)
     plant, host = Plant(settings), SimulatedHost(0)
     controller: Any = CONTROLLER_DEVICES["roboclaw"](settings, plant)
@@ -76,24 +76,24 @@ def _driver(stage: Stage) -> None:
     module: Any = importlib.import_module("robot_driver.main")
     driver: Any = importlib.import_module("robot_driver.driver")
     module.Driver = lambda plan, stop_file: driver.Driver(plan, host, stop_file)
-    stage.clock = host
-    stage.duties = DutyChecks(MOTOR_COMMAND.channel(0), lambda: [duty / 32767.0 for duty in controller.duty])
+    testbed.clock = host
+    testbed.duties = DutyChecks(MOTOR_COMMAND.channel(0), lambda: [duty / 32767.0 for duty in controller.duty])
 
 
-def _unhurried(_stage: Stage) -> None:
-    """Have the process not run before all others: it is not the only one here."""
+def _without_high_priority(_testbed: Testbed) -> None:
+    """Keep the emulator from raising its priority: the fuzzer runs in the same process."""
     module: Any = importlib.import_module("robot_driver.emulator.main")
     module.go_first = lambda: None
 
 
-class NoProcess:
-    """A process that another one believes that it started: it says that it is ready, and runs until it is stopped."""
+class FakeProcess:
+    """A fake of subprocess.Popen: prints `ready`, and runs until it is stopped."""
 
     count = 1000
 
     def __init__(self, _command: object, stdout: Any = None, **_options: object) -> None:
-        NoProcess.count = 1000 + (NoProcess.count - 999) % 8
-        self.pid = NoProcess.count
+        FakeProcess.count = 1000 + (FakeProcess.count - 999) % 8
+        self.pid = FakeProcess.count
         self.returncode: int | None = None
         if stdout is not None:
             stdout.write(b"ready\n")
@@ -107,51 +107,51 @@ class NoProcess:
         return self.returncode
 
     def terminate(self) -> None:
-        """End."""
+        """End the fake process."""
         self.returncode = -signal.SIGTERM
 
     kill = terminate
 
 
-def _childless(_stage: Stage) -> None:
-    """Have nothing started."""
+def _without_child_processes(_testbed: Testbed) -> None:
+    """Start fakes in place of child processes."""
     module: Any = importlib.import_module("cmr.processes.children")
     module.subprocess = type(subprocess)("subprocess")
-    module.subprocess.Popen, module.subprocess.DEVNULL, module.subprocess.STDOUT = NoProcess, -3, -2
+    module.subprocess.Popen, module.subprocess.DEVNULL, module.subprocess.STDOUT = FakeProcess, -3, -2
     module.subprocess.TimeoutExpired = subprocess.TimeoutExpired
 
 
-def _run(stage: Stage) -> None:
-    _childless(stage)
-    (stage.folder / "team.yaml").write_text(SCENARIO.format(parameters=PARAMETERS))
+def _run(testbed: Testbed) -> None:
+    _without_child_processes(testbed)
+    (testbed.folder / "team.yaml").write_text(SCENARIO.format(parameters=PARAMETERS))
 
 
-def _camera(stage: Stage) -> None:
-    """Have a camera that sees the same floor again and again."""
-    from fuzzing.still_camera import put_camera
+def _camera(testbed: Testbed) -> None:
+    """Replace the camera by one that always shows the same picture."""
+    from fuzzing.still_camera import install_still_camera
 
-    put_camera(stage.folder)
+    install_still_camera(testbed.folder)
 
 
-def _ros2(_stage: Stage) -> None:
-    """Have a ROS 2 in which nobody is."""
-    from fuzzing.deserted_ros import put_ros
+def _ros2(_testbed: Testbed) -> None:
+    """Replace ROS 2 by a fake without other nodes."""
+    from fuzzing.fake_ros import install_fake_ros
 
-    put_ros()
+    install_fake_ros()
 
 
 def _own(folder: Path) -> str:
     return str(folder / "robot_0.yaml")
 
 
-def _in_doubt(_stage: Stage) -> None:
-    """Have robot 0 look as if it may have been confused with another one, so that wheels and gyro are listened to."""
+def _with_suspected_swap(_testbed: Testbed) -> None:
+    """Let the tracker suspect that robot 0 was swapped with another, so that it subscribes to wheels and gyro."""
     module: Any = importlib.import_module("cmr.tracker.supervisor")
     module.Supervisor.in_doubt = lambda _self: {0}
 
 
 def _tracker(folder: Path) -> str:
-    """Write a profile of a tracker that does not answer."""
+    """Write the profile of a tracker that does not answer; return its path."""
     path = folder / "tracker.yaml"
     path.write_text(
         "schema: 1\ntracker: {type: vrpn, server: 127.0.0.1, port: 9}\nrobots: {0: {body: a, wheel_radius: 0.05}}\n"
@@ -166,10 +166,10 @@ PROGRAMS = {
         _driver,
     ),
     "emulate velocity": Program(
-        "robot_driver.emulator.main", lambda _at: ["--command", "velocity", "--ideal"], _unhurried
+        "robot_driver.emulator.main", lambda _at: ["--command", "velocity", "--ideal"], _without_high_priority
     ),
     "emulate wheel_speed": Program(
-        "robot_driver.emulator.main", lambda _at: ["--command", "wheel_speed", "--ideal"], _unhurried
+        "robot_driver.emulator.main", lambda _at: ["--command", "wheel_speed", "--ideal"], _without_high_priority
     ),
     "sim": Program(
         "cmr.commands.sim",
@@ -221,7 +221,9 @@ PROGRAMS = {
         more=("cmr/experiments/live/live_run.py",),
     ),
     "recorder": Program("cmr.experiments.live.recorder", lambda at: [str(at / "run.lcm")]),
-    "agent": Program("cmr.commands.agent", lambda at: ["--out", str(at / "agent")], _childless, needs_key=True),
+    "agent": Program(
+        "cmr.commands.agent", lambda at: ["--out", str(at / "agent")], _without_child_processes, needs_key=True
+    ),
     "relay": Program(
         "cmr.commands.relay",
         lambda _at: ["--channel", "*", "--from", OTHER_URL],
@@ -229,11 +231,11 @@ PROGRAMS = {
         relays=True,
     ),
     "spy": Program("cmr.tools.spy.main", lambda _at: ["--json"]),
-    "demo": Program("cmr.commands.demo", lambda at: ["--out", str(at / "demo")], _childless, ANYTHING),
+    "demo": Program("cmr.commands.demo", lambda at: ["--out", str(at / "demo")], _without_child_processes, ANYTHING),
     "demo lead": Program(
         "cmr.commands.demo",
         lambda at: ["--lead", "--script", "ahead 3600", "--out", str(at / "lead")],
-        _childless,
+        _without_child_processes,
         ANYTHING,
         more=("cmr/experiments/live/demonstrating.py",),
     ),
@@ -242,7 +244,7 @@ PROGRAMS = {
         lambda at: ["--parameters", _own(at), "--script", "ahead 3600"],
         may_end="took over robot",
     ),
-    "tracker": Program("cmr.tracker.command", lambda at: ["--profile", _tracker(at)], _in_doubt),
+    "tracker": Program("cmr.tracker.command", lambda at: ["--profile", _tracker(at)], _with_suspected_swap),
     "ros2": Program(
         "robot_driver.ros2.command",
         lambda at: [

@@ -1,4 +1,4 @@
-"""Flood a bus with messages of every type, right ones and others: python -m fuzzing.sender URL RATE SEED [--key]."""
+"""Flood a bus with valid and invalid messages of every type: python -m fuzzing.sender URL RATE SEED."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ from fuzzing.draws import Draws
 from fuzzing.messages import TEXTS, fuzzed, message_of
 from fuzzing.signatures import Signatures
 
-ROBOTS = (0, 0, 0, 0, 0, 10, 11, 12)  # the real one, virtual ones, and one that is none
+ROBOTS = (0, 0, 0, 0, 0, 10, 11, 12)  # the real robot, virtual robots, and one that does not exist
 LONGEST_DRAW = 150  # bytes
 RARE = {
     ESTOP: 40,
@@ -22,16 +22,16 @@ RARE = {
     COMMAND_CLAIM: 40,
     COMMAND_OWNER: 400,
     PROCESS_REQUEST: 5,
-}  # so many times as rare: else nothing but them would be tried
-RELEASE_EVERY = 5.0  # s; else the robot would stand for good
-LARGEST = 60_000  # bytes of a packet; larger ones are sent in pieces, and one of these in so many
-LARGE_ONE_IN = 20
+}  # sent this many times less often than others: these messages stop or take over the robot
+RELEASE_EVERY_S = 5.0  # the emergency stop is released, or the robot would never drive again
+LARGEST = 60_000  # bytes in a packet; LCM fragments larger ones
+LARGE_ONE_IN = 20  # of these, only one in this many is sent
 
 
 def flood(url: str, rate: float, seed: int) -> None:
-    """Send until a signal comes."""
+    """Send `rate` messages a second until the process is ended."""
     bus, signatures, random = open_lcm(url), Signatures(key_of(url)), Random(seed)
-    honest = Signer(key_of(url))
+    valid_signer = Signer(key_of(url))
     due = release = time.monotonic()
     sent = 0
     while os.getppid() != 1:
@@ -40,20 +40,20 @@ def flood(url: str, rate: float, seed: int) -> None:
             bus.publish(channel, data)
             sent += 1
         if time.monotonic() >= release:
-            release += RELEASE_EVERY
-            free = message_of(ESTOP, 0, now_utime())
-            free.engaged = False
-            assert isinstance(free, estop_t)
-            bus.publish(ESTOP.name, honest.sign(ESTOP.name, free.encode()))
+            release += RELEASE_EVERY_S
+            released = message_of(ESTOP, 0, now_utime())
+            released.engaged = False
+            assert isinstance(released, estop_t)
+            bus.publish(ESTOP.name, valid_signer.sign(ESTOP.name, released.encode()))
             print(sent, flush=True)
         due = max(due + 1.0 / rate, time.monotonic() - 0.1)
         time.sleep(max(due - time.monotonic(), 0.0))
 
 
 def _one(random: Random, signatures: Signatures) -> tuple[str, bytes]:
-    """Return a channel and what to send on it."""
+    """Return a channel and the bytes to send on it."""
     draws = Draws(random.randbytes(LONGEST_DRAW))
-    if random.randrange(30) == 0:  # channels of nobody
+    if random.randrange(30) == 0:  # channels that no process uses
         name = random.choice(
             ("POSE_01", "JUNK", f"JUNK_{random.randrange(10**6)}", "GYRO_99999999999", "\x1b[31m", "x" * 63)
         )
@@ -67,5 +67,5 @@ def _one(random: Random, signatures: Signatures) -> tuple[str, bytes]:
 
 
 if __name__ == "__main__":
-    _, where, per_second, chance = sys.argv
-    flood(where, float(per_second), int(chance))
+    _, where, per_second, seed = sys.argv
+    flood(where, float(per_second), int(seed))

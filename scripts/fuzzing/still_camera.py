@@ -1,4 +1,4 @@
-"""A camera that shows the same floor, with a robot on it, at each moment of the stepped time."""
+"""A camera that always shows the same floor with a robot on it, timestamped with the stepped time."""
 
 import importlib
 from pathlib import Path
@@ -10,11 +10,11 @@ from tests.support.camera_bench import floor_file, lens_of
 from tests.support.rendered_floor import FLOOR_TAGS, Box, Eye, Scene
 
 EYE = Eye(width=640, height=360, focal=460.0, centre=(324.0, 177.0))
-PERIOD = 0.2  # s, real: the thread that watches must leave time to the one that is fuzzed
+PERIOD = 0.2  # s of real time between pictures: the camera's thread must leave time to the fuzzed one
 
 
 class StillCamera:
-    """Has one picture."""
+    """A source of pictures that has only one."""
 
     ends = False
 
@@ -23,16 +23,16 @@ class StillCamera:
         self._rest: Any = importlib.import_module("time").sleep
 
     def read(self) -> Taken:
-        """Return the picture, taken now."""
+        """Return the picture with the current time."""
         self._rest(PERIOD)
         return Taken(now_utime(), self._picture)
 
     def close(self) -> None:
-        """Give the camera back."""
+        """Do nothing: there is no device."""
 
 
-def put_camera(folder: Path) -> None:
-    """Put the camera in place of all sources, and write what is known of its lens and its floor."""
+def install_still_camera(folder: Path) -> None:
+    """Replace all picture sources by the still camera, and write the files of its lens and its floor."""
     lens_of(EYE).save(folder / "lens.yaml")
     floor_file(folder)
     sources: Any = importlib.import_module("cmr.camera.sources")

@@ -1,4 +1,4 @@
-"""Fuzz one protocol in this process: target.py PROTOCOL, then options and folders as for libFuzzer."""
+"""Fuzz one protocol in this process: target.py PROTOCOL [libFuzzer's options and folders ...]."""
 
 import sys
 

@@ -1,1 +1,1 @@
-"""What scripts/kill does."""
+"""The robot, the kills and the results of scripts/kill."""

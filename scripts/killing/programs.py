@@ -1,6 +1,6 @@
-"""What runs beside CMR's own processes while these are killed.
+"""Programs that run beside CMR's own processes while these are killed.
 
-`Circle` is what cmr-pilot does; `python -m killing.programs FILE` writes a robot's parameter file without end.
+`Circle` is the behaviour of cmr-pilot; `python -m killing.programs FILE` rewrites a robot's parameter file for ever.
 """
 
 import sys
@@ -20,17 +20,17 @@ class Circle(Behaviour):
     """Drive in a circle at about half duty."""
 
     def command(self, _utime: int, _me: Robot, _world: WorldView, _parameters: RobotParameters) -> tuple[float, float]:
-        """Return both duties, always the same."""
+        """Return the left and right duty, which are constant."""
         return LEFT, RIGHT
 
 
 def write(path: Path) -> None:
-    """Write a parameter file again and again, each time another one."""
-    known, count = load(path).values, 0
+    """Rewrite a parameter file for ever, with another base_width each time."""
+    values, count = load(path).values, 0
     while True:
         count += 1
-        base_width = known["base_width"].value + 1e-6 * (count % 1000)
-        ParameterFile(0, {**known, "base_width": Value(base_width)}).save(path)
+        base_width = values["base_width"].value + 1e-6 * (count % 1000)
+        ParameterFile(0, {**values, "base_width": Value(base_width)}).save(path)
         time.sleep(PAUSE)
 
 

@@ -1,4 +1,4 @@
-"""The emulated robot whose processes are killed: with any controller, and with what its motors get at this moment."""
+"""The emulated robot whose processes are killed, with any motor controller; its current duties can be read."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,23 +11,23 @@ from robot_driver.terminals.pseudo_terminal import Ports
 from tests.support.driver_bench import PunctualEngine
 
 PORT = "motor"
-STILL = (0.0, 0.0)  # duties
-LEAST = 0.25  # duty of a robot that drives
+STOPPED = (0.0, 0.0)  # duties
+DRIVING_DUTY = 0.25  # a robot drives if both duties exceed this
 
 
 class DrivenPlant(Plant):
-    """A robot that notes which duties it was driven with last; forward is positive."""
+    """A robot that remembers its last duties; forward is positive."""
 
-    driven = STILL
+    duties = STOPPED
 
     def command(self, left: float, right: float) -> None:
-        """Give both motors these duties."""
-        self.driven = (left, right)
+        """Set the duties of both motors."""
+        self.duties = (left, right)
         super().command(left, right)
 
 
 class Robot:
-    """A robot with a controller of this kind behind `folder`/motor; it is switched on as a context manager."""
+    """A robot whose controller is at the port `folder`/motor; a context manager that switches it on."""
 
     def __init__(self, folder: Path, controller: str) -> None:
         settings = load_settings().ideal()
@@ -47,10 +47,10 @@ class Robot:
     ) -> None:
         self._on.close()
 
-    def drives(self) -> bool:
-        """Return whether both motors get more than a little duty."""
-        return min(self._plant.driven) > LEAST
+    def is_driving(self) -> bool:
+        """Return whether both duties are clearly above zero."""
+        return min(self._plant.duties) > DRIVING_DUTY
 
-    def stands(self) -> bool:
-        """Return whether both motors get no duty."""
-        return self._plant.driven == STILL
+    def is_stopped(self) -> bool:
+        """Return whether both duties are zero."""
+        return self._plant.duties == STOPPED

@@ -1,4 +1,4 @@
-"""Kill processes of a robot by chance, start them again, and measure when it stood and when it drove again."""
+"""Kill random processes of a robot, restart them, and measure when the robot stops and when it drives again."""
 
 import os
 import shutil
@@ -30,21 +30,21 @@ from killing.results import (
     WRITER,
     ZERO,
     Kill,
-    keep,
-    kept,
+    append_result,
+    read_results,
     report,
-    stood_still,
+    stalled_time,
 )
 from killing.robot import PORT, Robot
 from tests.support.gates import gates_of
 from tests.support.private_bus import private_url
 from tests.support.stalls import Interval, Stalls
 
-PATIENCE = 30.0  # s, after what was too late already
-FIRST = 120.0  # s; at the first use, the model is compiled
-LOOK = 0.001  # s
-RESTART = 0.2  # s until a process is started again, as by systemd
-SAID = 500  # last characters of what a process said, where something was wrong
+TIMEOUT = 30.0  # s; by then, every event is late
+START_TIMEOUT = 120.0  # s; at the first use, the model is compiled
+POLL_PERIOD = 0.001  # s
+RESTART_DELAY = 0.2  # s, as with systemd
+SHOWN = 500  # last characters of a process's output that are shown after a failed check
 PARAMETERS = Path(__file__).parents[2] / "cmr" / "experiments" / "scenario" / "shipped" / "parameters" / "robot_0.yaml"
 CMR = [sys.executable, "-m", "cmr"]
 
@@ -52,8 +52,8 @@ CMR = [sys.executable, "-m", "cmr"]
 class Kills:
     """A robot and its processes; use it as a context manager."""
 
-    def __init__(self, folder: Path, controller: str, chance: Random) -> None:
-        self._folder, self._controller, self._chance = folder, controller, chance
+    def __init__(self, folder: Path, controller: str, rng: Random) -> None:
+        self._folder, self._controller, self._rng = folder, controller, rng
         self._file = folder / PARAMETERS.name
         shutil.copyfile(PARAMETERS, self._file)
         url = private_url()
@@ -79,8 +79,8 @@ class Kills:
             stack.callback(self._end)
             for name in self._commands:
                 self._start(name)
-            self._until(self._has_twin_since(0), FIRST)
-            self._until(self._robot.drives, FIRST)
+            self._wait_until(self._has_twin_since(0), START_TIMEOUT)
+            self._wait_until(self._robot.is_driving, START_TIMEOUT)
             self._ending = stack.pop_all()
         return self
 
@@ -90,54 +90,54 @@ class Kills:
         self._ending.close()
 
     def kill_one(self) -> Kill:
-        """Kill one of the processes while the robot drives, and see it drive again."""
-        victim = self._chance.choice(VICTIMS)
-        time.sleep(self._chance.uniform(0.0, 1.0))
-        self._until(self._robot.drives, FIRST)
-        if not self._robot.drives():
-            raise SystemExit(f"The robot does not drive again.\n{self.said()}")
-        self._listen()
+        """Kill one of the processes while the robot drives, and wait until it drives again; return the result."""
+        victim = self._rng.choice(VICTIMS)
+        time.sleep(self._rng.uniform(0.0, 1.0))
+        self._wait_until(self._robot.is_driving, START_TIMEOUT)
+        if not self._robot.is_driving():
+            raise SystemExit(f"The robot does not drive again.\n{self.output()}")
+        self._receive()
         self._torn = ""
-        took = self._kill_and_wait(victim)
-        self._listen()
+        intervals = self._kill_and_wait(victim)
+        self._receive()
         self._check_file()
         self._stalls.look()
-        seconds = {what: interval.end - interval.begin for what, interval in took.items()}
-        stalled = {what: stood_still(self._stalls.seen, interval) for what, interval in took.items()}
+        seconds = {event: interval.end - interval.begin for event, interval in intervals.items()}
+        stalled = {event: stalled_time(self._stalls.seen, interval) for event, interval in intervals.items()}
         self._stalls.seen.clear()
         return Kill(self._controller, victim, seconds, stalled, self._torn)
 
-    def said(self) -> str:
-        """Return the last that each process said."""
+    def output(self) -> str:
+        """Return the end of each process's output."""
         files = [self._folder / f"{name}.txt" for name in self._commands]
-        return "\n".join(f"{file.stem}: ...{file.read_text(errors='replace')[-SAID:]}" for file in files)
+        return "\n".join(f"{file.stem}: ...{file.read_text(errors='replace')[-SHOWN:]}" for file in files)
 
     def _kill_and_wait(self, victim: str) -> dict[str, Interval]:
-        """Kill a process and start it again; return from when to when it took until what followed."""
-        took: dict[str, Interval] = {}
-        back = killed = time.monotonic()
+        """Kill a process and restart it; return the interval from the kill or restart to each event."""
+        intervals: dict[str, Interval] = {}
+        restarted = killed = time.monotonic()
         self._kill(victim)
-        if victim == GATE:  # its driver starts it
-            took[ZERO] = Interval(killed, self._until(self._robot.stands, PATIENCE))
+        if victim == GATE:  # its driver restarts it
+            intervals[ZERO] = Interval(killed, self._wait_until(self._robot.is_stopped, TIMEOUT))
         else:
             if victim != WRITER:
-                took[ZERO] = Interval(killed, self._stands_for_good(killed + PATIENCE))
-            self._listen()
-            back = time.monotonic()
+                intervals[ZERO] = Interval(killed, self._time_of_lasting_stop(killed + TIMEOUT))
+            self._receive()
+            restarted = time.monotonic()
             self._start(victim)
         if victim == SIMULATOR:
-            took[TWIN] = Interval(back, self._until(self._has_twin_since(now_utime()), PATIENCE))
+            intervals[TWIN] = Interval(restarted, self._wait_until(self._has_twin_since(now_utime()), TIMEOUT))
         if victim != WRITER:
-            took[DRIVES] = Interval(back, self._until(self._robot.drives, PATIENCE))
-        return took
+            intervals[DRIVES] = Interval(restarted, self._wait_until(self._robot.is_driving, TIMEOUT))
+        return intervals
 
-    def _stands_for_good(self, end: float) -> float:
-        """Return when the robot came to stand [s of the monotonic clock], which it then did until the restart."""
+    def _time_of_lasting_stop(self, end: float) -> float:
+        """Return when the robot stopped for at least the delay of a restart [s of the monotonic clock]."""
         while True:
-            stood = self._until(self._robot.stands, PATIENCE)
-            moved = self._until(lambda: not self._robot.stands(), RESTART)
-            if moved >= min(stood + RESTART, end):
-                return stood
+            stopped = self._wait_until(self._robot.is_stopped, TIMEOUT)
+            moved = self._wait_until(lambda: not self._robot.is_stopped(), RESTART_DELAY)
+            if moved >= min(stopped + RESTART_DELAY, end):
+                return stopped
 
     def _kill(self, victim: str) -> None:
         if victim == GATE:
@@ -149,8 +149,8 @@ class Kills:
         process.wait()
 
     def _start(self, name: str) -> None:
-        with (self._folder / f"{name}.txt").open("ab") as said:
-            self._running[name] = subprocess.Popen(self._commands[name], stdout=said, stderr=said, cwd=self._folder)
+        with (self._folder / f"{name}.txt").open("ab") as log:
+            self._running[name] = subprocess.Popen(self._commands[name], stdout=log, stderr=log, cwd=self._folder)
 
     def _end(self) -> None:
         for process in self._running.values():
@@ -163,8 +163,8 @@ class Kills:
         except ParameterFileError as error:
             self._torn = str(error)
 
-    def _listen(self) -> list[world_state_t]:
-        """Return the worlds that were published; note who could not read the parameter file."""
+    def _receive(self) -> list[world_state_t]:
+        """Return the world states that were published; record reports that the parameter file cannot be read."""
         messages = [received.message for received in self._bus.receive(0.0)]
         for message in messages:
             if isinstance(message, process_status_t) and self._file.name in message.message:
@@ -172,45 +172,45 @@ class Kills:
         return [message for message in messages if isinstance(message, world_state_t)]
 
     def _has_twin_since(self, utime: int) -> Callable[[], bool]:
-        """Return what looks whether a world that is newer [us] has the robot's twin."""
+        """Return a condition: whether a world state later than `utime` [us] contains the robot's twin."""
         return lambda: any(
-            world.utime > utime and robot_state_t.TWIN in world.origin[: world.n] for world in self._listen()
+            world.utime > utime and robot_state_t.TWIN in world.origin[: world.n] for world in self._receive()
         )
 
-    def _until(self, condition: Callable[[], object], seconds: float) -> float:
-        """Return when the condition came to hold [s of the monotonic clock], or when patience ended."""
+    def _wait_until(self, condition: Callable[[], object], seconds: float) -> float:
+        """Wait until the condition holds or `seconds` have passed; return the time [s of the monotonic clock]."""
         end = time.monotonic() + seconds
         while not condition() and time.monotonic() < end:
-            self._start_what_ended()
-            time.sleep(LOOK)
+            self._restart_ended()
+            time.sleep(POLL_PERIOD)
         return time.monotonic()
 
-    def _start_what_ended(self) -> None:
-        """Start again what ended by itself, as systemd and cmr-run do."""
+    def _restart_ended(self) -> None:
+        """Restart processes that ended by themselves, as systemd and cmr-run do."""
         for name, process in list(self._running.items()):
             if process.returncode is None and process.poll() is not None:
-                time.sleep(RESTART)
+                time.sleep(RESTART_DELAY)
                 self._start(name)
 
 
-def kill_and_look(kills: int, seed: int, controller: str, out: Path | None) -> tuple[str, bool]:
-    """Kill until there are so many results of this controller.
+def kill_and_report(kills: int, seed: int, controller: str, out: Path | None) -> tuple[str, bool]:
+    """Kill processes until there are `kills` results for this controller.
 
-    `out` has results of before and gets those of now. Returns what came out of all, as a table, and whether all is as
-    it should be.
+    Earlier results are read from `out`, and new ones appended to it. Return a table of all results, and whether all
+    checks passed.
     """
     compile_first([MODEL, WORLD, BEHAVIOURS, EMULATOR])
-    results = kept(out) if out else []
+    results = read_results(out) if out else []
     done = sum(result.controller == controller for result in results)
-    chance = Random(f"{seed} {controller} {done}")
+    rng = Random(f"{seed} {controller} {done}")
     with (
         tempfile.TemporaryDirectory(prefix="cmr-kill-") as folder,
-        Kills(Path(folder), controller, chance) as robot,
+        Kills(Path(folder), controller, rng) as robot,
     ):
         for _ in range(done, kills):
             results.append(robot.kill_one())
             if out:
-                keep(results[-1], out)
+                append_result(results[-1], out)
             for fault in results[-1].faults():
-                print(fault, robot.said(), sep="\n", file=sys.stderr, flush=True)
+                print(fault, robot.output(), sep="\n", file=sys.stderr, flush=True)
     return report(results)

@@ -1,1 +1,1 @@
-"""Builds what is installed on a robot's own computer."""
+"""Build the packages that are installed on a robot's own computer."""

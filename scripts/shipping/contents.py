@@ -1,6 +1,6 @@
-"""What of CMR runs on a robot's own computer: the driver, a few commands, and the modules that these import.
+"""Find the modules that run on a robot's own computer: the driver, a few commands, and the modules they import.
 
-The list follows from the imports, so that it is complete and has nothing else.
+The list is computed from the imports, so it is complete and minimal.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,55 +11,55 @@ from documentation.imports import GENERATED, PROJECT, TOP, TYPING, Import, impor
 
 from cmr.commands.catalogue import COMMANDS
 
-COMMANDS_THERE = ("driver", "bringup", "accept", "doctor", "estop", "key", "relay", "agent")
-ENTRY = "cmr.commands"  # has a function for every command, of which most are not there
-STARTED = ("cmr", ENTRY, "cmr.commands.umbrella", *(COMMANDS[name][0] for name in COMMANDS_THERE))
+DRIVER_COMMANDS = ("driver", "bringup", "accept", "doctor", "estop", "key", "relay", "agent")
+ENTRY = "cmr.commands"  # has a function for every command; most commands are not installed on a robot
+ROOTS = ("cmr", ENTRY, "cmr.commands.umbrella", *(COMMANDS[name][0] for name in DRIVER_COMMANDS))
 DEVICES = "robot_driver"
-NOT_ON_A_ROBOT = (
+EXCLUDED = (
     "robot_driver.emulator",
     "robot_driver.ros2",
     "robot_driver.simulated",
     "robot_driver.acceptance.page",
 )
-LIBRARIES = ("lcm", "serial", "yaml")  # by the names of their modules
-# What these modules import and do without, and how.
-WITHOUT = {
-    ("cmr.bus.world_state", "numpy"): "it is imported when a WORLD_STATE comes, where NumPy is installed",
-    ("cmr.bus.possible", "numpy"): "it is imported when worlds or paths come, for which no driver listens",
-    ("cmr.commands.doctor", "rich"): "a table without colours",
-    ("cmr.model.catalogue", "numpy"): "of many robots at once",
-    ("cmr.model.compiled", "numba"): "it is imported when the formula of a law is evaluated, which no driver does",
-    ("cmr.model.laws.evaluating", "numpy"): "the same",
-    ("cmr.model.remembered_types", "numba"): "the same",
-    ("cmr.model.parameters", "numpy"): "of many robots at once",
-    ("cmr.model.velocity_controller", "numpy"): "of robots that cmr-driver does not drive",
+LIBRARIES = ("lcm", "serial", "yaml")  # names of their modules
+# Libraries that these modules import but that are not installed on a robot, and why they work without.
+OPTIONAL_IMPORTS = {
+    ("cmr.bus.world_state", "numpy"): "imported when a WORLD_STATE arrives, only if NumPy is installed",
+    ("cmr.bus.possible", "numpy"): "imported when world states or paths arrive; the driver subscribes to neither",
+    ("cmr.commands.doctor", "rich"): "the table then has no colours",
+    ("cmr.model.catalogue", "numpy"): "used for many robots at once",
+    ("cmr.model.compiled", "numba"): "imported when the formula of a law is evaluated, which the driver does not do",
+    ("cmr.model.laws.evaluating", "numpy"): "imported when the formula of a law is evaluated",
+    ("cmr.model.remembered_types", "numba"): "imported when the formula of a law is evaluated",
+    ("cmr.model.parameters", "numpy"): "used for many robots at once",
+    ("cmr.model.velocity_controller", "numpy"): "used for robots that cmr-driver does not drive",
 }
-ASKED_FOR = "cmr.commands.first_use"  # the doctor looks whether it is there
+PROBED = "cmr.commands.first_use"  # cmr doctor only checks whether it is installed
 
 
 @cache
-def modules_there(project: Path = PROJECT) -> tuple[str, ...]:
-    """Return the modules, by their full names; the generated messages count as one."""
+def driver_modules(project: Path = PROJECT) -> tuple[str, ...]:
+    """Return the full names of the modules that run on a robot; the generated messages count as one."""
     sources = modules(project)
-    devices = [name for name in sources if _is_in(name, DEVICES) and not _is_in(name, *NOT_ON_A_ROBOT)]
-    return tuple(sorted(_reached([*STARTED, *devices], imports(sources), sources)))
+    devices = [name for name in sources if _is_in(name, DEVICES) and not _is_in(name, *EXCLUDED)]
+    return tuple(sorted(_reached([*ROOTS, *devices], imports(sources), sources)))
 
 
 @cache
-def files_there(project: Path = PROJECT) -> tuple[str, ...]:
-    """Return the files of these modules in an import root, such as a checkout in which the messages were generated."""
+def driver_files(project: Path = PROJECT) -> tuple[str, ...]:
+    """Return the files of these modules, relative to an import root, such as a checkout with generated messages."""
     sources = modules(project)
     found = {GENERATED.replace(".", "/") + f"/{path.name}" for path in sources[GENERATED].glob("*.py")}
-    found |= {sources[name].relative_to(project).as_posix() for name in modules_there(project) if name != GENERATED}
+    found |= {sources[name].relative_to(project).as_posix() for name in driver_modules(project) if name != GENERATED}
     return tuple(sorted(found))
 
 
 def _reached(starts: Iterable[str], found: Iterable[Import], sources: Mapping[str, Path]) -> set[str]:
-    """Return the modules that importing some leads to, with the packages in which they lie."""
+    """Return all modules imported from `starts`, directly or indirectly, and the packages that contain them."""
     followed: dict[str, list[str]] = {}
-    for one in found:
-        if one.kind != TYPING and one.imported != ASKED_FOR and (one.importer != ENTRY or one.kind == TOP):
-            followed.setdefault(one.importer, []).append(one.imported)
+    for each in found:
+        if each.kind != TYPING and each.imported != PROBED and (each.importer != ENTRY or each.kind == TOP):
+            followed.setdefault(each.importer, []).append(each.imported)
     reached: set[str] = set()
     waiting = list(starts)
     while waiting:

@@ -1,4 +1,4 @@
-"""The libraries that the Debian package brings along: lcm, pyserial and PyYAML, for each Python of a processor."""
+"""The libraries in the Debian package: lcm, pyserial and PyYAML, for each Python version of an architecture."""
 
 import struct
 import subprocess
@@ -6,40 +6,41 @@ import zipfile
 from pathlib import Path
 
 PYTHONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
-PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}  # as Debian calls them, and as Linux does
+PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}  # Debian's names, Linux's names
 PLATFORMS = ("manylinux_2_28", "manylinux2014")
 PINNED = Path(__file__).with_name("libraries.txt")
 MODULES = ("lcm/", "serial/", "yaml/")
 EXTENSION = ".so"
-ELF_HEADER = struct.Struct("<4s14xH12xQQ6xHHHHH")  # magic, machine, places of both tables, sizes and counts in them
-SEGMENT = struct.Struct("<8xQ16xQ")  # where a segment lies in the file, and how long it is there
+ELF_HEADER = struct.Struct("<4s14xH12xQQ6xHHHHH")  # magic, machine, offsets of both tables, their sizes and counts
+SEGMENT = struct.Struct("<8xQ16xQ")  # offset and length of a segment in the file
 
 
-def downloaded(
+def download_wheels(
     pip: list[str], architecture: str, folder: Path, pythons: tuple[str, ...] = PYTHONS
 ) -> dict[str, list[Path]]:
-    """Download the wheels for an architecture into a folder, from the package index; return them for each Python.
+    """Download the pinned wheels of an architecture from the package index; return them for each Python version.
 
-    Raises SystemExit with pip's words where one cannot be had, or is another than the pinned one.
+    Raises SystemExit with pip's messages if a wheel cannot be download_wheels or has another hash.
     """
     found = {}
     for python in pythons:
-        there = folder / architecture / python
+        target = folder / architecture / python
         command = [*pip, "download", "--quiet", "--no-deps", "--only-binary", ":all:", "--implementation", "cp"]
-        command += ["--require-hashes", "--requirement", str(PINNED), "--python-version", python, "--dest", str(there)]
+        command += ["--require-hashes", "--requirement", str(PINNED), "--python-version", python]
+        command += ["--dest", str(target)]
         for platform in PLATFORMS:
             command += ["--platform", f"{platform}_{PROCESSORS[architecture]}"]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode:
             raise SystemExit(f"{' '.join(command)} failed:\n{result.stdout}{result.stderr}")
-        found[python] = sorted(there.glob("*.whl"))
+        found[python] = sorted(target.glob("*.whl"))
     return found
 
 
 def files_of(wheels: dict[str, list[Path]], architecture: str) -> dict[str, bytes]:
-    """Return the files of libraries for all Pythons, by path in one import root: what runs, and the licences.
+    """Return the modules and licences of the libraries for all Python versions, by path in one import root.
 
-    Compiled modules have the names by which each Python finds its own.
+    The name of a compiled module contains the Python version, so that each version loads its own.
     """
     files = {}
     for python, paths in wheels.items():
@@ -49,26 +50,28 @@ def files_of(wheels: dict[str, list[Path]], architecture: str) -> dict[str, byte
                     if _is_needed(name):
                         content = wheel.read(name)
                         is_compiled = name.endswith(EXTENSION)
-                        files[_name_for(python, architecture, name)] = loaded_part(content) if is_compiled else content
+                        files[_name_for(python, architecture, name)] = (
+                            strip_unloaded(content) if is_compiled else content
+                        )
     return files
 
 
-def loaded_part(library: bytes) -> bytes:
-    """Return a shared library without what is not loaded, such as the debugger's tables, most of PyYAML's."""
+def strip_unloaded(library: bytes) -> bytes:
+    """Return a shared library without the parts that are not loaded, such as debug information (most of PyYAML)."""
     magic, _machine, segments, _sections, size, count, *_ = ELF_HEADER.unpack_from(library)
     if magic != b"\x7fELF":
-        raise ValueError("no ELF file")
+        raise ValueError("not an ELF file")
     places = [SEGMENT.unpack_from(library, segments + number * size) for number in range(count)]
-    return without_sections(library[: max(start + length for start, length in places)])
+    return without_section_table(library[: max(start + length for start, length in places)])
 
 
-def without_sections(library: bytes) -> bytes:
-    """Return an ELF file of 64 bits that says that it has no table of sections."""
+def without_section_table(library: bytes) -> bytes:
+    """Return a 64-bit ELF file whose header states that it has no section table."""
     return library[:0x28] + bytes(8) + library[0x30:0x3C] + bytes(4) + library[0x40:]
 
 
 def machine_of(library: bytes) -> int:
-    """Return the processor of an ELF file, as elf.h numbers them: 62 is x86-64, 183 is 64-bit ARM."""
+    """Return the machine number of an ELF file, as in elf.h: 62 is x86-64, 183 is 64-bit ARM."""
     return int(ELF_HEADER.unpack_from(library)[1])
 
 

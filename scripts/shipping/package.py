@@ -1,4 +1,4 @@
-"""The Debian package of the driver alone, with the libraries that it needs: it asks for Python and GLib only."""
+"""The Debian package of the driver alone, with its libraries; it depends on Python, GLib and systemd only."""
 
 import os
 import subprocess
@@ -9,16 +9,16 @@ from textwrap import dedent
 from documentation.imports import PROJECT
 
 from cmr.cli.system_files import USB_IDS, agent_unit, driver_unit, udev_rule
-from shipping.contents import files_there
+from shipping.contents import driver_files
 from shipping.libraries import PYTHONS
-from shipping.wheel import SUMMARY, information
+from shipping.wheel import SUMMARY, metadata_files
 
 NAME = "cmr-driver"
 HOME = f"usr/lib/{NAME}"
 EXECUTABLE, PLAIN, FOLDER = 0o755, 0o644, 0o755
 AGENT = "cmr-agent"
-COMMANDS = {"cmr": "umbrella", "cmr-driver": "driver", AGENT: "agent"}  # with their functions in cmr.commands
-CONFIGURATION, OF_AGENT = "etc/cmr/robot-0.conf", "etc/cmr/agent.conf"
+COMMANDS = {"cmr": "umbrella", "cmr-driver": "driver", AGENT: "agent"}  # their functions in cmr.commands
+ROBOT_CONFIGURATION, AGENT_CONFIGURATION = "etc/cmr/robot-0.conf", "etc/cmr/agent.conf"
 PORT = "cmr-motor"
 FIRST, LAST = (tuple(map(int, python.split("."))) for python in (PYTHONS[0], PYTHONS[-1]))
 
@@ -33,20 +33,21 @@ sys.exit({function}())
 """
 ROBOT = f"""\
 # Options of cmr-driver for robot 0; cmr-driver --help lists them. For robot 3, copy this to robot-3.conf.
-# After a change: sudo systemctl restart cmr-driver@0
+# After a change, run: sudo systemctl restart cmr-driver@0
 ARGUMENTS=--controller roboclaw --port /dev/{PORT}
 """
 AGENT_OPTIONS = f"""\
 # Options of cmr-agent; cmr-agent --help lists them. It serves experiments that cmr-run leads on another computer, and
-# needs the key of the bus. A robot that it is to drive has no service of its own: sudo systemctl disable cmr-driver@0
-# To start it: sudo systemctl enable --now {AGENT}
+# needs the key of the bus. If it is to drive a robot, disable the robot's own service:
+# sudo systemctl disable cmr-driver@0
+# Then start the agent: sudo systemctl enable --now {AGENT}
 ARGUMENTS=--out /var/lib/cmr/agent
 """
 UNIT = (
     "User=cmr",
     "Group=cmr",
     "SupplementaryGroups=dialout",
-    "Environment=XDG_CONFIG_HOME=/etc",  # so it finds /etc/cmr/key and /etc/cmr/config.yaml where they are there
+    "Environment=XDG_CONFIG_HOME=/etc",  # for /etc/cmr/key and /etc/cmr/config.yaml, if they exist
     "CapabilityBoundingSet=",
 )
 USER = """\
@@ -58,10 +59,10 @@ AFTER_UNPACKING = f"""\
 set -e
 [ "$1" = configure ] || exit 0
 systemd-sysusers {NAME}.conf
-/usr/bin/python3 -IS -m compileall -q /{HOME} || echo "{NAME}: not compiled beforehand, so it starts later"
+/usr/bin/python3 -IS -m compileall -q /{HOME} || echo "{NAME}: not precompiled, so it starts more slowly"
 if [ -d /run/systemd/system ]; then
     systemctl daemon-reload
-    [ -z "$2" ] || echo "{NAME}: drivers that run are the old ones, until: systemctl restart 'cmr-driver@*' {AGENT}"
+    [ -z "$2" ] || echo "{NAME}: still running the old version; restart it: systemctl restart 'cmr-driver@*' {AGENT}"
 fi
 if [ -d /run/udev ]; then
     udevadm control --reload
@@ -91,17 +92,17 @@ fi
 
 
 def files_of_package(root: Path, version: str, libraries: dict[str, bytes]) -> dict[str, tuple[bytes, int]]:
-    """Return all files by path, each with its content and mode; `root` is an import root with all of CMR."""
-    modules = {path: (root / path).read_bytes() for path in files_there(root)}
-    private = modules | libraries | information(version, f"calibrated_mixed_reality_driver-{version}.dist-info")
+    """Return content and mode of all files, by path; `root` is an import root with all of CMR."""
+    modules = {path: (root / path).read_bytes() for path in driver_files(root)}
+    private = modules | libraries | metadata_files(version, f"calibrated_mixed_reality_driver-{version}.dist-info")
     rules = dict.fromkeys(udev_rule(PORT, ids) for ids in USB_IDS.values())
     system = {
         f"usr/lib/systemd/system/{NAME}@.service": _driver_unit(),
         f"usr/lib/systemd/system/{AGENT}.service": _agent_unit(),
         "usr/lib/udev/rules.d/60-cmr.rules": "\n".join([*rules, ""]),
         f"usr/lib/sysusers.d/{NAME}.conf": USER,
-        CONFIGURATION: ROBOT,
-        OF_AGENT: AGENT_OPTIONS,
+        ROBOT_CONFIGURATION: ROBOT,
+        AGENT_CONFIGURATION: AGENT_OPTIONS,
         f"usr/share/doc/{NAME}/copyright": _copyright(),
     }
     return {
@@ -115,10 +116,10 @@ def files_of_package(root: Path, version: str, libraries: dict[str, bytes]) -> d
 
 
 def control_files(version: str, architecture: str, installed: int) -> dict[str, tuple[bytes, int]]:
-    """Return what the package manager reads and runs, by name; `installed` is the size of all files [bytes]."""
+    """Return content and mode of the package manager's files, by name; `installed` is the size of all files [bytes]."""
     return {
         "control": (_control(version, architecture, installed).encode(), PLAIN),
-        "conffiles": (f"/{CONFIGURATION}\n/{OF_AGENT}\n".encode(), PLAIN),
+        "conffiles": (f"/{ROBOT_CONFIGURATION}\n/{AGENT_CONFIGURATION}\n".encode(), PLAIN),
         "postinst": (AFTER_UNPACKING.encode(), EXECUTABLE),
         "prerm": (BEFORE_REMOVAL.encode(), EXECUTABLE),
         "postrm": (AFTER_REMOVAL.encode(), EXECUTABLE),
@@ -128,9 +129,10 @@ def control_files(version: str, architecture: str, installed: int) -> dict[str, 
 def write_package(
     root: Path, version: str, architecture: str, libraries: dict[str, bytes], folder: Path, epoch: int
 ) -> Path:
-    """Write the package into a folder, with dpkg-deb; return its path. All in it has one time, so it is reproducible.
+    """Write the package into a folder with dpkg-deb; return its path.
 
-    Raises SystemExit with the words of dpkg-deb when that cannot do it.
+    All files have the time `epoch`, so the package is reproducible. Raises SystemExit with the messages of dpkg-deb if
+    it fails.
     """
     files = files_of_package(root, version, libraries)
     control = control_files(version, architecture, sum(len(content) for content, _mode in files.values()))
@@ -157,7 +159,7 @@ def _driver_unit() -> str:
 
 
 def _agent_unit() -> str:
-    return agent_unit(f"/usr/bin/{AGENT} $ARGUMENTS", f"EnvironmentFile=/{OF_AGENT}", *UNIT)
+    return agent_unit(f"/usr/bin/{AGENT} $ARGUMENTS", f"EnvironmentFile=/{AGENT_CONFIGURATION}", *UNIT)
 
 
 def _write(path: Path, content: bytes, mode: int) -> None:
@@ -179,8 +181,8 @@ def _control(version: str, architecture: str, installed: int) -> str:
         Description: {SUMMARY}
          It connects a motor controller and a gyro to the bus: cmr-driver@0 is the
          service of robot 0, configured in /etc/cmr/robot-0.conf; {AGENT} runs
-         drivers for experiments that another computer leads. Nothing is started by
-         the installation.
+         drivers for experiments that another computer leads. The installation starts
+         no service.
         """)  # noqa: E501 - a field is one line
 
 

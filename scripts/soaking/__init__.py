@@ -1,1 +1,1 @@
-"""What scripts/soak does: an hour of faults on the real cmr-driver, and the checks on what it did meanwhile."""
+"""The soak test of scripts/soak: an hour of faults for the real cmr-driver, and the checks of what it does."""

@@ -1,4 +1,4 @@
-"""Who drives the robot in a soak: steady commands, pauses, emergency stops, and rubbish among them."""
+"""Command the robot in a soak test: steady commands, pauses, emergency stops, and invalid commands between them."""
 
 import math
 from collections import Counter
@@ -10,93 +10,93 @@ from cmr.bus.bus import Bus
 from cmr.bus.messages import make, now_utime
 from cmr.bus.streams import ESTOP, MOTOR_COMMAND
 from cmr.msg import estop_t, motor_command_t
-from soaking.checks import SECOND, STOP_WITHIN, DriveChecks, Interval
+from soaking.checks import STOP_WITHIN, US_PER_S, DriveChecks, Interval
 
 LARGEST_DUTY = 0.8
-INSANE_DUTY = 0.95  # in range, but commanded only by messages that must not be taken
+INVALID_DUTY = 0.95  # in range, but used only in messages that the driver must reject
 REST = (3.0, 12.0)  # s between two events
-DRIVES_WITHIN = 2 * SECOND  # us after it may drive again
-RUBBISH_SHARE = 0.05  # of commands that have rubbish beside them
-HOUR = 3_600 * SECOND
+DRIVES_WITHIN = 2 * US_PER_S  # us after the robot may drive again
+INVALID_SHARE = 0.05  # of cycles that send an invalid command as well
+HOUR = 3_600 * US_PER_S
 
 
 class Pilot:
-    """Commands robot 0 at each `turn`; informs `checks` when the motors must stand still and when they must drive."""
+    """Commands robot 0 at each `step`, and gives `checks` the intervals in which it must stand still or drive."""
 
-    def __init__(self, bus: Bus, checks: DriveChecks, chance: Random) -> None:
-        self.sent: Counter[str] = Counter()  # rubbish by the reason for which it must not be taken
+    def __init__(self, bus: Bus, checks: DriveChecks, rng: Random) -> None:
+        self.sent: Counter[str] = Counter()  # invalid commands, by the reason to reject them
         self._bus = bus
         self._raw = lcm.LCM(bus.url)
         self._checks = checks
-        self._chance = chance
-        # (time, what) still to come of the event at work, the next one last. A driver has to hear zero first.
-        self._steps = [(now_utime() + 4 * SECOND, "drive")]
-        self._due = now_utime() + 5 * SECOND
+        self._rng = rng
+        # The remaining (time, step) of the current event, the next one last. A driver first needs a zero command.
+        self._steps = [(now_utime() + 4 * US_PER_S, "drive")]
+        self._due = now_utime() + 5 * US_PER_S
         self._mode = "zero"
         self._last_command = 0
         self._stopped = 0
         self._estop_due = 0
 
-    def turn(self, *, rubbish: bool) -> None:
-        """Send what is due now, now and then with rubbish beside it."""
+    def step(self, *, with_invalid: bool) -> None:
+        """Send the messages that are due, and sometimes an invalid command."""
         now = now_utime()
         if not self._steps and now >= self._due:
-            self._begin(now)
+            self._plan_event(now)
         while self._steps and now >= self._steps[-1][0]:
-            self._change(self._steps.pop()[1])
+            self._next_step(self._steps.pop()[1])
         if self._mode in ("estop", "estop and zero") and now >= self._estop_due:
             self._estop(True)
-            self._estop_due = now + SECOND // 20
+            self._estop_due = now + US_PER_S // 20
         if self._mode == "drive":
-            phase = 2.0 * math.pi * now / SECOND
+            phase = 2.0 * math.pi * now / US_PER_S
             direction = 1.0 if math.sin(phase / 25.0) >= 0.0 else -1.0
             self._command(direction * (0.5 + 0.3 * math.sin(phase / 7.0)), 0.5 + 0.3 * math.cos(phase / 11.0))
         elif self._mode in ("estop", "released"):
             self._command(0.7, 0.7)
         elif self._mode in ("estop and zero", "zero"):
             self._command(0.0, 0.0)
-        if rubbish and self._chance.random() < RUBBISH_SHARE:
-            self._rubbish()
+        if with_invalid and self._rng.random() < INVALID_SHARE:
+            self._send_invalid()
 
     def asked_for_zero(self, utime: int) -> None:
-        """Do what a person does when the driver says that it waits for zero: command it, then drive on."""
+        """Command zero, then drive on, as a person does when the driver reports that it waits for a zero command."""
         self._checks.held.append(utime)
         if self._mode == "drive" and not self._steps:
             self._mode = "zero"
-            self._steps = [(now_utime() + 3 * SECOND // 10, "drive")]
+            self._steps = [(now_utime() + 3 * US_PER_S // 10, "drive")]
 
-    def _begin(self, now: int) -> None:
-        """Plan what happens next."""
-        chance = self._chance
+    def _plan_event(self, now: int) -> None:
+        """Plan the next event: an emergency stop or a pause."""
+        rng = self._rng
 
         def after(*what: tuple[float, str]) -> list[tuple[int, str]]:
             steps, moment = [], now
             for seconds, name in what:
-                moment += round(seconds * SECOND)
+                moment += round(seconds * US_PER_S)
                 steps.append((moment, name))
             return steps[::-1]
 
-        if chance.random() < 0.6:
-            held = chance.choice(("estop", "estop and zero"))
+        if rng.random() < 0.6:
+            held = rng.choice(("estop", "estop and zero"))
             self._steps = after(
                 (0.0, held),
-                (chance.uniform(0.6, 3.0), "released"),
-                (chance.uniform(0.1, 1.5), "zero"),
+                (rng.uniform(0.6, 3.0), "released"),
+                (rng.uniform(0.1, 1.5), "zero"),
                 (0.3, "drive"),
                 (0.0, "end"),
             )
         else:
-            self._steps = after((0.0, "silent"), (chance.uniform(0.6, 2.5), "drive"), (0.0, "end"))
+            self._steps = after((0.0, "silent"), (rng.uniform(0.6, 2.5), "drive"), (0.0, "end"))
 
-    def _change(self, name: str) -> None:
-        """Go on to the next part of what was planned."""
+    def _next_step(self, name: str) -> None:
+        """Begin the next step of the event."""
         now = now_utime()
         if name == "end":
-            self._due = now + round(self._chance.uniform(*REST) * SECOND)
+            self._due = now + round(self._rng.uniform(*REST) * US_PER_S)
             return
         if name in ("estop", "estop and zero"):
             self._estop(True)
-            self._stopped, self._estop_due = now_utime(), now + SECOND // 20
+            self._stopped, self._estop_due = now_utime(), now + US_PER_S // 20
         elif name == "released":
             self._estop(False)
         elif name == "silent":
@@ -126,10 +126,10 @@ class Pilot:
         message = make(motor_command_t, utime=utime, robot_id=robot_id, left=left, right=right)
         self._bus.publish(MOTOR_COMMAND, message, 0)
 
-    def _rubbish(self) -> None:
-        """Send something that must move nothing; it is decided before the next command, and after the last."""
-        now, duty = now_utime(), INSANE_DUTY
-        kind = self._chance.choice(("nan", "infinite", "out_of_range", "old", "future", "wrong_robot", "undecodable"))
+    def _send_invalid(self) -> None:
+        """Send a random invalid command, which must not move the motors."""
+        now, duty = now_utime(), INVALID_DUTY
+        kind = self._rng.choice(("nan", "infinite", "out_of_range", "old", "future", "wrong_robot", "undecodable"))
         if kind == "nan":
             self._send(now, 0, math.nan, duty)
         elif kind == "infinite":
@@ -137,11 +137,11 @@ class Pilot:
         elif kind == "out_of_range":
             self._send(now, 0, duty, 1.0001)
         elif kind == "old":
-            self._send(now - self._chance.randrange(SECOND, HOUR), 0, duty, duty)
+            self._send(now - self._rng.randrange(US_PER_S, HOUR), 0, duty, duty)
         elif kind == "future":
-            self._send(now + self._chance.randrange(SECOND, HOUR), 0, duty, duty)
+            self._send(now + self._rng.randrange(US_PER_S, HOUR), 0, duty, duty)
         elif kind == "wrong_robot":
             self._send(now, 7, duty, duty)
         else:
-            self._raw.publish(MOTOR_COMMAND.channel(0), self._chance.randbytes(self._chance.randrange(1, 60)))
+            self._raw.publish(MOTOR_COMMAND.channel(0), self._rng.randbytes(self._rng.randrange(1, 60)))
         self.sent[{"nan": "not_finite", "infinite": "not_finite"}.get(kind, kind)] += 1

@@ -1,54 +1,60 @@
-"""The report of a soak, for a person."""
+"""The report of a soak test."""
 
 from cmr.msg import process_status_t
 from soaking.running import LARGEST_GROWTH, LARGEST_GROWTH_OF_GATE, Soak, growth, rejected
 
 SHOWN = 50  # findings
-COUNTED = ("not_finite", "out_of_range", "future")  # reasons that nothing but the soak's rubbish brings about
+COUNTED = (
+    "not_finite",
+    "out_of_range",
+    "future",
+)  # reasons for rejection that only the invalid commands of the soak test cause
 
 
 def report(soak: Soak, minutes: float) -> tuple[str, bool]:
-    """Return the report, and whether all checks held."""
-    _judge_the_whole(soak)
+    """Return the report, and whether all checks passed."""
+    _check_at_end(soak)
     findings = soak.findings
-    lines = [f"{minutes:g} minutes; {soak.damages} packets damaged; faults beside them:"]
+    lines = [f"{minutes:g} minutes; {soak.damages} packets damaged; further faults:"]
     lines += [f"  {name}: {count}" for name, count in sorted(soak.faults.items())]
-    lines += ["counted:"]
+    lines += ["counts:"]
     lines += [f"  {name}: {count}" for name, count in sorted(findings.counts.items())]
-    lines += ["longest (s):"]
+    lines += ["longest [s]:"]
     lines += [f"  {name}: {seconds:.3f}" for name, seconds in sorted(findings.largest.items())]
-    lines += [f"gyro stamps off by (ms): {_quantiles(findings.stamp_errors)}"]
+    lines += [f"errors of gyro timestamps [ms]: {_quantiles(findings.stamp_errors)}"]
     for name, memory in (("cmr-driver", soak.memory), ("the last gate", soak.memory_of_gate)):
         first = max(used for passed, used in memory if passed <= 60.0)
-        lines += [f"memory of {name}: {first / 1e6:.1f} MB in the first minute, {growth(memory) / 1e6:+.2f} MB"]
-    lines += [f"rubbish commanded: {dict(sorted(soak.pilot.sent.items()))}"]
-    lines += [f"the driver's last words: {soak.statuses[-1].message}"]
-    lines += [f"WRONG {text}" for text in findings.wrong[:SHOWN]]
-    lines += [f"{len(findings.wrong)} findings" if findings.wrong else "All checks held."]
-    return "\n".join(lines), not findings.wrong
+        lines += [f"memory of {name}: {first / 1e6:.1f} MB in the first minute, then {growth(memory) / 1e6:+.2f} MB"]
+    lines += [f"invalid commands: {dict(sorted(soak.pilot.sent.items()))}"]
+    lines += [f"last status of the driver: {soak.statuses[-1].message}"]
+    lines += [f"FAILED {text}" for text in findings.failures[:SHOWN]]
+    lines += [f"{len(findings.failures)} findings" if findings.failures else "All checks passed."]
+    return "\n".join(lines), not findings.failures
 
 
-def _judge_the_whole(soak: Soak) -> None:
-    """Add what can only be judged at the end."""
+def _check_at_end(soak: Soak) -> None:
+    """Run the checks that are possible only at the end."""
     last = soak.statuses[-1]
     running = [status for status in soak.statuses if status.state != process_status_t.STOPPING]
     if growth(soak.memory) > LARGEST_GROWTH:
-        soak.findings.blame(last.utime, f"cmr-driver's memory grew by {growth(soak.memory) / 1e6:.1f} MB")
+        soak.findings.report_failure(last.utime, f"cmr-driver's memory grew by {growth(soak.memory) / 1e6:.1f} MB")
     if growth(soak.memory_of_gate) > LARGEST_GROWTH_OF_GATE:
-        soak.findings.blame(last.utime, f"the last gate's memory grew by {growth(soak.memory_of_gate) / 1e6:.2f} MB")
+        soak.findings.report_failure(
+            last.utime, f"the last gate's memory grew by {growth(soak.memory_of_gate) / 1e6:.2f} MB"
+        )
     if running[-1].state != process_status_t.RUNNING:
-        soak.findings.blame(last.utime, f"at the end the driver was not well: {running[-1].message}")
+        soak.findings.report_failure(last.utime, f"at the end the driver was not running: {running[-1].message}")
     refused = rejected(last.message)
     for reason in COUNTED:
         if refused.get(reason, 0) != soak.pilot.sent[reason]:
-            soak.findings.blame(
+            soak.findings.report_failure(
                 last.utime,
-                f"{soak.pilot.sent[reason]} commands were {reason}, the driver reported {refused.get(reason, 0)}",
+                f"{soak.pilot.sent[reason]} commands were {reason}, but the driver reported {refused.get(reason, 0)}",
             )
 
 
 def _quantiles(errors: list[int]) -> str:
-    """Return how many ms a share of all stamps is off at most."""
+    """Return quantiles of the absolute errors [us], in ms."""
     ordered = sorted(map(abs, errors))
     if not ordered:
         return "none"

@@ -1,7 +1,7 @@
-"""The emulated robot of a soak, in a process of its own: its lines fail on request, and it says what was true.
+"""The emulated robot of a soak test, in a process of its own: its lines fail on request, and it records ground truth.
 
-What it was driven with, what its devices said before any damage, and every damage go to the other process as records,
-stamped by the moment at which they happened to the device.
+The duties of its motors, the values that its devices sent before any damage, and every damage are sent to the other
+process as records, with the time at which they happened in the device.
 """
 
 import math
@@ -25,24 +25,24 @@ from robot_driver.emulator.plant import Plant
 from robot_driver.emulator.roboclaw_device import RoboclawDevice
 from robot_driver.emulator.settings import Settings, load_settings
 from robot_driver.terminals.pseudo_terminal import PseudoTerminal
-from soaking.truth import said_by_dsp3000, said_by_kvh, said_by_roboclaw
+from soaking.decoding import decode_dsp3000, decode_kvh, decode_roboclaw
 
-LOOK = 0.01  # s between looks at what is to be done
-LATE = 0.005  # s by which the machine may hold the emulator up before that is reported
-BURST = 0.05  # s for which an adapter that sends in bursts holds bytes back
-FLUSH = 0.05  # s between deliveries of records
-START_UP = 1.0  # s for which a gyro that was switched on says that its readings are not valid
-GYRO_PERIOD = 10_000  # us; of both kinds
-RESET_ENCODERS = bytes.fromhex("8014492d")  # a RoboClaw that was reset counts from zero
+ORDER_PERIOD = 0.01  # s between checks for orders
+LATE = 0.005  # s by which the emulator may run late before that is recorded
+BURST = 0.05  # s between bursts of an adapter that holds bytes back
+RECORD_PERIOD = 0.05  # s between deliveries of records
+START_UP = 1.0  # s for which a gyro's readings are invalid after it was switched on
+GYRO_PERIOD = 10_000  # us; of both gyros
+RESET_ENCODERS = bytes.fromhex("8014492d")  # command; a RoboClaw counts from zero after power-on
 FULL_DUTY = 32767
-SECOND = 1_000_000  # us
+US_PER_S = 1_000_000  # us
 
-Note = Callable[[float, str, Any], None]  # takes the time (s of the engine), what kind of thing happened, its value
-Saying = Callable[[bytes], Any]  # bytes of a device to (kind, value) pairs
+Note = Callable[[float, str, Any], None]  # arguments: time [s of the engine], kind of record, value
+Decode = Callable[[bytes], Any]  # from the bytes of a device to (kind, value) pairs
 
 
 class Record(NamedTuple):
-    """Something that happened to a device at `utime` (us since the Unix epoch)."""
+    """An event in a device at `utime` [us since the Unix epoch]."""
 
     utime: int
     kind: str
@@ -50,7 +50,7 @@ class Record(NamedTuple):
 
 
 class Order(NamedTuple):
-    """What is to happen: the name of a line, that of one of its methods, and what to give it."""
+    """An order to the emulated robot: the name of a line, the name of its method, and the method's arguments."""
 
     line: str
     action: str
@@ -58,20 +58,20 @@ class Order(NamedTuple):
 
 
 class Plug:
-    """A serial port that can be pulled out and put back; all its methods are called by the engine's thread."""
+    """A serial port that can be unplugged and plugged in again; only the engine's thread calls its methods."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._terminal: PseudoTerminal | None = PseudoTerminal(path)
 
     def pull(self) -> None:
-        """Take the port away."""
+        """Remove the port."""
         if self._terminal is not None:
             self._terminal.close()
             self._terminal = None
 
     def put_back(self) -> None:
-        """Offer it again, behind the same name."""
+        """Add the port again, with the same name."""
         self._terminal = self._terminal or PseudoTerminal(self._path)
 
     def fileno(self) -> int:
@@ -84,11 +84,11 @@ class Plug:
         return self._terminal is not None and self._terminal.is_open
 
     def read(self) -> bytes:
-        """Return what the client has sent."""
+        """Return the bytes that the client has sent."""
         return self._terminal.read() if self._terminal is not None else b""
 
     def write(self, data: bytes) -> None:
-        """Send to the client."""
+        """Send bytes to the client."""
         if self._terminal is not None:
             self._terminal.write(data)
 
@@ -108,69 +108,69 @@ class Off:
         return []
 
 
-class Truthful:
-    """`device`, of which `note` gets everything it says; another may take its place."""
+class RecordedDevice:
+    """Wraps a replaceable `device`, and records all values that it sends with `note`."""
 
-    def __init__(self, device: Device, said: Saying, note: Note) -> None:
+    def __init__(self, device: Device, decode: Decode, note: Note) -> None:
         self.device = device
         self.byte_time = device.byte_time
-        self._said = said
+        self._decode = decode
         self._note = note
 
     @property
     def wake_time(self) -> float:
-        """When the device next acts of its own accord."""
+        """The time at which the device next acts by itself [s of the engine]."""
         return self.device.wake_time
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes."""
+        """Give bytes to the device; return its answer."""
         return self._noted(self.device.receive(data, time), time)
 
     def wake(self, time: float) -> list[Transmission]:
-        """Act."""
+        """Let the device act by itself; return what it sends."""
         return self._noted(self.device.wake(time), time)
 
     def _noted(self, sent: list[Transmission], time: float) -> list[Transmission]:
         for transmission in sent:
-            for kind, value in self._said(transmission.data):
+            for kind, value in self._decode(transmission.data):
                 self._note(time, kind, value)
         return sent
 
 
 class Line(FaultyLine):
-    """A device at the end of a cable; the engine's thread carries out what is put into `orders`."""
+    """A device at the end of a cable; the engine's thread carries out the `orders`."""
 
-    def __init__(self, name: str, device: Truthful, plug: Plug, note: Note, seed: int) -> None:
+    def __init__(self, name: str, device: RecordedDevice, plug: Plug, note: Note, seed: int) -> None:
         super().__init__(device, Faults(), seed)
         self.orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self.end = device
         self._name = name
         self._plug = plug
         self._note = note
-        self._next_look = 0.0
+        self._next_orders = 0.0
         self._bursting = False
         self._damages = 0
-        self._start = math.inf  # of the engine, by the monotonic clock (s)
+        self._start = math.inf  # of the engine [s of the monotonic clock]
 
     @property
     def wake_time(self) -> float:
-        """When the device acts, or orders are looked at."""
-        return min(self._next_look, self.end.wake_time)
+        """The time at which the device acts or orders are due [s of the engine]."""
+        return min(self._next_orders, self.end.wake_time)
 
     def wake(self, time: float) -> list[Transmission]:
-        """Carry out orders; let the device act if it is its time."""
-        if self._next_look <= time:
+        """Carry out orders, and let the device act if it is due."""
+        if self._next_orders <= time:
             self._note_lateness(time)
-            self._next_look = time + LOOK
+            self._next_orders = time + ORDER_PERIOD
             while not self.orders.empty():
                 order = self.orders.get()
                 getattr(self, order.action)(time, *order.values)
         return self._on_its_way(super().wake(time), time) if self.end.wake_time <= time else []
 
     def receive(self, data: bytes, time: float) -> list[Transmission]:
-        """Take bytes, perhaps damaged on their way."""
+        """Pass bytes to the device, possibly damaged; return its answer."""
         sent = super().receive(data, time)
-        self.truth.clear()  # noted elsewhere, with its time
+        self.truth.clear()  # recorded elsewhere, with its time
         return self._on_its_way(sent, time)
 
     def fail(self, _time: float, fault: str, value: Any) -> None:
@@ -178,7 +178,7 @@ class Line(FaultyLine):
         setattr(self.faults, fault, value)
 
     def burst(self, _time: float, on: bool) -> None:
-        """Hold everything back for a while and send it at once; or end that."""
+        """Begin or end sending in bursts."""
         self._bursting = on
 
     def pull(self, _time: float) -> None:
@@ -186,18 +186,18 @@ class Line(FaultyLine):
         self._plug.pull()
 
     def put_back(self, _time: float) -> None:
-        """Plug it in again."""
+        """Plug the cable in again."""
         self._plug.put_back()
 
     def _note_lateness(self, due: float) -> None:
-        """Note by how much the machine holds this process up."""
+        """Record by how much this process runs late."""
         now = monotonic()
         self._start = min(self._start, now - due)
         if (late := now - self._start - due) > LATE:
-            self._note(due, "late", (self._name, round(late * SECOND)))
+            self._note(due, "late", (self._name, round(late * US_PER_S)))
 
     def _on_its_way(self, sent: list[Transmission], time: float) -> list[Transmission]:
-        """Note what was damaged; return when the rest comes."""
+        """Record damage; return the transmissions with the times at which they arrive."""
         damages, self._damages = self.damaged.total() - self._damages, self.damaged.total()
         if damages:
             self._note(time, "damage", (self._name, damages))
@@ -208,7 +208,7 @@ class Line(FaultyLine):
         return [Transmission(math.ceil(moment / BURST) * BURST, data) for moment, data in sent]
 
     def _note_changed(self, data: bytes, time: float) -> None:
-        """Note what can be read from damaged bytes; nothing where there is a checksum."""
+        """Record values that can be read from damaged bytes; none if there is a checksum."""
 
 
 class MotorLine(Line):
@@ -217,29 +217,29 @@ class MotorLine(Line):
     def __init__(self, settings: Settings, plant: Plant, plug: Plug, note: Note, seed: int) -> None:
         self._settings = settings
         self._plant = plant
-        self._tell = note
+        self._record = note
         self._dip_ends = math.inf
-        super().__init__("motor", Truthful(self._made(), said_by_roboclaw, note), plug, note, seed)
+        super().__init__("motor", RecordedDevice(self._made(), decode_roboclaw, note), plug, note, seed)
 
     def power_off(self, _time: float) -> None:
-        """Let its power fail: the motors are driven no longer."""
+        """Switch the controller off; the motors stop."""
         self._drive(0.0, 0.0)
         self.end.device = Off()
 
     def power_on(self, time: float) -> None:
-        """Switch it on: it has forgotten everything."""
+        """Switch the controller on; it has lost its state."""
         self.end.device = self._made()
         self.end.device.receive(RESET_ENCODERS, time)
 
     def wake(self, time: float) -> list[Transmission]:
-        """End a dip of the battery by the robot's own clock: however busy the machine is, it lasts no longer."""
+        """Act; end a dip of the battery voltage by the robot's clock, so that a busy machine does not prolong it."""
         if self._dip_ends <= time:
             self._dip_ends = math.inf
             self._plant._electrics = self._settings.electrics
         return super().wake(time)
 
     def dip(self, time: float, voltage: float, seconds: float) -> None:
-        """Have the battery at this voltage (V) for so long (s)."""
+        """Set the battery voltage [V] for some time [s]."""
         self._dip_ends = time + seconds
         self._plant._electrics = replace(self._settings.electrics, battery_voltage=voltage)
 
@@ -248,7 +248,7 @@ class MotorLine(Line):
 
     def _drive(self, left: float, right: float) -> None:
         self._plant.command(left, right)
-        self._tell(self._plant.time, "duty", (round(left * FULL_DUTY), round(right * FULL_DUTY)))
+        self._record(self._plant.time, "duty", (round(left * FULL_DUTY), round(right * FULL_DUTY)))
 
 
 class GyroLine(Line):
@@ -258,20 +258,20 @@ class GyroLine(Line):
         self._kind = kind
         self._settings = settings
         self._plant = plant
-        super().__init__("gyro", Truthful(self._made(0.0, 0.0), self._said, note), plug, note, seed)
+        super().__init__("gyro", RecordedDevice(self._made(0.0, 0.0), self._decode, note), plug, note, seed)
 
     def power_off(self, _time: float) -> None:
-        """Switch it off."""
+        """Switch the gyro off."""
         self.end.device = Off()
 
     def power_on(self, time: float) -> None:
-        """Switch it on; a DSP-3000 sends angles then, as if somebody had meanwhile used it otherwise."""
+        """Switch the gyro on; a DSP-3000 then sends incremental angles, as if it had been configured for them."""
         self.end.device = self._made(time, time + START_UP)
         if isinstance(self.end.device, Dsp3000Device):
             self.end.device.receive(bytes([INCREMENTAL_ANGLE]), time)
 
     def invalid(self, time: float, seconds: float) -> None:
-        """Have it send readings that it says are not valid; it is not a new one, which would report its self-test."""
+        """Send invalid readings for some time [s], without a restart, which would report a self-test."""
         device: Any = self.end.device
         if isinstance(device, Dsp3000Device):
             device._start_up = time + seconds
@@ -279,7 +279,7 @@ class GyroLine(Line):
             device._valid_from = time + seconds
 
     def _made(self, time: float, valid_from: float) -> Any:
-        """Return a gyro that was switched on at `time` (s)."""
+        """Return a gyro that is switched on at `time` [s of the engine]."""
         settings = replace(
             self._settings,
             dsp3000=replace(self._settings.dsp3000, start_up=valid_from),
@@ -289,24 +289,24 @@ class GyroLine(Line):
         device.wake_time += time
         return device
 
-    def _said(self, data: bytes) -> Any:
+    def _decode(self, data: bytes) -> Any:
         if self._kind == "kvh-binary":
-            return said_by_kvh(data, 1.0 / self._settings.kvh_binary.rate)
+            return decode_kvh(data, 1.0 / self._settings.kvh_binary.rate)
         device = self.end.device
         sends_rates = isinstance(device, Dsp3000Device) and device._mode == RATE
-        return said_by_dsp3000(data) if sends_rates else ()
+        return decode_dsp3000(data) if sends_rates else ()
 
     def _note_changed(self, data: bytes, time: float) -> None:
         if self._kind == "dsp3000":
-            for _, reading in said_by_dsp3000(data):
-                self._note(time, "misheard", reading)
+            for _, reading in decode_dsp3000(data):
+                self._note(time, "misread", reading)
 
 
 def run(connection: Connection, folder: Path, gyro: str, seed: int) -> None:
-    """Emulate until the other end of `connection` closes; take Orders, send lists of Records."""
+    """Emulate the robot until the other end of `connection` closes; receive Orders, send lists of Records."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     settings = load_settings(seed=seed).ideal()
-    settings = replace(settings, kvh_binary=replace(settings.kvh_binary, rate=SECOND // GYRO_PERIOD))
+    settings = replace(settings, kvh_binary=replace(settings.kvh_binary, rate=US_PER_S // GYRO_PERIOD))
     plant = Plant(settings)
     noted: deque[tuple[float, str, Any]] = deque()
 
@@ -331,7 +331,7 @@ def _serve(
 ) -> None:
     due = monotonic()
     while True:
-        due = max(due + FLUSH, monotonic())
+        due = max(due + RECORD_PERIOD, monotonic())
         try:
             while connection.poll(max(due - monotonic(), 0.0)):
                 order = connection.recv()

@@ -1,1 +1,1 @@
-"""Studies over hundreds of logs: what they run, in which processes, and how they show what came of it."""
+"""The work of the studies scripts/study_*: cases, parallel processes, tables and pictures."""

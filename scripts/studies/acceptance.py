@@ -1,4 +1,4 @@
-"""Runs of cmr accept against robots that break a promise, and against honest ones: scripts/study_acceptance."""
+"""Run cmr accept on robots that break a promise on purpose, and on honest ones: scripts/study_acceptance."""
 
 import argparse
 import json
@@ -15,25 +15,25 @@ from tests.support.sabotage import ALL, DEVICES, promise_of
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make the runs that are not in OUT/runs.jsonl yet, and print the tables."""
+    """Make the runs that are not yet in OUT/runs.jsonl, and print the result of all runs."""
     options.out.mkdir(parents=True, exist_ok=True)
     runs = options.out / "runs.jsonl"
     done = {json.loads(line)["run"] for line in runs.read_text().splitlines()} if runs.exists() else set()
     for name in sorted(ALL, key=promise_of):
         if name not in done and (not options.only or promise_of(name) in options.only):
             wanted = (promise_of(name),) if options.part else tuple(PROMISES)
-            _note(runs, name, promise_of(name), wanted, hands=not options.part)
+            _run(runs, name, promise_of(name), wanted, hands=not options.part)
     for number in range(options.honest):
         name = f"honest {number + 1}{', busy core' if number < options.busy else ''}"
         if name not in done:
-            _note(runs, name, 0, tuple(PROMISES), busy=number < options.busy)
+            _run(runs, name, 0, tuple(PROMISES), busy=number < options.busy)
     for number in range(options.long):
         if f"long {number + 1}" not in done:
-            _note(runs, f"long {number + 1}", 0, tuple(PROMISES), pace=LONG)
+            _run(runs, f"long {number + 1}", 0, tuple(PROMISES), pace=LONG)
     print(table([json.loads(line) for line in runs.read_text().splitlines()]))
 
 
-def _note(
+def _run(
     runs: Path,
     name: str,
     promise: int,
@@ -43,7 +43,7 @@ def _note(
     busy: bool = False,
     pace: Pace = SHORT,
 ) -> None:
-    """Make a run, and note what was found."""
+    """Make one run, and append its result to the file."""
     begun = time.time()
     with tempfile.TemporaryDirectory() as folder, Busy() if busy else nullcontext():
         report: Report = accept(
@@ -54,7 +54,9 @@ def _note(
             hands=hands,
             pace=pace,
         )
-    said = [f"{one.promise} {one.check}: {one.said}" for one in report.findings if one.passed is False]
+    said = [
+        f"{finding.promise} {finding.check}: {finding.said}" for finding in report.findings if finding.passed is False
+    ]
     load = float(Path("/proc/loadavg").read_text().split()[0])
     result = {"run": name, "promise": promise, "whole": len(wanted) > 1, "failed": report.failed, "said": said}
     result |= {"seconds": time.time() - begun, "load": load, "repeated": report.figures["steps_repeated"]}
@@ -64,7 +66,7 @@ def _note(
 
 
 def table(runs: list[dict[str, object]]) -> str:
-    """Return what was found, as lines for docs/measurements/acceptance.md."""
+    """Return a summary of the runs, as lines for docs/measurements/acceptance.md."""
     broken = [run for run in runs if run["promise"]]
     found = [run for run in broken if run["promise"] in run["failed"]]  # type: ignore[operator]
     honest = [run for run in runs if not run["promise"]]

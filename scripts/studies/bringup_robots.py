@@ -1,4 +1,4 @@
-"""Robots to bring up, with all that can be wrong with them, and the verdict on what bring-up makes of each."""
+"""Random robots for bring-up, with faults in wiring and poses, and the verdict on the settings that bring-up finds."""
 
 import dataclasses
 import math
@@ -12,20 +12,21 @@ from robot_driver.simulated.bringing_up import Outcome, Person, SimulatedBringup
 
 CONTROLLERS = ("roboclaw", "roboteq", "mbot")
 TICKS = (1200, 2048, 3744, 4480, 8400)
-STATED = {1.0: 0.4, 2.0: 0.15, 0.5: 0.1, 4.0: 0.15, 0.25: 0.05, 0.0: 0.15}  # data sheet over truth; 0: not known
-GYROS = {1.0: 0.4, -1.0: 0.25, 0.5: 0.2, 0.0: 0.15}  # 0: absent
+# Keys: ticks of the data sheet divided by the true ticks (0: unknown), and factor of the gyro (0: no gyro). Values:
+# their probabilities.
+STATED = {1.0: 0.4, 2.0: 0.15, 0.5: 0.1, 4.0: 0.15, 0.25: 0.05, 0.0: 0.15}
+GYROS = {1.0: 0.4, -1.0: 0.25, 0.5: 0.2, 0.0: 0.15}
 POSES = ("right", "mirrored", "rotated", "y up", "mm", "degrees", "late", "other body", "swapped", "offset")
-BATTERIES = 12.4  # V
-HELD = (0.11, 0.17)  # duty by which some robots are held
+STATIC_FRICTION = (0.11, 0.17)  # range of the duty at which robots with static friction begin to move
 EFFECTS_AT_ONCE = 6
-SMALL_TICKS = 0.01
-ANGLE, POINT, LATENESS = math.radians(5.0), 0.02, 0.04
+TICKS_TOLERANCE = 0.01  # relative
+ANGLE, POINT, LATENESS = math.radians(5.0), 0.02, 0.04  # tolerances of the poses [rad, m, s]
 RADIAN = 180.0 / math.pi
 
 
 @dataclass(frozen=True)
 class Case:
-    """A robot, what is wrong with its poses by name, and how it is brought up."""
+    """A robot, the names of the faults in its poses, and its simulated bring-up."""
 
     name: str
     wrong: tuple[str, ...]
@@ -37,17 +38,17 @@ class Case:
         return self.bringup.settings
 
 
-def drawn(number: int, seed: int) -> Case:
-    """Return a random robot."""
+def random_case(number: int, seed: int) -> Case:
+    """Return random robot `number` of a study with this seed."""
     random = np.random.default_rng([seed, number, 24])
     controller = str(random.choice(CONTROLLERS))
     factor = float(random.choice(list(GYROS), p=list(GYROS.values())))
     if controller == "mbot" and factor == 0.0:
-        factor = 1.0  # its board has one
+        factor = 1.0  # its board has a gyro
     robot, effects = _robot_with_effects(random)
     ticks, stated = int(random.choice(TICKS)), float(random.choice(list(STATED), p=list(STATED.values())))
     if random.random() < 0.2:
-        effects["static_friction"] = float(random.uniform(*HELD)) * robot["k2_over_k3"]
+        effects["static_friction"] = float(random.uniform(*STATIC_FRICTION)) * robot["k2_over_k3"]
     wrong = [str(random.choice(POSES))]
     if random.random() < 0.3:
         wrong.append(str(random.choice(("mirrored", "rotated", "mm", "degrees", "late", "offset"))))
@@ -81,7 +82,7 @@ MOUNTED = {"motors": 0.5, "left": 0.5, "right": 0.5, "encoders": 0.3, "left_agai
 
 
 def _cameras(right: Cameras, wrong: tuple[str, ...], offset: float) -> Cameras:
-    """Return cameras that were set up with these mistakes."""
+    """Return cameras with these faults; a rotated heading is off by `offset` [rad]."""
     return dataclasses.replace(
         right,
         mirrored="mirrored" in wrong,
@@ -94,7 +95,7 @@ def _cameras(right: Cameras, wrong: tuple[str, ...], offset: float) -> Cameras:
 
 
 def mounting_of(flags: Mapping[str, bool], factor: float) -> Mounting:
-    """Return the emulator's mounting for the mistakes named in MOUNTED, and what the gyro says of a turn of 1."""
+    """Return the emulator's mounting for the faults named in MOUNTED; `factor` scales the gyro's yaw rate."""
     return Mounting(
         motors_swapped=flags["motors"],
         encoders_swapped=flags["encoders"],
@@ -109,7 +110,7 @@ def mounting_of(flags: Mapping[str, bool], factor: float) -> Mounting:
 
 
 def _robot_with_effects(random: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
-    """Return a robot and six small effects of it, as scripts/study_messy draws them."""
+    """Return a random robot and the sizes of six small effects, drawn as in scripts/study_messy."""
     from tests.hidden_effects.messy import ORDINARY, SPREAD
     from tests.hidden_effects.robots import draw_robot, scales
     from tests.hidden_effects.sizes import EITHER_SIGN, GROWS_WITH
@@ -142,7 +143,7 @@ def case_of(
     seed: int,
     offset: float,
 ) -> Case:
-    """Return a robot with these effects and mistakes; a `rotated` heading is shown `offset` (rad) too far."""
+    """Return a robot with these effects and faults; the heading of `rotated` poses is off by `offset` [rad]."""
     settings = load_settings(seed=seed)
     hidden = dict(effects)
     if "offset" in wrong:
@@ -164,13 +165,13 @@ def case_of(
 
 
 def verdict(case: Case, outcome: Outcome) -> tuple[str, list[str]]:
-    """Return right, unknown or wrong, and what is wrong or why it is not known."""
+    """Return "right", "unknown" or "wrong", and the wrong settings or the reasons of undecided steps."""
     wrong = [*_wrong_wiring(case, outcome), *_wrong_gyro(case, outcome), *_wrong_poses(case, outcome)]
     if outcome.largest_before_yes > 0.1 or outcome.largest_before_floor > 0.2:
         wrong.append(f"duty {outcome.largest_before_yes:.4f}, {outcome.largest_before_floor:.4f}")
     if wrong:
         return "wrong", wrong
-    open_steps = [f"{one.step}: {one.text}" for one in outcome.results if not one.decided]
+    open_steps = [f"{result.step}: {result.text}" for result in outcome.results if not result.decided]
     surprising = [text for text in open_steps if not _expected(case, text)]
     if outcome.of("floor").decided and outcome.known.found["poses_unsure_lateness"]:
         surprising.append(outcome.of("floor").text)
@@ -178,7 +179,7 @@ def verdict(case: Case, outcome: Outcome) -> tuple[str, list[str]]:
 
 
 def _expected(case: Case, text: str) -> bool:
-    """Return whether a step could not be decided because of what is wrong with the robot, and says so."""
+    """Return whether a step is undecided because of a fault of the robot, and its text names that fault."""
     mounting = case.settings.mounting
     if text.startswith("floor"):
         if mounting.left_encoder_dead or mounting.right_encoder_dead:
@@ -210,7 +211,7 @@ def _wrong_wiring(case: Case, outcome: Outcome) -> list[str]:
     ticks = known.driver.get("ticks_per_turn")
     if "ticks" not in known.undecided:
         true = case.settings.robot.ticks_per_turn
-        if not isinstance(ticks, int) or abs(ticks / true - 1.0) > SMALL_TICKS:
+        if not isinstance(ticks, int) or abs(ticks / true - 1.0) > TICKS_TOLERANCE:
             wrong.append(f"ticks {ticks} of {true:.0f}")
     return wrong
 
@@ -237,7 +238,7 @@ def _wrong_poses(case: Case, outcome: Outcome) -> list[str]:
     if cameras.vertical_y:
         return []
     if cameras.other_body or case.bringup.own_number:
-        return ["another body's poses taken"]
+        return ["poses of another body accepted"]
     if found["poses_metre"] != cameras.metre:
         wrong.append(f"metre {found['poses_metre']}")
     if found["poses_degrees"] is not (cameras.radian != 1.0):

@@ -1,4 +1,4 @@
-"""What was hidden against what was named first, as a table and as a picture."""
+"""Confusion matrices: hidden effect against the effect named first, as a table and as a picture."""
 
 import csv
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ from tests.hidden_effects.rows import Row
 
 GROUPS = tuple(dict.fromkeys(effect.group for effect in CATALOGUE.values()))
 NAMES = [effect.name for group in GROUPS for effect in CATALOGUE.values() if effect.group == group]
-OTHER = ("no_effect", "unexplained", "bad_data", "error")  # where nothing was named
+OTHER = ("no_effect", "unexplained", "bad_data", "error")  # if no effect was named
 BLUES = LinearSegmentedColormap.from_list("share", ["white", "#1f4fd8"])
 
 
-def counted(rows: Sequence[Row]) -> Floats:
-    """Return how often which effect was named first, shape (len(NAMES), len(NAMES) + len(OTHER)); rows the truth."""
+def confusion_matrix(rows: Sequence[Row]) -> Floats:
+    """Count which effect was named first for each hidden effect; shape (len(NAMES), len(NAMES) + len(OTHER))."""
     columns = [*NAMES, *OTHER]
     counts = np.zeros((len(NAMES), len(columns)))
     for row in rows:
@@ -39,7 +39,7 @@ def write_table(counts: Floats, path: Path) -> None:
 
 
 def read_table(path: Path) -> tuple[list[str], list[str], Floats]:
-    """Return of a table what was hidden, what was named, and the counts; the catalogue may have grown since."""
+    """Read a table; return hidden effects, named effects, and counts. It may be older than the catalogue."""
     with path.open(newline="", encoding="utf-8") as stream:
         head, *rows = csv.reader(stream)
     return [row[0] for row in rows], head[1:], np.array([row[1:] for row in rows], float)
@@ -48,7 +48,7 @@ def read_table(path: Path) -> tuple[list[str], list[str], Floats]:
 def write_picture(
     counts: Floats, title: str, path: Path, hidden: Sequence[str] = NAMES, named: Sequence[str] = (*NAMES, *OTHER)
 ) -> None:
-    """Write a picture of the counts: the darker, the larger the share of the logs of one effect."""
+    """Write a picture of the counts; the shade of a cell is its share of the logs with that hidden effect."""
     figure = Figure(figsize=(14.0, 13.0), dpi=110, layout="constrained")
     axes = figure.subplots()
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)

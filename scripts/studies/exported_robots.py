@@ -1,4 +1,4 @@
-"""Robots that are exported, run where they were exported to, and diagnosed against parameter files."""
+"""Export robots, run them in the target simulator, and diagnose the recording against a parameter file."""
 
 import csv
 import json
@@ -30,14 +30,14 @@ from tests.hidden_effects.sets import WITH_DUTIES
 TARGETS = (MJCF, FMU, PYTHON)
 SAME, PLANTED = KINDS = ("same", "planted")
 MOST = 3  # effects of a robot
-ONE_OF = (frozenset({"wheel_radius_scale", "encoder_scale"}),)  # either name says the same of the data
+EQUIVALENT = (frozenset({"wheel_radius_scale", "encoder_scale"}),)  # pairs that the data cannot distinguish
 
 
 @dataclass(frozen=True)
 class Task:
-    """A robot that is exported: where to, and what is asked.
+    """A robot to export: the target, and the question.
 
-    SAME is the robot of the file; in PLANTED it has one more effect than the file that it is diagnosed against.
+    With SAME, the robot is the one of the parameter file. With PLANTED, it has one effect more than the file.
     """
 
     target: str
@@ -46,10 +46,11 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a diagnosis made of a robot: one row of the study, kept as CSV. `names` are the effects that departed.
+class Result:
+    """The diagnosis of a robot: one row of the CSV file of the study.
 
-    `beside` are those that could not be distinguished from them, `parameters` others that departed.
+    `names` are the effects that depart from the file, `beside` those that cannot be distinguished from them, and
+    `parameters` the other parameters that depart.
     """
 
     target: str
@@ -67,49 +68,49 @@ class Found:
 
     @property
     def task(self) -> Task:
-        """What this is the row of."""
+        """The task with this result."""
         return Task(self.target, self.kind, self.seed)
 
     @property
     def right(self) -> bool:
-        """Whether nothing departs from the file, or the effect that was planted does."""
+        """Whether nothing departs from the file, or, for PLANTED, the planted effect does."""
         return self.verdict == NO_EFFECT if self.kind == SAME else self.planted in self.names
 
 
 def tasks(kinds: Sequence[str], targets: Sequence[str], numbers: Iterable[int]) -> list[Task]:
-    """Return the robots with these numbers of each kind for each target, in turn."""
+    """Return tasks for robots with these numbers, for each kind and target."""
     return [Task(target, kind, seed) for seed in numbers for kind in kinds for target in targets]
 
 
 def effects_of(task: Task) -> tuple[tuple[str, ...], str]:
-    """Return the effects that a robot has, and which of them is planted; those that the target carries."""
+    """Return the effects of a robot, and the planted one; all are effects that the target can represent."""
     carried = [name for name in WITH_DUTIES if task.target != MJCF or name in BY_TARGET[MJCF]]
     random = np.random.default_rng([task.seed, KINDS.index(task.kind), task.target == MJCF])
-    # Each effect is planted as often as any other.
+    # All effects are planted equally often.
     planted = carried[task.seed % len(carried)] if task.kind == PLANTED else ""
-    others = [name for name in carried if not any({name, planted} <= pair for pair in ONE_OF)]
+    others = [name for name in carried if not any({name, planted} <= pair for pair in EQUIVALENT)]
     count = int(random.integers(0, MOST)) + (task.kind == SAME)
     drawn = [name for name in random.permutation(others).tolist() if name != planted][:count]
-    if any(pair <= {*drawn} for pair in ONE_OF):
+    if any(pair <= {*drawn} for pair in EQUIVALENT):
         drawn.pop()
     return tuple([*drawn, planted] if planted else drawn), planted
 
 
-def studied(task: Task) -> Found:
-    """Return what a diagnosis makes of a robot, or the error that came instead: a study of hundreds goes on."""
+def run_task(task: Task) -> Result:
+    """Export, run and diagnose a robot; return the result. An error becomes part of it, so that the study goes on."""
     effects, planted = effects_of(task)
     begin = time.process_time()
     row = asdict(task) | {"effects": effects, "planted": planted}
     try:
         with tempfile.TemporaryDirectory() as folder:
-            row |= _found(task, effects, planted, Path(folder))
+            row |= _diagnose(task, effects, planted, Path(folder))
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         row["error"] = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
-    return Found(**row, cpu_seconds=time.process_time() - begin)
+    return Result(**row, cpu_seconds=time.process_time() - begin)
 
 
-def _found(task: Task, effects: tuple[str, ...], planted: str, folder: Path) -> dict[str, Any]:
+def _diagnose(task: Task, effects: tuple[str, ...], planted: str, folder: Path) -> dict[str, Any]:
     truth = truth_of(Case(effects, RICH, task.seed))
     truth = replace(truth, parameters=_as_carried(task.target, truth.robot, truth.parameters))
     own = {name for effect in effects_on(truth.parameters) if effect.name == planted for name in _parameters(effect)}
@@ -118,15 +119,21 @@ def _found(task: Task, effects: tuple[str, ...], planted: str, folder: Path) -> 
     path = folder / name_of_file(robot, task.target)
     export(robot, task.target, path)
     commands = commands_of(truth, truth.case.drive_seed)
-    left, right = (held(commands.time, duty, truth.case.seconds) for duty in (commands.left, commands.right))
+    left, right = (zero_order_hold(commands.time, duty, truth.case.seconds) for duty in (commands.left, commands.right))
     driven = RUN[task.target](robot, path, left, right)
     recording = recording_of(driven.readings, robot, left, right, truth.case.drive_seed)
     against = Against(source="robot_0.yaml", sha256="")
-    return {**_said(diagnose(recording, _file(truth.robot, known), against=against)), "sizes": dict(truth.parameters)}
+    return {
+        **_summary(diagnose(recording, _file(truth.robot, known), against=against)),
+        "sizes": dict(truth.parameters),
+    }
 
 
 def _as_carried(target: str, robot: Mapping[str, float], parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return parameters with the other sign for what the target does not carry: readings younger than their stamps."""
+    """Return the parameters, with the opposite sign where the target cannot represent them.
+
+    These are delays that would make readings newer than their timestamps.
+    """
     found = of_robot(target, exported(_file(robot, parameters)))
     lost = {
         name for effect in effects_on(parameters) if found[effect.name].how is Carry.NOT for name in _parameters(effect)
@@ -134,8 +141,8 @@ def _as_carried(target: str, robot: Mapping[str, float], parameters: Mapping[str
     return {name: -value if name in lost else value for name, value in parameters.items()}
 
 
-def held(times: Floats, duties: Floats, seconds: float) -> Floats:
-    """Return the duty that is in force in each step of a drive: each holds from its time [s] until the next."""
+def zero_order_hold(times: Floats, duties: Floats, seconds: float) -> Floats:
+    """Return the duty in each simulation step: each duty holds from its time [s] until the next."""
     steps = STEP * np.arange(round(seconds / STEP)) + 0.5 * STEP
     return duties[np.maximum(np.searchsorted(times, steps, side="right") - 1, 0)]
 
@@ -149,52 +156,52 @@ def _file(robot: Mapping[str, float], parameters: Mapping[str, float]) -> Parame
     return ParameterFile(0, values, tuple(effect.name for effect in effects_on(parameters)))
 
 
-def _said(diagnosis: Diagnosis) -> dict[str, Any]:
+def _summary(diagnosis: Diagnosis) -> dict[str, Any]:
     against = diagnosis.against
     return {
         "verdict": diagnosis.verdict,
         "names": tuple(effect.name for effect in diagnosis.effects),
         "beside": tuple(other for effect in diagnosis.effects for other in effect.indistinguishable_from),
-        "parameters": tuple(one.name for one in against.departures) if against else (),
+        "parameters": tuple(departure.name for departure in against.departures) if against else (),
     }
 
 
-def append(path: Path, rows: Iterable[Found]) -> None:
-    """Append rows to a CSV file; a new one gets a heading first."""
+def append(path: Path, rows: Iterable[Result]) -> None:
+    """Append rows to a CSV file; a new file begins with a header."""
     is_new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         if is_new:
-            writer.writerow([part.name for part in fields(Found)])
+            writer.writerow([column.name for column in fields(Result)])
         for row in rows:
-            writer.writerow([json.dumps(getattr(row, part.name)) for part in fields(Found)])
+            writer.writerow([json.dumps(getattr(row, column.name)) for column in fields(Result)])
 
 
-def read(path: Path) -> list[Found]:
-    """Return the rows of a CSV file, the last of each task; a line torn by the end of a process is passed over."""
-    rows: dict[Task, Found] = {}
+def read(path: Path) -> list[Result]:
+    """Return the last row of each task in a CSV file; incomplete lines of interrupted runs are skipped."""
+    rows: dict[Task, Result] = {}
     for row in _rows(path) if path.exists() else ():
         rows[row.task] = row
     return list(rows.values())
 
 
-def _rows(path: Path) -> Iterator[Found]:
+def _rows(path: Path) -> Iterator[Result]:
     with path.open(newline="", encoding="utf-8") as stream:
         for cells in list(csv.reader(stream))[1:]:
             try:
                 values: list[Any] = [json.loads(cell) for cell in cells]
-                values = [tuple(one) if isinstance(one, list) else one for one in values]
-                yield Found(*values)
+                values = [tuple(value) if isinstance(value, list) else value for value in values]
+                yield Result(*values)
             except (ValueError, TypeError):
                 continue
 
 
-def report(rows: Sequence[Found]) -> str:
-    """Return a table of what was found, and each robot for which it is not right.
+def report(rows: Sequence[Result]) -> str:
+    """Return a table of the results, and a line for each robot with a wrong result.
 
-    "Also named" counts effects and parameters that depart from the file beside what was planted.
+    "Also named" counts effects and parameters that depart from the file, without the planted effect.
     """
-    lines = ["| asked | target | robots | right | also named | time of a core each |", "|---|---|---|---|---|---|"]
+    lines = ["| kind | target | robots | right | also named | CPU time each |", "|---|---|---|---|---|---|"]
     for kind in KINDS:
         for target in TARGETS:
             own = [row for row in rows if (row.kind, row.target) == (kind, target)]

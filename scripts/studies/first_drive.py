@@ -1,4 +1,4 @@
-"""The first drive of a robot that was brought up: the figure-eight by the files of bring-up, and its calibration."""
+"""Drive a figure-eight with the settings that bring-up wrote, and calibrate the robot from it."""
 
 import dataclasses
 from pathlib import Path
@@ -12,13 +12,13 @@ from robot_driver.simulated.drive import SimulatedDrive
 
 from .bringup_robots import Case, verdict
 
-SECONDS = 70.0  # of simulated time; the figure-eight at two speeds, and a rest
-BOUNDS = {"k2_over_k3": 0.05, "k1": 0.02, "base_width": 0.012}  # shares; what messy robots are calibrated to
-LONGEST = 600.0  # s from the first question to the last answer
+SECONDS = 70.0  # of simulated time: the figure-eight at two speeds, and a rest
+BOUNDS = {"k2_over_k3": 0.05, "k1": 0.02, "base_width": 0.012}  # relative errors, as reached in scripts/study_messy
+LONGEST = 600.0  # s of bring-up, from the first question to the last answer
 
 
-def corrected(case: Case, outcome: Outcome, folder: Path) -> tuple[Case, Outcome]:
-    """Correct at their source what bring-up said of the poses, and run its last step again where they were wrong."""
+def correct_poses(case: Case, outcome: Outcome, folder: Path) -> tuple[Case, Outcome]:
+    """Correct faults of the poses at their source, and repeat the last step of bring-up if there were any."""
     cameras = load_settings().cameras
     if case.settings.cameras == cameras and not case.bringup.own_number:
         return case, outcome
@@ -31,10 +31,10 @@ def corrected(case: Case, outcome: Outcome, folder: Path) -> tuple[Case, Outcome
     )
 
 
-def calibrated(case: Case, outcome: Outcome, folder: Path) -> CalibrationResult:
-    """Drive the figure-eight by the files in the folder, and calibrate from its log.
+def drive_and_calibrate(case: Case, outcome: Outcome, folder: Path) -> CalibrationResult:
+    """Drive the figure-eight with the files in the folder, and calibrate from its log.
 
-    Raises EstimationError where that fails.
+    Raises EstimationError if the calibration fails.
     """
     believed, log = load(folder / "robot_0.yaml"), folder / "run.lcm"
     drive = SimulatedDrive(
@@ -52,18 +52,21 @@ def calibrated(case: Case, outcome: Outcome, folder: Path) -> CalibrationResult:
 
 
 def errors(case: Case, result: CalibrationResult) -> dict[str, float]:
-    """Return by which share each parameter is off."""
+    """Return the relative error of each parameter."""
     return {name: result.values[name] / getattr(case.settings.robot, name) - 1.0 for name in BOUNDS}
 
 
-def beyond(case: Case, result: CalibrationResult) -> list[str]:
-    """Return which parameters are further off than BOUNDS."""
+def out_of_bounds(case: Case, result: CalibrationResult) -> list[str]:
+    """Return the parameters whose relative errors exceed BOUNDS."""
     off = errors(case, result)
     return [f"{name} {off[name]:+.1%}" for name, share in BOUNDS.items() if abs(off[name]) > share]
 
 
-def brought_up(case: Case, folder: Path, *, directly: bool, driven: bool) -> dict[str, object]:
-    """Return the row of a robot, brought up without driver and bytes if `directly`, and `driven` and calibrated."""
+def bring_up(case: Case, folder: Path, *, directly: bool, driven: bool) -> dict[str, object]:
+    """Bring up a robot and return its row of the study.
+
+    With `directly`, the driver and its serial line are left out. With `driven`, the robot is calibrated as well.
+    """
     mounting = case.settings.mounting
     row: dict[str, object] = {"name": case.name, "controller": case.bringup.controller, "poses": "+".join(case.wrong)}
     row["dead"] = mounting.left_encoder_dead or mounting.right_encoder_dead
@@ -81,7 +84,7 @@ def brought_up(case: Case, folder: Path, *, directly: bool, driven: bool) -> dic
 
 
 def _driven(case: Case, outcome: Outcome, folder: Path) -> dict[str, str]:
-    """Return how the first drive went: how long it took to get there (s), and by which share parameters are off."""
-    case, outcome = corrected(case, outcome, folder)
-    off = errors(case, calibrated(case, outcome, folder))
+    """Calibrate a robot; return the duration of bring-up [s] and the relative errors of the parameters."""
+    case, outcome = correct_poses(case, outcome, folder)
+    off = errors(case, drive_and_calibrate(case, outcome, folder))
     return {"seconds": f"{outcome.seconds:.0f}"} | {name: f"{value:.4f}" for name, value in off.items()}

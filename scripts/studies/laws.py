@@ -1,4 +1,4 @@
-"""Work off many robots of the study of laws in parallel processes."""
+"""Run the robots of scripts/study_laws in parallel processes."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,7 +8,7 @@ from tests.hidden_effects.laws.robots import LawCase
 
 
 def perform(tasks: Sequence[LawCase], jobs: int) -> Iterator[LawRow]:
-    """Yield the row of each robot as it is there; a process that dies makes a row with an error of its robot alone."""
+    """Yield the row of each robot when it is finished; if a process dies, the row of its robot contains the error."""
     with Workers[LawCase, LawRow](jobs, _with_task, _died) as workers:
         yield from workers.perform(tasks, lambda _sentence: None)
 

@@ -1,4 +1,4 @@
-"""The parts of scripts/study_ros2: cmr-ros2 between a node and the bus, each a process of its own, in real time."""
+"""The parts of scripts/study_ros2: cmr-ros2 between a ROS 2 node and the bus, in real time."""
 
 import json
 import os
@@ -22,15 +22,15 @@ from cmr.msg import motor_feedback_t, velocity_command_t
 from tests.support.private_bus import private_url
 from tests.support.ros2_python import environment, free_domain
 
-RATE = 50.0  # Hz of one robot
-FAST = 1000.0  # Hz, at which many messages are sent
-BEFORE = 1.0  # s of messages by which the bridge learns the robot's clock, and which do not count
+RATE = 50.0  # Hz, per robot
+FAST = 1000.0  # Hz, for the part `messages`
+BEFORE = 1.0  # s of messages that are not counted: the bridge estimates the robot's clock meanwhile
 LATENCY_SECONDS = 40.0
 TEAM = 20
 LOSSES = 10  # of each kind
 BEFORE_LOSS, AFTER_LOSS = 3.0, 2.0  # s
 LIFETIME, CYCLE = 0.5, 0.02  # s
-STEP = 1e-6  # m/s by which each command is greater than the one before it, so that it is known again
+STEP = 1e-6  # m/s; the velocity of command k is k STEP, which identifies the command
 PROFILE = """\
 schema: 1
 name: numbered
@@ -43,51 +43,55 @@ nominal: {{wheel_radius: 0.04, base_width: 0.161, response_time: 0.15, top_wheel
 """
 
 
-class Heard(NamedTuple):
-    """A message on the bus: robot, number, when it was published, when it left the bridge and when it was here [us]."""
+class Received(NamedTuple):
+    """A message on the bus: robot, number, and the times of publication, in the bridge, and of reception here [us]."""
 
     robot: int
     number: int
     published: int
     bridged: int
-    here: int
+    received: int
 
 
 class Run(NamedTuple):
-    """What came of a run: what the bus had, what the node heard as (value, arrival), commands sent, share of a core."""
+    """The result of a run.
 
-    heard: list[Heard]
+    `messages` were received on the bus, `velocities` by the node, as (m/s, arrival [us]). `commands` maps the number
+    of each command to its time [us]. `share` is the part of a core that the bridge used.
+    """
+
+    messages: list[Received]
     velocities: list[tuple[float, int]]
     commands: dict[int, int]
     share: float
 
 
 def messages(count: int) -> int:
-    """Send many messages of one robot, and print how many are lost; return 1 if any is with reliable topics."""
+    """Send many messages of one robot, and print how many are lost; return 1 if any is lost with reliable topics."""
     print("| topics | messages | rate | lost |\n|---|---|---|---|")
     failed = 0
     for reliability in ("reliable", "best_effort"):
         extra = round(BEFORE * FAST)
         run = _run(1, FAST, count + extra, reliability, is_commanded=False)
-        lost = count - len({one.number for one in run.heard if one.number >= extra})
+        lost = count - len({message.number for message in run.messages if message.number >= extra})
         print(f"| {reliability.replace('_', ' ')} | {count} | {FAST:.0f} Hz | {lost} |", flush=True)
         failed |= int(reliability == "reliable" and lost > 0)
     return failed
 
 
 def latency() -> int:
-    """Print how late messages of one robot are on the other side, by both ways."""
+    """Print the latency of messages of one robot, in both directions."""
     run = _run(1, RATE, round(LATENCY_SECONDS * RATE), "reliable", is_commanded=True)
     _print_latencies(run)
     return 0
 
 
 def robots() -> int:
-    """Print what twenty robots lose, and what they take of a core; return 1 if anything is lost."""
+    """Print how many messages of twenty robots are lost, and the CPU load; return 1 if any message is lost."""
     count, extra = round(LATENCY_SECONDS * RATE), round(BEFORE * RATE)
     run = _run(TEAM, RATE, count + extra, "reliable", is_commanded=True)
-    got = {(one.robot, one.number) for one in run.heard if one.number >= extra}
-    lost = TEAM * count - len(got)
+    arrived = {(message.robot, message.number) for message in run.messages if message.number >= extra}
+    lost = TEAM * count - len(arrived)
     print(
         f"{TEAM} robots at {RATE:.0f} Hz: {TEAM * count} messages, {lost} lost, {100.0 * run.share:.0f} % of a core\n"
     )
@@ -96,34 +100,37 @@ def robots() -> int:
 
 
 def _print_latencies(run: Run) -> None:
-    print("| way | messages | median | 99 % | longest |\n|---|---|---|---|---|")
-    to_bus = [one.here - one.published for one in run.heard]
-    first: dict[int, int] = {}  # each is sent again until the next one comes
+    print("| direction | messages | median | 99 % | longest |\n|---|---|---|---|---|")
+    to_bus = [message.received - message.published for message in run.messages]
+    first: dict[int, int] = {}  # the bridge repeats each command until the next one
     for v, arrival in run.velocities:
         first.setdefault(round(v / STEP), arrival)
     to_ros = [arrival - run.commands[key] for key, arrival in first.items() if key in run.commands]
-    within = [one.here - one.bridged for one in run.heard]
-    ways = {"node to bus": to_bus, "of that, from the bridge's callback on": within, "bus to node": to_ros}
-    for way, values in ways.items():
+    within = [message.received - message.bridged for message in run.messages]
+    directions = {"node to bus": to_bus, "of that, after the bridge's callback": within, "bus to node": to_ros}
+    for direction, values in directions.items():
         figures = [np.quantile(values, share) / 1000.0 for share in (0.5, 0.99, 1.0)]
-        print(f"| {way} | {len(values)} | {' | '.join(f'{figure:.2f} ms' for figure in figures)} |")
+        print(f"| {direction} | {len(values)} | {' | '.join(f'{figure:.2f} ms' for figure in figures)} |")
 
 
 def losses() -> int:
-    """Print after which time the robot is sent its last velocity; return 1 if zero comes too late, or not at all."""
-    print("| loss | times | last velocity at most | zero was sent |\n|---|---|---|---|")
+    """Print the time until the last non-zero velocity after a loss; return 1 if zero is sent too late, or never."""
+    print("| loss | times | last velocity after at most | zero was sent |\n|---|---|---|---|")
     failed = 0
     for loss, number in (("commands end", None), ("SIGTERM", signal.SIGTERM), ("SIGKILL", signal.SIGKILL)):
-        found = [_lose(number) for _ in range(LOSSES)]
-        longest, zeros = max(last for last, _ in found), sum(zero for _, zero in found)
+        results = [_measure_loss(number) for _ in range(LOSSES)]
+        longest, zeros = max(last for last, _ in results), sum(zero for _, zero in results)
         print(f"| {loss} | {LOSSES} | {longest:.3f} s | {zeros} of {LOSSES} |", flush=True)
         expected = 0 if number == signal.SIGKILL else LOSSES
         failed |= int(longest > LIFETIME + 2.0 * CYCLE or zeros < expected)
     return failed
 
 
-def _lose(number: int | None) -> tuple[float, bool]:
-    """Have the bridge lose its commands, or end it; return when after that the last velocity came [s], and if zero."""
+def _measure_loss(number: int | None) -> tuple[float, bool]:
+    """Stop commanding, or send the bridge signal `number`.
+
+    Return the time from then to the last non-zero velocity [s], and whether zero came at the end.
+    """
     with (
         tempfile.TemporaryDirectory() as name,
         _bridge(Path(name), ["/a"], "reliable") as (bridge, url, domain),
@@ -138,7 +145,7 @@ def _lose(number: int | None) -> tuple[float, bool]:
         if number is not None:
             bridge.send_signal(number)
         arrivals = json.loads(source.stdout.readline())["heard"]
-    assert any(v > 0.0 for v, _ in arrivals), "the robot was never commanded"
+    assert any(v > 0.0 for v, _ in arrivals), "no velocity reached the robot"
     last = max(at for v, at in arrivals if v > 0.0)
     return (last - lost) / 1e6, arrivals[-1][0] == 0.0
 
@@ -150,7 +157,7 @@ def _command(bus: Bus, robot: int, v: float) -> int:
 
 
 def _run(team: int, rate: float, count: int, reliability: str, *, is_commanded: bool) -> Run:
-    """Have a node publish numbered joints of a team, and command its robots meanwhile."""
+    """Let a node publish numbered joint states of a team; command the robots meanwhile, if `is_commanded`."""
     names = [f"/r{k}" for k in range(team)]
     with (
         tempfile.TemporaryDirectory() as name,
@@ -160,38 +167,39 @@ def _run(team: int, rate: float, count: int, reliability: str, *, is_commanded: 
         assert source.stdout is not None
         bus = Bus(url)
         bus.subscribe(MOTOR_FEEDBACK, every=True)
-        begin, used = time.monotonic(), _used(bridge.pid)
-        heard, commands = _listen(bus, team, source.stdout, is_commanded=is_commanded)
-        share = (_used(bridge.pid) - used) / (time.monotonic() - begin)
-        said = json.loads(source.stdout.readline())
-    return Run(heard, [(float(v), int(at)) for v, at in said["heard"] if v], commands, share)
+        begin, cpu = time.monotonic(), _cpu_time(bridge.pid)
+        messages, commands = _receive(bus, team, source.stdout, is_commanded=is_commanded)
+        share = (_cpu_time(bridge.pid) - cpu) / (time.monotonic() - begin)
+        output = json.loads(source.stdout.readline())
+    return Run(messages, [(float(v), int(at)) for v, at in output["heard"] if v], commands, share)
 
 
-def _listen(bus: Bus, team: int, source: IO[str], *, is_commanded: bool) -> tuple[list[Heard], dict[int, int]]:
-    """Return what the bus has until the source says that all is published, and when each command was sent [us]."""
-    heard: list[Heard] = []
+def _receive(bus: Bus, team: int, source: IO[str], *, is_commanded: bool) -> tuple[list[Received], dict[int, int]]:
+    """Receive until the source has published everything; return the messages, and the time of each command [us]."""
+    messages: list[Received] = []
     commands: dict[int, int] = {}
     due, number = time.monotonic(), 0
     while not select.select([source], [], [], 0.0)[0]:
-        received = bus.receive(0.002 if is_commanded else 0.05)
-        here = now_utime()
-        for one in received:
-            if isinstance(one.message, motor_feedback_t):
-                message = one.message
-                heard.append(Heard(message.robot_id, message.ticks_left, message.utime, message.received_utime, here))
+        arrived = bus.receive(0.002 if is_commanded else 0.05)
+        now = now_utime()
+        for received in arrived:
+            message = received.message
+            if isinstance(message, motor_feedback_t):
+                times = message.utime, message.received_utime, now
+                messages.append(Received(message.robot_id, message.ticks_left, *times))
         if is_commanded and time.monotonic() >= due:
             due += 1.0 / RATE
             for robot in range(team):
                 number += 1
                 commands[number] = _command(bus, robot, number * STEP)
-    return heard, commands
+    return messages, commands
 
 
 @contextmanager
 def _source(
     folder: Path, url: str, names: Sequence[str], rate: float, count: int, reliability: str, domain: int
 ) -> "Iterator[subprocess.Popen[str]]":
-    """Run a node that publishes numbered joints; yield its process when it begins to."""
+    """Run a node that publishes numbered joint states; yield its process when it begins."""
     command = [sys.executable, "-m", "tests.support.ros2_source", ",".join(names), str(rate), str(count), reliability]
     source = subprocess.Popen(
         [*command, str(domain)], env=environment(url, folder), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -199,7 +207,7 @@ def _source(
     assert source.stdin is not None
     assert source.stdout is not None
     source.stdout.readline()
-    time.sleep(2.0)  # until all subscriptions are there
+    time.sleep(2.0)  # until all subscriptions are established
     source.stdin.write("go\n")
     source.stdin.flush()
     try:
@@ -212,7 +220,7 @@ def _source(
 def _bridge(
     folder: Path, names: Sequence[str], reliability: str
 ) -> "Iterator[tuple[subprocess.Popen[bytes], str, int]]":
-    """Run cmr-ros2 for robots in some namespaces; yield its process, its bus and the domain of ROS 2."""
+    """Run cmr-ros2 for robots in these namespaces; yield its process, the URL of its bus and the ROS 2 domain."""
     profile = folder / "numbered.yaml"
     profile.write_text(PROFILE.format(reliability))
     url, domain = private_url(), free_domain()
@@ -226,7 +234,7 @@ def _bridge(
         process.wait()
 
 
-def _used(pid: int) -> float:
-    """Return what a process has used of cores [s]."""
+def _cpu_time(pid: int) -> float:
+    """Return the CPU time of a process [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -1,4 +1,4 @@
-"""Work off many cases in parallel processes."""
+"""Run the cases of scripts/study_diagnosis in parallel processes."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,7 +11,7 @@ Task = tuple[str, Case]  # set, case
 
 
 def perform(tasks: Sequence[Task], jobs: int) -> Iterator[Row]:
-    """Yield the row of each task as it is there; a process that dies makes a row with an error of its task alone."""
+    """Yield the row of each task when it is finished; if a process dies, the row of its task contains the error."""
     with Workers[Task, Row](jobs, _with_task, _died) as workers:
         yield from workers.perform(tasks, lambda _sentence: None)
 

@@ -1,4 +1,4 @@
-"""What came of a study of the diagnosis, as text."""
+"""The results of scripts/study_diagnosis as text."""
 
 import math
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from tests.hidden_effects.scoring import Score, scores
 
 
 def report(rows: Sequence[Row]) -> str:
-    """Return the scores by set, those of each effect, and the errors."""
+    """Return the scores of each set and of each effect, and the errors."""
     texts = [f"```text\n{text}\n```" for text in (effects_table(rows), errors_table(rows)) if text]
     return "\n\n".join([scores_table(scores(rows)), *texts]) + "\n"
 
 
 def scores_table(found: Sequence[Score]) -> str:
     """Return a Markdown table with a row for each score."""
-    lines = ["| set | score | value | logs | to reach |", "|---|---|---|---|---|"]
+    lines = ["| set | score | value | logs | goal |", "|---|---|---|---|---|"]
     for score in found:
         value = f"{100.0 * score.value:.1f} %" if score.unit == "%" else f"{score.value:.3g} {score.unit}".strip()
         missed = " (**missed**)" if score.reached is False else ""
@@ -35,10 +35,10 @@ def scores_table(found: Sequence[Score]) -> str:
 
 
 def effects_table(rows: Sequence[Row]) -> str:
-    """Return one line for each effect: how it fares on the rich drive and on figure-eights."""
+    """Return one line for each effect, with its scores on the rich drive and on figure-eights."""
     lines = [
-        "Each effect. Rich drive: right name first, parameter right, intervals that hold the truth, error in standard",
-        "deviations (root mean square). Figure-eights: right first, in the set, nothing named, wrongly named.",
+        "Each effect. Rich drive: right name first; parameter right; intervals that contain the true value; error in",
+        "standard deviations (root mean square). Figure-eights: right first, in the set, nothing named, wrongly named.",
         " " * 24
         + "".join(f" {title:>6s}" for title in ("right", "param", "held", "error"))
         + " "
@@ -55,7 +55,7 @@ def effects_table(rows: Sequence[Row]) -> str:
 
 
 def errors_table(rows: Sequence[Row]) -> str:
-    """Return the errors and how often each came."""
+    """Return the errors and the number of times that each occurred."""
     texts = [row.error for row in rows if row.error]
     lines = [f"{texts.count(text):5d} times: {text}" for text in dict.fromkeys(texts)]
     return "\n".join(["Errors", *lines[:30]]) if lines else ""

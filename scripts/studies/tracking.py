@@ -1,4 +1,4 @@
-"""The parts of scripts/study_tracker: each prints a table, and returns 1 where something is not as it should be."""
+"""The parts of scripts/study_tracker in simulated time; each prints a table, and returns 1 if a limit is exceeded."""
 
 import contextlib
 import math
@@ -25,16 +25,17 @@ from tests.support.trackers.motion import Fault, faults
 __all__ = ["KINDS", "drives", "misbehaviour"]
 BODIES, FEW = 50, 10
 NAMES = ("k2_over_k3", "k1", "base_width")
-LATEST_RECOVERY, LATEST_REPORT, WORST_STAMP, MOST_WITHHELD = 1.0, 0.5, 0.001, 0.01
-MOST_OF_A_CORE = {BODIES: 0.5, FEW: 0.2}
+LATEST_RECOVERY, LATEST_REPORT, LARGEST_STAMP_ERROR = 1.0, 0.5, 0.001  # s
+MOST_WITHHELD = 0.01  # share of good poses
+MOST_OF_A_CORE = {BODIES: 0.5, FEW: 0.2}  # by number of robots
 LATENESS = 0.002  # s
 
 
 def misbehaviour(kinds: Sequence[str], seconds: float) -> int:
-    """Run each misbehaviour with all bodies robots, and a good tracker with few robots."""
+    """Run each misbehaviour with all bodies being robots, and a good tracker with all and with few robots."""
     print(
         "| tracker | misbehaviour | poses published | wrong | good withheld | all robots back after | silence reported "
-        "after | largest error of a stamp | of a core | a frame takes, 99 % |\n"
+        "after | largest timestamp error | share of a core | CPU time of a frame, 99 % |\n"
         f"{'|---' * 10}|",
         flush=True,
     )
@@ -50,7 +51,7 @@ def misbehaviour(kinds: Sequence[str], seconds: float) -> int:
 
 @contextlib.contextmanager
 def _bench(kind: str, robots: int) -> Iterator[Bench]:
-    """Return a tracker whose poses are published on a bus of its own."""
+    """Yield a tracker whose poses are published on a private bus."""
     bus = Bus(private_url())
     bench = Bench(kind, bodies=BODIES, robots=robots)
     bench.publish = _publisher(bus)
@@ -73,7 +74,7 @@ def _publisher(bus: Bus) -> Callable[[Placed], None]:
 
 
 def _row(kind: str, fault: Fault | None, robots: int, score: Score, spent: list[float]) -> bool:
-    """Print a row; return whether something in it is not as it should be."""
+    """Print a row; return whether it exceeds a limit."""
     stamp = max(map(abs, score.stamp_errors), default=math.inf)
     share = float(np.mean(spent)) * RATE
     name = fault.name if fault is not None else f"none, {robots} of {BODIES} are robots"
@@ -88,22 +89,22 @@ def _row(kind: str, fault: Fault | None, robots: int, score: Score, spent: list[
     is_unreported = score.reported_after is not None and score.reported_after > LATEST_REPORT
     is_slow = share > MOST_OF_A_CORE[robots]
     too_few = score.share_withheld > MOST_WITHHELD
-    return score.wrong > 0 or too_few or is_late or is_unreported or stamp > WORST_STAMP or is_slow
+    return score.wrong > 0 or too_few or is_late or is_unreported or stamp > LARGEST_STAMP_ERROR or is_slow
 
 
 def drives(kinds: Sequence[str], robots: int) -> int:
-    """Calibrate figure-eights of tracked robots, and print how often the intervals hold the truth."""
+    """Calibrate figure-eights of tracked robots; print how many intervals contain the true values."""
     print(
-        "| tracker | robots | 95 % intervals that hold the truth | largest error of a stamp | lateness that the "
-        "recordings show, largest |\n|---|---|---|---|---|"
+        "| tracker | robots | 95 % intervals that contain the true value | largest timestamp error | largest lateness "
+        "estimated from the recordings |\n|---|---|---|---|---|"
     )
     is_bad = False
     driven = figure_eights(robots)
     for kind in kinds:
         recordings, stamp = tracked(kind, driven)
-        held = [_held(recording) for recording in recordings]
+        covered = [_covers_truth(recording) for recording in recordings]
         late = [_lateness(recording) for recording in recordings]
-        share = float(np.mean(held))
+        share = float(np.mean(covered))
         print(
             f"| {kind} | {robots} | {100.0 * share:.1f} % of {3 * robots} | {stamp * 1e3:.2f} ms | "
             f"{max(map(abs, late)) * 1e3:.2f} ms |",
@@ -113,8 +114,8 @@ def drives(kinds: Sequence[str], robots: int) -> int:
     return int(is_bad)
 
 
-def _held(recording: Recording) -> list[bool]:
-    """Return whether the interval of each parameter holds the truth."""
+def _covers_truth(recording: Recording) -> list[bool]:
+    """Return whether the interval of each parameter contains the true value."""
     estimates = calibrate(recording, method=PAPER).estimates
     return [
         abs(estimates[name].value - float(getattr(NEUTRAL, name))) < INTERVAL * estimates[name].std for name in NAMES
@@ -122,5 +123,5 @@ def _held(recording: Recording) -> list[bool]:
 
 
 def _lateness(recording: Recording) -> float:
-    """Return by how much the poses of a recording seem to be late [s]."""
+    """Return the lateness of the poses as estimated from a recording [s]."""
     return next(lag.seconds for lag in lags_of(recording) if lag.sensor == "poses")

@@ -1,4 +1,4 @@
-"""What a study of the diagnosis does with one case of one of its sets."""
+"""Run one case of scripts/study_diagnosis."""
 
 import json
 import multiprocessing
@@ -20,19 +20,19 @@ COMMAND = Path(sys.prefix) / "bin" / "cmr-diagnose"
 
 
 def row(set_name: str, case: Case) -> Row:
-    """Return the row of a case."""
+    """Run a case in the way of its set; return its row."""
     return WORK.get(set_name, diagnosed)(set_name, case)
 
 
 def by_command(set_name: str, case: Case) -> Row:
-    """Return what the whole command makes of a log, and the time of the processor beyond its start."""
+    """Diagnose a log with the command cmr-diagnose; the CPU time excludes that of starting the command."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         return row_of(set_name, case, lambda: {**hidden(hide_case(case, folder / "run.lcm").truth), **_command(folder)})
 
 
-def apart(set_name: str, case: Case) -> Row:
-    """Return the row of a long log: it is written and diagnosed in processes of its own, whose memory is measured."""
+def in_own_processes(set_name: str, case: Case) -> Row:
+    """Write and diagnose a long log in processes of its own, and measure the memory of the diagnosis."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "run.lcm"
 
@@ -43,28 +43,27 @@ def apart(set_name: str, case: Case) -> Row:
         return row_of(set_name, case, findings)
 
 
-WORK: Mapping[str, Callable[[str, Case], Row]] = {"gain": predicted, "command": by_command, "hours": apart}
+WORK: Mapping[str, Callable[[str, Case], Row]] = {"gain": predicted, "command": by_command, "hours": in_own_processes}
 
 
 def _command(folder: Path) -> dict[str, Any]:
     """Run cmr-diagnose on the log in a folder."""
     start = _processor_time([str(COMMAND), "--version"])
     seconds = _processor_time([str(COMMAND), str(folder / "run.lcm"), "--out", str(folder / "found")])
-    said = json.loads((folder / "found" / "diagnosis.json").read_text(encoding="utf-8"))
-    named = tuple(effect["name"] for effect in said["effects"])
-    beside = tuple(tuple(effect["indistinguishable_from"]) for effect in said["effects"])
+    document = json.loads((folder / "found" / "diagnosis.json").read_text(encoding="utf-8"))
+    effects = document["effects"]
     return {
-        "verdict": said["verdict"],
-        "names": named,
-        "indistinguishable": beside,
+        "verdict": document["verdict"],
+        "names": tuple(effect["name"] for effect in effects),
+        "indistinguishable": tuple(tuple(effect["indistinguishable_from"]) for effect in effects),
         "cpu_seconds": seconds - start,
     }
 
 
 def _processor_time(command: list[str]) -> float:
-    """Run a command and return the time of the processor that it took [s].
+    """Run a command and return its CPU time [s].
 
-    Raises RuntimeError with what it said when it fails.
+    Raises RuntimeError with the end of its output if it fails.
     """
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -80,6 +79,6 @@ def _in_a_process(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def _with_memory(path: Path) -> dict[str, Any]:
-    """Return what is found in a log and how much memory this process has used at most."""
+    """Diagnose a log; return the findings, with the peak memory of this process [bytes]."""
     findings = read_and_diagnosed(path)
     return {**findings, "memory": 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}

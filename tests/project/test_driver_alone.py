@@ -9,7 +9,7 @@ from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
 from documentation.imports import GENERATED, TYPING, imported_by, modules
-from shipping.contents import LIBRARIES, WITHOUT, files_there, modules_there
+from shipping.contents import LIBRARIES, OPTIONAL_IMPORTS, driver_files, driver_modules
 
 pytestmark = pytest.mark.slow
 
@@ -24,17 +24,19 @@ def test_it_imports_nothing_but_its_three_libraries_and_python_s_own() -> None:
     sources = modules(PROJECT)
     needed = {
         (module, name.partition(".")[0])
-        for module in modules_there()
+        for module in driver_modules()
         if module != GENERATED
         for name, kind in imported_by(ast.parse(sources[module].read_text(encoding="utf-8")))
         if kind != TYPING and name.partition(".")[0] not in {*sys.stdlib_module_names, *OURS}
     }
-    assert needed - WITHOUT.keys() <= {(module, library) for module in modules_there() for library in LIBRARIES}
-    assert needed >= WITHOUT.keys()
+    assert needed - OPTIONAL_IMPORTS.keys() <= {
+        (module, library) for module in driver_modules() for library in LIBRARIES
+    }
+    assert needed >= OPTIONAL_IMPORTS.keys()
 
 
 def test_it_has_the_driver_and_what_that_starts_and_no_robot_that_is_emulated() -> None:
-    there = set(files_there())
+    there = set(driver_files())
     assert {"robot_driver/main.py", "cmr/bus/bus.py", "cmr/commands/estop.py", "cmr/msg/estop_t.py"} <= there
     assert "robot_driver/__init__.py" in there
     devices = {path.relative_to(PROJECT).as_posix() for path in (PROJECT / "robot_driver").rglob("*.py")}

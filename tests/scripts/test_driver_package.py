@@ -64,7 +64,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Built]:
 def _build(architecture: str, folder: Path) -> Built:
     try:
         pip = [sys.executable, "-m", "pip"]
-        wheels = shipping_libraries.downloaded(pip, architecture, folder, (PYTHON,))
+        wheels = shipping_libraries.download_wheels(pip, architecture, folder, (PYTHON,))
     except SystemExit as error:
         if NO_NETWORK.search(str(error)):
             pytest.skip("pip cannot fetch the libraries: no network")
@@ -161,7 +161,7 @@ def test_the_unit_of_its_agent_may_do_what_that_of_the_driver_may_and_no_more(am
 
     assert confinement("cmr-agent.service") == confinement("cmr-driver@.service")
     assert_systemd_takes(units / "cmr-agent.service", tmp_path / "cmr-agent.service")
-    options = (amd64.tree / package.OF_AGENT).read_text()
+    options = (amd64.tree / package.AGENT_CONFIGURATION).read_text()
     assert "ARGUMENTS=--out /var/lib/cmr/" in options, "the folder that it may write to"
 
 
@@ -173,7 +173,7 @@ def test_its_agent_refuses_what_is_not_installed(amd64: Built) -> None:
 def test_its_ports_are_those_of_cmr_init(amd64: Built) -> None:
     rules = (amd64.tree / "usr/lib/udev/rules.d/60-cmr.rules").read_text()
     assert re.findall(r'idProduct\}=="(\w+)"', rules) == ["2404", "5740"]
-    assert f"--port /dev/{package.PORT}" in (amd64.tree / package.CONFIGURATION).read_text()
+    assert f"--port /dev/{package.PORT}" in (amd64.tree / package.ROBOT_CONFIGURATION).read_text()
 
 
 def test_its_user_may_use_serial_ports(amd64: Built, tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_its_scripts_are_ones_of_the_shell(amd64: Built, tmp_path: Path) -> None
     subprocess.run(["dpkg-deb", "-e", str(amd64.path), str(tmp_path)], check=True)
     for name in ("postinst", "prerm", "postrm"):
         subprocess.run(["sh", "-n", str(tmp_path / name)], check=True)
-    assert (tmp_path / "conffiles").read_text() == f"/{package.CONFIGURATION}\n/{package.OF_AGENT}\n"
+    assert (tmp_path / "conffiles").read_text() == f"/{package.ROBOT_CONFIGURATION}\n/{package.AGENT_CONFIGURATION}\n"
 
 
 def test_the_wheel_requires_three_libraries_and_installs_the_same_modules(amd64: Built, tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_a_library_without_what_is_not_loaded_has_its_segments_alone() -> None:
         for start, size in segments
     )
     library = (bytes(header) + table).ljust(0x3000, b"x")
-    kept = shipping_libraries.loaded_part(library)
+    kept = shipping_libraries.strip_unloaded(library)
     assert len(kept) == 0x1810
     assert kept[0x28:0x30] == bytes(8)
     assert kept[0x3C:0x40] == bytes(4)

@@ -1,4 +1,4 @@
-"""Exported robots of scripts/study_export that were once diagnosed wrong, each for a cause that was mended."""
+"""Exported robots of scripts/study_export that were once diagnosed wrong, each for a cause that is fixed."""
 
 import sys
 
@@ -7,7 +7,7 @@ import pytest
 from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
-from studies.exported_robots import Task, studied
+from studies.exported_robots import Task, run_task
 
 pytestmark = [pytest.mark.slow, pytest.mark.further]
 ONCE_WRONG = {
@@ -22,5 +22,5 @@ ONCE_WRONG = {
 
 @pytest.mark.parametrize("task", ONCE_WRONG, ids=lambda task: f"{task.target}-{task.kind}-{task.seed}")
 def test_a_robot_that_was_diagnosed_wrong_is_diagnosed_right(task: Task) -> None:
-    found = studied(task)
-    assert found.right, (ONCE_WRONG[task], found)
+    result = run_task(task)
+    assert result.right, (ONCE_WRONG[task], result)

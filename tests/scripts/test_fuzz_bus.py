@@ -1,4 +1,4 @@
-"""scripts/fuzz_bus knows all subscriptions, its checks find what must not be, and processes stand what it sends."""
+"""scripts/fuzz_bus knows all subscriptions, its checks find faulty processes, and processes withstand its messages."""
 
 import importlib
 import json
@@ -48,23 +48,23 @@ def main(arguments):
             process.dispatch(handle, gated=True)
     return process.exit_code
 """
-LIVES = """
+RUNS = """
 import sys
 from pathlib import Path
 from cmr.bus.messages import make
 from cmr.msg import pose_xyt_t
-from fuzzing.life import Life
+from fuzzing.process_run import ProcessRun
 from fuzzing.programs import Program
 
 for kind in ("good", "death", "hang", "publication", "end"):
-    life = Life(Program("cmr.bad_process_of_a_test", lambda at: [kind]), Path(sys.argv[1]), None)
-    life.begin()
-    heard = list(life.heard())
-    pose = make(pose_xyt_t, utime=life.utime, robot_id=0, x=0.0, y=0.0, theta=0.0)
-    life.bring("POSE_0", pose.encode())
-    life.advance(0.1)
-    life.end()
-    print(kind, heard, [finding.kind for finding in life.found], flush=True)
+    run = ProcessRun(Program("cmr.bad_process_of_a_test", lambda at: [kind]), Path(sys.argv[1]), None)
+    run.begin()
+    heard = list(run.subscribed_streams())
+    pose = make(pose_xyt_t, utime=run.utime, robot_id=0, x=0.0, y=0.0, theta=0.0)
+    run.deliver("POSE_0", pose.encode())
+    run.advance(0.1)
+    run.end()
+    print(kind, heard, [finding.kind for finding in run.found], flush=True)
 """
 
 
@@ -73,7 +73,7 @@ def environment() -> dict[str, str]:
 
 
 def test_each_file_that_subscribes_belongs_to_a_process_that_is_fuzzed() -> None:
-    subscribing = {name for name, _line in coverage.in_the_code(PROJECT)}
+    subscribing = {name for name, _line in coverage.subscribe_calls(PROJECT)}
     assert len(subscribing) > 12
     known = {name for program in programs.PROGRAMS.values() for name in program.files}
     assert subscribing == known
@@ -82,8 +82,8 @@ def test_each_file_that_subscribes_belongs_to_a_process_that_is_fuzzed() -> None
 def test_a_process_is_seen_to_subscribe_where_the_code_says_so(tmp_path: Path) -> None:
     command = [sys.executable, str(PROJECT / "scripts/fuzzing/bus_target.py"), "agent", "?", "0", str(tmp_path)]
     noted = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    assert noted["heard"] == ["PROCESS_REQUEST", "PROCESS_STATUS"]
-    lines = {line for name, line in coverage.in_the_code(PROJECT) if name == "cmr/commands/agent.py"}
+    assert noted["streams"] == ["PROCESS_REQUEST", "PROCESS_STATUS"]
+    lines = {line for name, line in coverage.subscribe_calls(PROJECT) if name == "cmr/commands/agent.py"}
     made = {line for name, line in noted["places"] if name == "cmr/commands/agent.py"}
     assert made == lines
 
@@ -104,7 +104,7 @@ def test_a_life_that_ends_hangs_or_says_what_cannot_be_is_found(tmp_path: Path) 
     (tmp_path / "cmr_bad.py").write_text(BAD)
     load = "import sys, importlib.util as u; s = u.spec_from_file_location('cmr.bad_process_of_a_test', sys.argv[1] + "
     load += "'/cmr_bad.py'); m = u.module_from_spec(s); sys.modules[s.name] = m; s.loader.exec_module(m)\n"
-    command = [sys.executable, "-c", load + LIVES, str(tmp_path)]
+    command = [sys.executable, "-c", load + RUNS, str(tmp_path)]
     said = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True).stdout.splitlines()
     assert said == [
         "good ['POSE'] []",

@@ -24,17 +24,17 @@ class Hour:
 
     def __init__(self) -> None:
         self.findings = checks.Findings()
-        self.account, self.waits = checks.Account(), checks.Waits()
-        self.gaps = checks.Gaps("MOTOR_FEEDBACK", "motor", TURN, self.account, self.waits, self.findings)
-        self.motor = checks.MotorChecks(self.account, self.gaps, self.waits, self.findings)
-        self.drive = checks.DriveChecks(self.account, self.gaps, self.waits, self.findings, 0.8)
+        self.ground_truth, self.waits = checks.GroundTruth(), checks.WaitHistory()
+        self.gaps = checks.Gaps("MOTOR_FEEDBACK", "motor", TURN, self.ground_truth, self.waits, self.findings)
+        self.motor = checks.MotorChecks(self.ground_truth, self.gaps, self.waits, self.findings)
+        self.drive = checks.DriveChecks(self.ground_truth, self.gaps, self.waits, self.findings, 0.8)
         self.turns = 0
 
     def note(self, kind: str, value: Any, utime: int | None = None) -> None:
         record = robot.Record(self.utime if utime is None else utime, kind, value)
-        self.account.take(record)
+        self.ground_truth.add(record)
         if kind == "duty":
-            self.drive.take(record)
+            self.drive.check(record)
 
     @property
     def utime(self) -> int:
@@ -53,7 +53,7 @@ class Hour:
         truth |= {"applied_left": 8192 / 32767, "applied_right": 8192 / 32767, "battery_voltage": 12.4}
         truth |= dict.fromkeys(("current_left", "current_right", "temperature"), math.nan)
         if told:
-            self.motor.take(make(motor_feedback_t, **(truth | lies)))
+            self.motor.check(make(motor_feedback_t, **(truth | lies)))
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def hour() -> Hour:
     result = Hour()
     for _ in range(20):
         result.turn()
-    assert result.findings.wrong == []
+    assert result.findings.failures == []
     return result
 
 
@@ -72,32 +72,32 @@ def hour() -> Hour:
         ({"psi_right": 100.0}, "psi_right"),
         ({"applied_left": 0.1}, "duty"),
         ({"battery_voltage": 11.0}, "battery"),
-        ({"utime": EPOCH}, "not stamped later"),
+        ({"utime": EPOCH}, "not later than the last one"),
     ],
 )
 def test_what_was_never_said_is_found(hour: Hour, lies: dict[str, Any], said: str) -> None:
     hour.turn(**lies)
-    assert any(said in finding for finding in hour.findings.wrong)
+    assert any(said in finding for finding in hour.findings.failures)
 
 
 @pytest.mark.parametrize(("damages", "held_up", "is_found"), [(0, 0, True), (3, 0, False), (0, 200_000, False)])
 def test_a_gap_without_a_cause_is_found(hour: Hour, damages: int, held_up: int, is_found: bool) -> None:
-    hour.waits.take(hour.utime, 0)
+    hour.waits.add(hour.utime, 0)
     for _ in range(9):
         hour.turn(told=False)
-    hour.waits.take(hour.utime, held_up)
+    hour.waits.add(hour.utime, held_up)
     hour.note("damage", ("motor", damages))
     hour.turn()
-    assert any("paused for 0.200 s" in finding for finding in hour.findings.wrong) == is_found
+    assert any("paused for 0.200 s" in finding for finding in hour.findings.failures) == is_found
 
 
 def test_a_fault_explains_a_gap_and_other_counts_after_it_but_nothing_later(hour: Hour) -> None:
     hour.gaps.windows.append(checks.Window("MOTOR_FEEDBACK", "unplugged", hour.utime, hour.utime + 20 * TURN))
     hour.turns += 10
     hour.turn(ticks_left=1)
-    assert hour.findings.wrong == []
+    assert hour.findings.failures == []
     hour.turn(ticks_left=500)
-    assert any("not what was answered" in finding for finding in hour.findings.wrong)
+    assert any("not what was answered" in finding for finding in hour.findings.failures)
 
 
 @pytest.mark.parametrize(("zero_after", "moves_again", "is_found"), [(1, 0, False), (40, 0, True), (1, 60, True)])
@@ -110,22 +110,22 @@ def test_a_lost_emergency_stop_is_found(hour: Hour, zero_after: int, moves_again
         hour.note("duty", (100, 100), engaged + moves_again * TURN)
     hour.note("upto", None, end + 1)
     hour.drive.judge()
-    assert any("were driven after an emergency stop" in finding for finding in hour.findings.wrong) == is_found
+    assert any("were driven after an emergency stop" in finding for finding in hour.findings.failures) == is_found
 
 
 def test_a_duty_that_nobody_commanded_and_a_jump_from_rest_are_found(hour: Hour) -> None:
     hour.note("duty", (0, 0))
     hour.note("duty", (31128, 0))
-    assert any("never commanded" in finding for finding in hour.findings.wrong)
-    assert any("jumps" in finding for finding in hour.findings.wrong)
+    assert any("never commanded" in finding for finding in hour.findings.failures)
+    assert any("jumps" in finding for finding in hour.findings.failures)
 
 
 @pytest.mark.parametrize(("rate", "valid", "is_found"), [(0.5, 1, False), (0.6, 1, True), (math.nan, 0, False)])
 def test_a_rate_that_was_never_sent_is_found(hour: Hour, rate: float, valid: int, is_found: bool) -> None:
-    gyro = checks.GyroChecks(hour.account, hour.gaps, hour.waits, hour.findings)
+    gyro = checks.GyroChecks(hour.ground_truth, hour.gaps, hour.waits, hour.findings)
     hour.note("rate", (0.5, True))
     message = make(
         gyro_t, utime=hour.utime + 1, robot_id=0, yaw_rate=rate, valid=valid, received_utime=hour.utime + 2000
     )
-    gyro.take(message)
-    assert any("not what was sent" in finding for finding in hour.findings.wrong) == is_found
+    gyro.check(message)
+    assert any("not what was sent" in finding for finding in hour.findings.failures) == is_found

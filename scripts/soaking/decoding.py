@@ -1,4 +1,4 @@
-"""What bytes say, read as the sheets of the makers say it, without a line of the driver's own code."""
+"""Decode the bytes of devices by the manufacturers' specifications, independently of the driver's code."""
 
 import binascii
 import math
@@ -14,8 +14,8 @@ LINE = re.compile(rb"[ \t]*(-?[0-9]+(?:\.[0-9]*)?)[ \t]+([01])[ \t]*\r?")  # of 
 MESSAGE = bytes.fromhex("FE81FF55")  # of a KVH with data format A
 
 
-def said_by_roboclaw(reply: bytes) -> Iterator[tuple[str, Any]]:
-    """Yield what a reply says, as (kind, values); its CRC shows to which command it is the answer."""
+def decode_roboclaw(reply: bytes) -> Iterator[tuple[str, Any]]:
+    """Yield (kind, values) of a reply; its CRC identifies the command that it answers."""
     for command, (kind, layout) in ANSWERS.items():
         length = struct.calcsize(layout)
         if len(reply) == length + 2:
@@ -24,16 +24,16 @@ def said_by_roboclaw(reply: bytes) -> Iterator[tuple[str, Any]]:
                 yield kind, tuple(value * UNITS[kind] for value in struct.unpack(layout, reply[:length]))
 
 
-def said_by_dsp3000(data: bytes) -> Iterator[tuple[str, Any]]:
-    """Yield the readings in whole lines: ("rate", (rad/s counter-clockwise, whether it is valid))."""
+def decode_dsp3000(data: bytes) -> Iterator[tuple[str, Any]]:
+    """Yield the readings in complete lines: ("rate", (yaw rate [rad/s], counter-clockwise, whether it is valid))."""
     for line in data.split(b"\n")[:-1]:
         match = LINE.fullmatch(line)
         if match is not None:
             yield "rate", (-math.radians(float(match[1])), match[2] == b"1")
 
 
-def said_by_kvh(data: bytes, period: float) -> Iterator[tuple[str, Any]]:
-    """Yield the readings of a device that sends angles (rad) every `period` (s), z axis up."""
+def decode_kvh(data: bytes, period: float) -> Iterator[tuple[str, Any]]:
+    """Yield the readings of a device that sends angles [rad] every `period` [s], z axis up."""
     for message in re.findall(re.escape(MESSAGE) + rb".{32}", data, re.DOTALL):
         (angle,) = struct.unpack_from(">f", message, 12)
         yield "rate", (angle / period, bool(message[28] & 0b100))

@@ -1,4 +1,4 @@
-"""A life of a process inside the fuzzer: its own main on a stepped bus and clock, from its start to its end."""
+"""Run a process inside the fuzzer, from start to end: its own main() on an in-memory bus and a stepped clock."""
 
 import importlib
 import os
@@ -19,58 +19,58 @@ from cmr.bus.signing import without_signature
 from cmr.bus.streams import STREAMS, Stream
 from cmr.cli.errors import ExpectedError
 from cmr.msg import motor_feedback_t
-from fuzzing.programs import ANYTHING, PARAMETERS, URL, Program, Stage
+from fuzzing.programs import ANYTHING, PARAMETERS, URL, Program, Testbed
 from fuzzing.stepped_bus import Network
-from fuzzing.stepped_time import Ended, PlainClock, SteppedTime
+from fuzzing.stepped_time import ForcedEnd, PlainClock, SteppedTime
 
-LONGEST = 0.5  # s of a processor that a process may spend on what came within a tenth of a second
-PATIENCE = 60.0  # s, real, until it counts as hanging without using a processor
-START_UP = 600.0  # s, real
+LONGEST = 0.5  # s of CPU time for handling what arrives within 0.1 s
+HANG_TIMEOUT = 60.0  # s of real time until a process counts as hanging, even if it uses no CPU time
+START_TIMEOUT = 600.0  # s of real time
 BEGINNING, ENDING = 1.0, 5.0  # s of stepped time
-FRAMES = 6  # of a traceback that are shown
+FRAMES = 6  # of a traceback, shown in a finding
 
 
 class Finding(NamedTuple):
-    """Something that must not be: of which kind, where in the code, and what was seen."""
+    """A problem: its kind, its place in the code, and a description."""
 
     kind: str
     where: str
     text: str
 
 
-class Life:
-    """One life. `found` is what was wrong; `is_over` says that the process has ended, as it may, or not."""
+class ProcessRun:
+    """One run of a process. `found` lists its findings; `has_ended` is set when the process ends."""
 
     def __init__(self, program: Program, folder: Path, key: Path | None) -> None:
         self.found: list[Finding] = []
-        self.is_over = False
-        self.longest = 0.0  # s of a processor in one step
+        self.has_ended = False
+        self.longest = 0.0  # s of CPU time in one step
         self.refused_publications = 0
         self._program, self._folder = program, folder
         (folder / "robot_0.yaml").write_text(PARAMETERS.read_text())
         os.environ.pop("CMR_KEY", None)
         if key is not None:
             os.environ["CMR_KEY"] = str(key)
-        self.stage = Stage(folder)
-        program.prepare(self.stage)
-        self.time = SteppedTime(self.stage.clock)
+        self.testbed = Testbed(folder)
+        program.prepare(self.testbed)
+        self.time = SteppedTime(self.testbed.clock)
         self.network = Network(self.time.sleep)
         self._handlers: dict[int, Callable[[int, None], object]] = {}
         self._ended_with: BaseException | int | None = None
-        self._thread = threading.Thread(target=self._live, name="fuzzed", daemon=True)
+        self._thread = threading.Thread(target=self._run_main, name="fuzzed", daemon=True)
 
     def begin(self) -> None:
-        """Let it begin, and come to rest in its loop."""
+        """Start the process, and advance time until it is in its loop."""
         self._main: Any = importlib.import_module(self._program.module).main
-        self.take_over()
+        self.install()
         self._thread.start()
-        self._step(BEGINNING, START_UP)
+        self._step(BEGINNING, START_TIMEOUT)
         self.longest = 0.0
-        self.take_over()
+        self.install()
 
-    def take_over(self) -> None:
-        """Put bus, clock and signals in place of the system's; also in what was imported since."""
-        self.time.take_over()
+    def install(self) -> None:
+        """Replace the system's bus, clock and signals, also in modules imported since the last call."""
+        self.time.install()
         preflight: Any = importlib.import_module("cmr.bus.preflight")
         preflight.lcm = self.network
         system: dict[str, Any] = {"signal": signal, "warnings": warnings, "threading": threading}
@@ -80,34 +80,34 @@ class Life:
 
     @property
     def utime(self) -> int:
-        """The time of day [us]."""
-        return self.stage.clock.utime()
+        """The stepped time of day [us]."""
+        return self.testbed.clock.utime()
 
     def set_clock(self, offset: int) -> None:
-        """Set the time of day by so much [us], where the clock can be set."""
-        if isinstance(self.stage.clock, PlainClock):
-            self.stage.clock.offset += offset
+        """Shift the time of day by `offset` [us], if the clock can be set."""
+        if isinstance(self.testbed.clock, PlainClock):
+            self.testbed.clock.offset += offset
 
-    def bring(self, channel: str, data: bytes) -> None:
-        """Have a message arrive."""
-        if self.stage.duties is not None:
-            self.stage.duties.sent(channel, data, self.stage.clock.monotonic_ns() // 1000)
-        self.network.bring(self._program.url, channel, data)
+    def deliver(self, channel: str, data: bytes) -> None:
+        """Deliver a message to the process."""
+        if self.testbed.duties is not None:
+            self.testbed.duties.sent(channel, data, self.testbed.clock.monotonic_ns() // 1000)
+        self.network.deliver(self._program.url, channel, data)
 
     def advance(self, seconds: float) -> None:
-        """Let it live on for so long, in steps of a tenth of a second, and look at what it does."""
-        while seconds > 0.0 and not self.is_over:
+        """Advance time by `seconds`, in steps of at most 0.1 s, and check the process after each step."""
+        while seconds > 0.0 and not self.has_ended:
             step = min(seconds, 0.1)
             seconds -= step
-            cost = self._step(step, PATIENCE)
+            cost = self._step(step, HANG_TIMEOUT)
             self.longest = max(self.longest, cost)
             if cost > LONGEST:
-                self._find("hang", self._where(), f"{cost:.2f} s of a processor in a step of {step:.3f} s")
+                self.report_finding("hang", self._location(), f"{cost:.2f} s of CPU time in a step of {step:.3f} s")
             self._check()
 
     def end(self) -> None:
-        """Send SIGTERM unless it has ended by itself, and see it end."""
-        if not self.is_over:
+        """Send SIGTERM unless the process has already ended, and check that it ends."""
+        if not self.has_ended:
             self._terminate()
         self.network.close()
 
@@ -117,17 +117,17 @@ class Life:
             handler(signal.SIGTERM, None)
         end = self.time.monotonic() + ENDING
         self._ending = True
-        while not self.is_over and self.time.monotonic() < end:
-            self._step(0.1, PATIENCE)
-        if not self.is_over:
-            self._find("does not end", self._where(), f"{ENDING} s after SIGTERM")
+        while not self.has_ended and self.time.monotonic() < end:
+            self._step(0.1, HANG_TIMEOUT)
+        if not self.has_ended:
+            self.report_finding("does not end", self._location(), f"{ENDING} s after SIGTERM")
             self.time.end()
-            self._thread.join(PATIENCE)
+            self._thread.join(HANG_TIMEOUT)
 
     _ending = False
 
-    def heard(self) -> dict[str, Stream[Any]]:
-        """Return the streams that the process subscribed to on the bus that is fuzzed, by name."""
+    def subscribed_streams(self) -> dict[str, Stream[Any]]:
+        """Return the streams that the process subscribed to on the fuzzed bus, by name."""
         found = {}
         for url, pattern in self.network.subscribed:
             if url != self._program.url or pattern.startswith("CMR_SELF"):
@@ -138,28 +138,28 @@ class Life:
                     found[stream.name] = stream
         return found
 
-    def _live(self) -> None:
-        """Be the process, in a thread of its own."""
-        self.time.lead_this_thread()
+    def _run_main(self) -> None:
+        """Run main() of the process; the body of its thread."""
+        self.time.control_this_thread()
         try:
             self._ended_with = self._main([*self._program.arguments(self._folder), *self._url()])
-        except (Exception, SystemExit, KeyboardInterrupt, Ended) as error:
+        except (Exception, SystemExit, KeyboardInterrupt, ForcedEnd) as error:
             self._ended_with = error
-        self.is_over = True
-        self.time.hand_over()
+        self.has_ended = True
+        self.time.yield_control()
 
     def _url(self) -> list[str]:
         return ["--lcm-url", URL]
 
-    def _step(self, seconds: float, patience: float) -> float:
-        """Let it go on for so long; return what that took [s of a processor]."""
+    def _step(self, seconds: float, timeout: float) -> float:
+        """Advance time by `seconds`; return the CPU time used [s]. `timeout` is real time [s]."""
         clock = time.pthread_getcpuclockid(self._thread.ident or 0)
         before = time.clock_gettime(clock)
-        if not self.time.run(seconds, patience):
-            self._find("hang", self._where(), f"no rest within {patience:.0f} s")
-            self.is_over = True
+        if not self.time.run(seconds, timeout):
+            self.report_finding("hang", self._location(), f"no rest within {timeout:.0f} s")
+            self.has_ended = True
             return 0.0
-        if self.is_over:
+        if self.has_ended:
             self._judge_end()
             return 0.0
         return time.clock_gettime(clock) - before
@@ -177,29 +177,30 @@ class Life:
         ):
             return
         if isinstance(ended, BaseException):
-            self._find("death", *_described(ended))
+            self.report_finding("death", *_described(ended))
         else:
-            self._find("death", "", f"ended with {ended}")
+            self.report_finding("death", "", f"ended with {ended}")
 
     def _check(self) -> None:
-        """Look at what it published, and at what its motors do."""
+        """Check the messages that the process published, and the duties of its motors."""
         while self.network.published:
             channel, data = self.network.published.popleft()
             if self._program.relays:
                 continue
-            problem = wrong_in(channel, data)
+            problem = problem_in(channel, data)
             if problem:
-                self._find("publication", channel, problem)
-        if self.stage.duties is not None:
-            problem = self.stage.duties.problem(self.stage.clock.monotonic_ns() // 1000)
+                self.report_finding("publication", channel, problem)
+        if self.testbed.duties is not None:
+            problem = self.testbed.duties.problem(self.testbed.clock.monotonic_ns() // 1000)
             if problem:
-                self._find("duty", "", problem)
+                self.report_finding("duty", "", problem)
 
-    def _find(self, kind: str, where: str, text: str) -> None:
+    def report_finding(self, kind: str, where: str, text: str) -> None:
+        """Add a finding, with its text shortened to 2,000 characters."""
         self.found.append(Finding(kind, where, text[:2000]))
 
-    def _where(self) -> str:
-        """Return where the process is."""
+    def _location(self) -> str:
+        """Return the innermost frames of the process's thread, as file:line."""
         frame = sys._current_frames().get(self._thread.ident or 0)
         places = [f"{Path(f.filename).name}:{f.lineno}" for f in traceback.extract_stack(frame)] if frame else []
         return " ".join(places[-FRAMES:])
@@ -210,14 +211,14 @@ class Life:
 
     def _note_warning(self, message: Any, category: type[Warning], filename: str, line: int, *_more: object) -> None:
         if issubclass(category, RuntimeWarning):
-            self._find("warning", f"{Path(filename).name}:{line}", str(message))
+            self.report_finding("warning", f"{Path(filename).name}:{line}", str(message))
 
     def _note_failed_thread(self, failed: Any) -> None:
-        self._find("death", *_described(failed.exc_value))
+        self.report_finding("death", *_described(failed.exc_value))
 
 
-def wrong_in(channel: str, data: bytes) -> str:
-    """Return what is wrong with a message that a process published; empty if nothing is."""
+def problem_in(channel: str, data: bytes) -> str:
+    """Return the problem with a message that a process published; empty if there is none."""
     if channel.startswith("CMR_SELF"):
         return ""
     try:
@@ -230,7 +231,7 @@ def wrong_in(channel: str, data: bytes) -> str:
 
 
 def _described(error: BaseException) -> tuple[str, str]:
-    """Return where an exception was raised, and all that is known of it."""
+    """Return the place where an exception was raised, and its traceback."""
     places = traceback.extract_tb(error.__traceback__)
     ours = [f"{Path(place.filename).name}:{place.lineno}" for place in places]
     return " ".join(ours[-FRAMES:]), "".join(traceback.format_exception(error))[-2000:]

@@ -1,4 +1,4 @@
-"""A ROS 2 in which nobody is: what cmr-ros2 publishes is taken by nobody, and nothing comes. No rclpy is needed."""
+"""A fake ROS 2 without other nodes, for fuzzing cmr-ros2: nothing is received, and rclpy is not needed."""
 
 import sys
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Message:
-    """A message with whatever fields somebody fills in."""
+    """A message that accepts any field."""
 
     def __getattr__(self, name: str) -> "Message":
         if name.startswith("__"):
@@ -18,7 +18,7 @@ class Message:
 
 
 class Publisher:
-    """Publishes to nobody."""
+    """A publisher without subscribers."""
 
     heard_by = 0
 
@@ -27,11 +27,11 @@ class Publisher:
         self.empty = Message
 
     def publish(self, message: Message) -> None:
-        """Forget it."""
+        """Discard the message."""
 
 
 class Node:
-    """A node that hears nothing."""
+    """A node that receives nothing."""
 
     lost = 0
 
@@ -44,28 +44,28 @@ class Node:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave nothing behind."""
+        """Do nothing: there is nothing to close."""
 
     def hear(self, topic: str, kind: str, take: Callable[[Any, int], object], **quality: bool) -> None:
-        """Wait in vain."""
+        """Accept a subscription; no message ever arrives."""
 
     def publisher(self, topic: str, kind: str, **quality: bool) -> Publisher:
-        """Return what publishes to nobody."""
+        """Return a publisher without subscribers."""
         del kind, quality
         return Publisher(topic)
 
     def arrived(self) -> list[Any]:
-        """Return nothing."""
+        """Return the messages that arrived: none."""
         return []
 
     def others_publish(self, topic: str, own: int) -> int:
-        """Return that nobody does."""
+        """Return the number of other publishers on a topic: none."""
         del topic, own
         return 0
 
 
-def put_ros() -> None:
-    """Put this in the place of robot_driver.ros2.node."""
+def install_fake_ros() -> None:
+    """Replace robot_driver.ros2.node by the fake."""
     module: Any = ModuleType("robot_driver.ros2.node")
     module.Node, module.Publisher = Node, Publisher
     module.has_type, module.type_of = lambda _name: False, lambda _name: Message
