@@ -188,19 +188,23 @@ POSE_SMOOTHING = Effect(
 POSE_OFFSET = Effect(
     name="pose_offset",
     group=GROUP,
-    cause="The tracked point sits {pose_offset:.3f} m {pose_offset:ahead of/behind} the centre of rotation.",
+    cause="The tracked point sits {pose_offset:.3f} m {pose_offset:ahead of/behind} the centre of rotation and "
+    "{pose_offset_lateral:.3f} m to its {pose_offset_lateral:left/right}.",
     equations={
         "pose": """
-            x = x + pose_offset * cos(theta)
-            y = y + pose_offset * sin(theta)
+            x = x + pose_offset * cos(theta) - pose_offset_lateral * sin(theta)
+            y = y + pose_offset * sin(theta) + pose_offset_lateral * cos(theta)
         """
     },
     parameters=(
         ParameterDefinition("pose_offset", "m", "tracked point ahead of the turning centre", -5.0, 5.0, 0.0, 0.012),
+        ParameterDefinition(
+            "pose_offset_lateral", "m", "tracked point to the left of the turning centre", -5.0, 5.0, 0.0, 0.008
+        ),
     ),
     needs="spins on the spot",
-    shows_in="the pose, sideways in turns",
-    confused_with={"lateral_skid": "spins on the spot"},
+    shows_in="the pose, in turns: sideways if the point is ahead, along the motion if it is beside",
+    confused_with={"lateral_skid": "spins on the spot", "travel_reduction": "turns both ways"},
 )
 
 # After the tracked point, whose position depends on the true heading.
