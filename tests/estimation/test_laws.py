@@ -20,7 +20,7 @@ from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
 from cmr.estimation.laws.searching import LEAST, SET, narrow, offered
-from cmr.estimation.laws.variables import steadied
+from cmr.estimation.laws.variables import placed, steadied
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.screening import changes_of
@@ -231,6 +231,40 @@ def test_speeds_without_the_observer_are_those_by_commands_and_what_encoders_say
     held = free.copy()
     held[:100, side] = 0.0
     assert np.all(steadied(held, free, replace(segment, rolled=faster))[:100, side] == 0.0)
+
+
+def test_a_place_is_where_the_poses_have_it_and_smoothly() -> None:
+    """Poses that all lie 2 cm ahead and 1 cm to the left of the observer's say so of each step; one alone hardly does."""
+    error, one = model().errors[0], predictor()
+    x, y = MOTION.index("x"), MOTION.index("y")
+    ahead = {**error.of, "forward": np.full_like(error.of["forward"], 0.02)}
+    all_off = {**ahead, "sideways": np.full_like(error.of["sideways"], 0.01)}
+    moved = placed(replace(error, of=all_off), one)
+    off = moved[:, x] - error.motion[:, x] + 1j * (moved[:, y] - error.motion[:, y])
+    rows = one.motion_rows("forward")
+    heading = np.exp(1j * one.segment.observations.pose[:, 2])
+    straight = np.convolve(np.abs(np.diff(heading, prepend=heading[:1])) < 1e-3, np.ones(31), "same") > 30.5
+    assert np.count_nonzero(straight) > 50
+    assert off[rows][straight] == pytest.approx(((0.02 + 0.01j) * heading)[straight], abs=1e-4)
+    alone = {name: np.zeros_like(of) for name, of in error.of.items()}
+    alone["forward"][500] = 0.02
+    shift = placed(replace(error, of=alone), one) - error.motion
+    assert 0.0 < np.max(np.hypot(shift[:, x], shift[:, y])) < 0.005
+    assert np.count_nonzero(shift) < 2 * 80  # the steps within 0.2 s on either side
+
+
+def test_a_spot_on_the_floor_is_found_where_nothing_else_explains_anything() -> None:
+    """Of the spot a grid shows a part; the place is then found between its points."""
+    spot = {"east": 0.31, "north": 0.42, "radius": 0.33}
+    law = Candidate("forward_speed", ("v", "disc(east, north, radius)"), 4, constants=spot)
+    about = simulated(law, -0.12, 8)
+    further = Further.beside(about, rest_of(about, about.problem.found(about.errors)))
+    assert further.scores[0].score < 0.0
+    best = further.with_local()[0]
+    assert best.score > LEAST
+    assert (best.candidate.place, best.candidate.formulas) == (law.place, law.formulas)
+    for name, value in spot.items():
+        assert best.candidate.constants[name] == pytest.approx(value, abs=0.1)
 
 
 def test_a_picture_shows_the_law_before_and_nothing_after() -> None:

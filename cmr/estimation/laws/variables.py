@@ -6,14 +6,14 @@ from enum import Enum
 
 import numpy as np
 
-from cmr.estimation.prediction import Predictor
+from cmr.estimation.prediction import Errors, Predictor
 from cmr.estimation.segments import Segment
 from cmr.model.laws.words import TURNING
 from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 SIDES = ("left", "right")
-STEADY = 0.2  # s to either side over which what encoders say beyond commands is smoothed, less and less
+STEADY = 0.2  # s to either side over which what encoders and poses say beyond the model is smoothed, less and less
 BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share takes off the duty; see cmr.model.stages
 
 
@@ -65,7 +65,7 @@ def steadied(motion: Floats, free: Floats, segment: Segment) -> Floats:
     result = motion.copy()
     if not len(segment.rolled):
         return result
-    window = np.hanning(2 * round(STEADY / segment.observations.dt) + 3)[1:-1]
+    window = _window(segment)
     weight = np.convolve(np.ones(len(segment.rolled)), window, "same")
     steps = np.arange(len(segment.rolled))
     for side, name in enumerate(SIDES):
@@ -75,6 +75,35 @@ def steadied(motion: Floats, free: Floats, segment: Segment) -> Floats:
         steady = free[:, column] + np.interp(np.arange(len(free)), steps + 0.5, smooth)
         result[:, column] = np.where(motion[:, column] == 0.0, 0.0, steady)
     return result
+
+
+def placed(error: Errors, predictor: Predictor) -> Floats:
+    """Return how an observed robot moved, (T + 1, columns of MOTION), with its place smoothly as the poses have it.
+
+    Where a law slows it down that the observer lacks, the observer's place is ahead by centimetres, until poses have
+    corrected it. A law that begins at a place would then seem to begin further ahead.
+    """
+    if "forward" not in predictor.times:
+        return error.motion
+    rows, heading = predictor.motion_rows("forward"), predictor.segment.observations.pose[:, 2]
+    forward, sideways = error.of["forward"][:, 0], error.of["sideways"][:, 0]
+    turned = {
+        "x": np.cos(heading) * forward - np.sin(heading) * sideways,
+        "y": np.sin(heading) * forward + np.cos(heading) * sideways,
+    }
+    result, window = error.motion.copy(), _window(predictor.segment)
+    steps = np.arange(len(result))
+    count = np.convolve(np.bincount(rows, minlength=len(result)), window, "same")
+    near = np.flatnonzero(count)
+    for name, off in turned.items():
+        total = np.convolve(np.bincount(rows, off, minlength=len(result)), window, "same")
+        result[:, MOTION.index(name)] += np.interp(steps, near, total[near] / count[near])
+    return result
+
+
+def _window(segment: Segment) -> Floats:
+    """Return the weights of the steps within STEADY of one."""
+    return np.asarray(np.hanning(2 * round(STEADY / segment.observations.dt) + 3)[1:-1])
 
 
 def _of_segment(predictor: Predictor, motion: Floats, values: Mapping[str, float]) -> Variables:
