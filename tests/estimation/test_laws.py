@@ -234,7 +234,7 @@ def test_speeds_without_the_observer_are_those_by_commands_and_what_encoders_say
 
 
 def test_a_place_is_where_the_poses_have_it_and_smoothly() -> None:
-    """Poses that all lie 2 cm ahead and 1 cm to the left of the observer's say so of each step; one alone hardly does."""
+    """Where all poses lie 2 cm ahead and 1 cm to the left of the observer's place, so does the robot."""
     error, one = model().errors[0], predictor()
     x, y = MOTION.index("x"), MOTION.index("y")
     ahead = {**error.of, "forward": np.full_like(error.of["forward"], 0.02)}
