@@ -219,7 +219,8 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "pose_latency": {"pose_latency": 0.04},
     "pose_smoothing": {"pose_smoothing": 0.1},
     "clock_skew": {"clock_skew": 5e-4},
-    "pose_offset": {"pose_offset": 0.012, "pose_offset_lateral": 0.008},
+    "pose_offset": {"pose_offset": 0.012},
+    "pose_offset_lateral": {"pose_offset_lateral": 0.012},
     "pose_heading_offset": {"pose_heading_offset": 0.05},
     "pose_distortion": {"pose_distortion": 0.02},
 }

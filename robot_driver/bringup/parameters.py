@@ -30,12 +30,11 @@ def write_parameters(path: Path, robot: int, found: ParametersFound) -> str:
     if old.robot_id != robot:
         raise CannotTell(f"{path} is of robot {old.robot_id}, not of robot {robot}")
     values, effects = _values(found), _effects(found)
-    measured = [name for names in EFFECTS.values() for name in names]
-    kept = {name: value for name, value in old.values.items() if name not in values and name not in measured}
+    kept = {name: value for name, value in old.values.items() if name not in values and name not in EFFECTS}
     kept_effects = tuple(name for name in old.effects if name not in EFFECTS)
     new = ParameterFile(
         robot,
-        {**kept, **values, **{name: Value(value) for sizes in effects.values() for name, value in sizes.items()}},
+        {**kept, **values, **{name: Value(value) for name, value in effects.items()}},
         (*kept_effects, *effects),
         {"by": "cmr bringup"},
     )
@@ -50,11 +49,7 @@ def write_parameters(path: Path, robot: int, found: ParametersFound) -> str:
     return ", ".join([*changes, *(f"{name} removed" for name in gone)]) or "unchanged"
 
 
-EFFECTS = {  # that bring-up measures, with their parameters
-    "gyro_scale": ("gyro_scale",),
-    "pose_latency": ("pose_latency",),
-    "pose_offset": ("pose_offset", "pose_offset_lateral"),
-}
+EFFECTS = ("gyro_scale", "pose_latency", "pose_offset", "pose_offset_lateral")
 
 
 def _values(found: ParametersFound) -> dict[str, Value]:
@@ -65,12 +60,15 @@ def _values(found: ParametersFound) -> dict[str, Value]:
     return values | {"base_width": Value(found.base_width, WIDTH_STD * found.base_width)}
 
 
-def _effects(found: ParametersFound) -> dict[str, dict[str, float]]:
-    """Return the parameters of the effects of sensors, by effect."""
-    poses = found.poses
-    sizes = {
-        "gyro_scale": (found.gyro_scale - 1.0,),
-        "pose_latency": (max(round(poses.lateness, 3), 0.0),),  # no effect models stamps later than the pose
-        "pose_offset": (round(poses.ahead, 4), round(poses.left, 4)),
-    }
-    return {name: dict(zip(EFFECTS[name], own, strict=True)) for name, own in sizes.items() if any(own)}
+def _effects(found: ParametersFound) -> dict[str, float]:
+    """Return parameters of sensor effects, by effect name, which equals the parameter's."""
+    effects = {}
+    if found.gyro_scale != 1.0:
+        effects["gyro_scale"] = found.gyro_scale - 1.0
+    if found.poses.lateness > 0.0:  # stamps later than the pose are not modelled by an effect
+        effects["pose_latency"] = round(found.poses.lateness, 3)
+    if found.poses.ahead:
+        effects["pose_offset"] = round(found.poses.ahead, 4)
+    if found.poses.left:
+        effects["pose_offset_lateral"] = round(found.poses.left, 4)
+    return effects

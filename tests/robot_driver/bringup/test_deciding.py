@@ -259,5 +259,5 @@ def test_a_tracked_point_ahead_and_beside_stands_in_the_parameters_until_it_is_c
 
     robot = {"wheel_radius": 0.04, "base_width": 0.16}
     beside = {**robot, "pose_offset": 0.05, "pose_offset_lateral": -0.01}
-    assert written(PosesFound(ahead=0.05, left=-0.01)) == (beside, ("pose_offset",))
+    assert written(PosesFound(ahead=0.05, left=-0.01)) == (beside, ("pose_offset", "pose_offset_lateral"))
     assert written(PosesFound()) == (robot, ())
