@@ -234,21 +234,28 @@ def test_speeds_without_the_observer_are_those_by_commands_and_what_encoders_say
 def test_a_place_is_where_the_poses_have_it_and_smoothly() -> None:
     """Where all poses lie 2 cm ahead and 1 cm to the left of the observer's place, so does the robot."""
     error, one = model().errors[0], predictor()
-    x, y = MOTION.index("x"), MOTION.index("y")
-    ahead = {**error.of, "forward": np.full_like(error.of["forward"], 0.02)}
-    all_off = {**ahead, "sideways": np.full_like(error.of["sideways"], 0.01)}
-    moved = placed(replace(error, of=all_off), one)
-    off = moved[:, x] - error.motion[:, x] + 1j * (moved[:, y] - error.motion[:, y])
-    rows = one.motion_rows("forward")
-    heading = np.exp(1j * one.segment.observations.pose[:, 2])
-    straight = np.convolve(np.abs(np.diff(heading, prepend=heading[:1])) < 1e-3, np.ones(31), "same") > 30.5
+    silent = {name: np.zeros_like(of) for name, of in error.of.items()}
+    before = placed(replace(error, of=silent), one)
+    for name in ("x", "y"):
+        own = error.motion[:, MOTION.index(name)]
+        assert before[name] == pytest.approx(0.5 * (own[1:] + own[:-1]), abs=1e-12)
+
+    def moved(forward: Floats, sideways: Floats) -> np.typing.NDArray[np.complex128]:
+        after = placed(replace(error, of={**silent, "forward": forward, "sideways": sideways}), one)
+        return np.asarray(after["x"] - before["x"] + 1j * (after["y"] - before["y"]))
+
+    ones, nothing = np.ones_like(silent["forward"]), silent["forward"]
+    heading = one.segment.observations.pose[:, 2]
+    off = moved(0.02 * ones, 0.01 * ones)[np.minimum(one.motion_rows("forward"), one.segment.observations.steps - 1)]
+    turning = np.abs(np.gradient(np.unwrap(heading)))
+    straight = np.convolve(turning < 1e-3, np.ones(31), "same") > 30.5
     assert np.count_nonzero(straight) > 50
-    assert off[rows][straight] == pytest.approx(((0.02 + 0.01j) * heading)[straight], abs=1e-4)
-    alone = {name: np.zeros_like(of) for name, of in error.of.items()}
-    alone["forward"][500] = 0.02
-    shift = placed(replace(error, of=alone), one) - error.motion
-    assert 0.0 < np.max(np.hypot(shift[:, x], shift[:, y])) < 0.005
-    assert np.count_nonzero(shift) < 2 * 80  # the steps within 0.2 s on either side
+    assert off[straight] == pytest.approx(((0.02 + 0.01j) * np.exp(1j * heading))[straight], abs=1e-4)
+    single = nothing.copy()
+    single[500] = 0.02
+    shift = np.abs(moved(single, nothing))
+    assert 0.0 < np.max(shift) < 0.005
+    assert np.count_nonzero(shift > 1e-9) < 80  # the steps within 0.2 s on either side
 
 
 def test_a_spot_on_the_floor_is_found_where_nothing_else_explains_anything() -> None:

@@ -113,8 +113,7 @@ class Linearised:
     @cached_property
     def variables(self) -> list[Variables]:
         """The variables of formulas in each segment."""
-        predictors = self.problem.predictors
-        motions = list(map(placed, self.errors, predictors))
+        motions, predictors = [error.motion for error in self.errors], self.problem.predictors
         if self.speeds is not Speeds.OBSERVED and not self.rolls:
             batch = self.problem.batch
             free = [error.motion for error in batch.split(batch.errors(Observer(self.values, FREE)))]
@@ -124,6 +123,10 @@ class Linearised:
                 for motion, by_commands, one in zip(motions, free, predictors, strict=True)
             ]
         return variables_of(predictors, motions, self.values)
+
+    @cached_property
+    def _places(self) -> list[Mapping[str, Floats]]:
+        return list(map(placed, self.errors, self.problem.predictors))
 
     @cached_property
     def rolls(self) -> bool:
@@ -223,6 +226,7 @@ class Linearised:
         if key not in self._known:
             of = self.variables[number]
             given = of.body if side < 0 else of.wheels[side]
+            given = {**given, **self._places[number]} if "disc(" in text else given
             value = parsed(text, tuple(name for name, _ in named)).evaluate({**given, **dict(named)})
             self._known[key] = np.broadcast_to(value, given["v"].shape)
         return self._known[key]

@@ -6,7 +6,7 @@ from enum import Enum
 
 import numpy as np
 
-from cmr.estimation.prediction import Errors, Predictor
+from cmr.estimation.prediction import Errors, Indices, Predictor
 from cmr.estimation.segments import Segment
 from cmr.model.laws.words import TURNING
 from cmr.model.observer.observer import MOTION
@@ -77,28 +77,33 @@ def steadied(motion: Floats, free: Floats, segment: Segment) -> Floats:
     return result
 
 
-def placed(error: Errors, predictor: Predictor) -> Floats:
-    """Return how an observed robot moved, (T + 1, columns of MOTION), with its place smoothly as the poses have it.
+def placed(error: Errors, predictor: Predictor) -> Mapping[str, Floats]:
+    """Return x and y of an observed robot at the middle of each step, each (T,), smoothly as the poses have it.
 
     Where a law slows it down that the observer lacks, the observer's place is ahead by centimetres, until poses have
-    corrected it. A law that begins at a place would then seem to begin further ahead.
+    corrected it: the border of a spot on the floor would seem to lie further ahead. Where a formula varies smoothly with
+    the place, the observer's is better: it has nothing of the noise of the pose that is predicted.
     """
-    if "forward" not in predictor.times:
-        return error.motion
-    rows, heading = predictor.motion_rows("forward"), predictor.segment.observations.pose[:, 2]
-    forward, sideways = error.of["forward"][:, 0], error.of["sideways"][:, 0]
-    turned = {
-        "x": np.cos(heading) * forward - np.sin(heading) * sideways,
-        "y": np.sin(heading) * forward + np.cos(heading) * sideways,
-    }
-    result, window = error.motion.copy(), _window(predictor.segment)
-    steps = np.arange(len(result))
-    count = np.convolve(np.bincount(rows, minlength=len(result)), window, "same")
+    columns = {name: error.motion[:, MOTION.index(name)] for name in ("x", "y")}
+    if "forward" in predictor.times:
+        heading = predictor.segment.observations.pose[:, 2]
+        forward, sideways = error.of["forward"][:, 0], error.of["sideways"][:, 0]
+        turned = {
+            "x": np.cos(heading) * forward - np.sin(heading) * sideways,
+            "y": np.sin(heading) * forward + np.cos(heading) * sideways,
+        }
+        rows = predictor.motion_rows("forward")
+        columns = {name: own + _smoothed(rows, turned[name], predictor.segment) for name, own in columns.items()}
+    return {name: 0.5 * (own[1:] + own[:-1]) for name, own in columns.items()}
+
+
+def _smoothed(rows: Indices, values: Floats, segment: Segment) -> Floats:
+    """Return values at some rows of the steps, smoothed over STEADY, at each step, (T + 1,)."""
+    steps, window = segment.observations.steps + 1, _window(segment)
+    count = np.convolve(np.bincount(rows, minlength=steps), window, "same")
+    total = np.convolve(np.bincount(rows, values, minlength=steps), window, "same")
     near = np.flatnonzero(count)
-    for name, off in turned.items():
-        total = np.convolve(np.bincount(rows, off, minlength=len(result)), window, "same")
-        result[:, MOTION.index(name)] += np.interp(steps, near, total[near] / count[near])
-    return result
+    return np.asarray(np.interp(np.arange(steps), near, total[near] / count[near]))
 
 
 def _window(segment: Segment) -> Floats:
