@@ -81,8 +81,8 @@ def placed(error: Errors, predictor: Predictor) -> Mapping[str, Floats]:
     """Return x and y of an observed robot at the middle of each step, each (T,), smoothly as the poses have it.
 
     Where a law slows it down that the observer lacks, the observer's place is ahead by centimetres, until poses have
-    corrected it: the border of a spot on the floor would seem to lie further ahead. Where a formula varies smoothly with
-    the place, the observer's is better: it has nothing of the noise of the pose that is predicted.
+    corrected it: the border of a spot on the floor would seem to lie further ahead. Where a formula varies smoothly
+    with the place, the observer's is better: it has nothing of the noise of the pose that is predicted.
     """
     columns = {name: error.motion[:, MOTION.index(name)] for name in ("x", "y")}
     if "forward" in predictor.times:
