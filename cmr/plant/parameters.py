@@ -78,6 +78,7 @@ class PlantParameters(NamedTuple):
     pose_smoothing: Annotated[float, (0.0, 10.0)] = 0.0  # s
     clock_skew: Annotated[float, (-0.1, 0.1)] = 0.0  # 1
     pose_offset: Annotated[float, (-100.0, 100.0)] = 0.0  # m
+    pose_offset_lateral: Annotated[float, (-100.0, 100.0)] = 0.0  # m
     pose_heading_offset: Annotated[float, (-6.3, 6.3)] = 0.0  # rad
     pose_distortion: Annotated[float, (-1.0, 1.0)] = 0.0  # 1/m^2
     # A controller inside that holds wheel speeds; the speed asked for by duty 1 is 1 / k1.
@@ -219,6 +220,7 @@ TYPICAL: Mapping[str, Mapping[str, float]] = {
     "pose_smoothing": {"pose_smoothing": 0.1},
     "clock_skew": {"clock_skew": 5e-4},
     "pose_offset": {"pose_offset": 0.012},
+    "pose_offset_lateral": {"pose_offset_lateral": 0.012},
     "pose_heading_offset": {"pose_heading_offset": 0.05},
     "pose_distortion": {"pose_distortion": 0.02},
 }

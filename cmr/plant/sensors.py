@@ -165,11 +165,13 @@ def seen(
 ) -> tuple[Number, Number, Number]:
     """Return the pose measured by the external localisation without noise, the heading unwrapped.
 
-    pose_offset: the tracked point sits m ahead of the turning centre; pose_distortion: p (1 + k abs(p)^2);
-    pose_heading_warp: theta + A sin(2 pi x / 1.5 m); pose_heading_offset: theta + C.
+    pose_offset: the tracked point sits m ahead of the turning centre, pose_offset_lateral: m to its left;
+    pose_distortion: p (1 + k abs(p)^2); pose_heading_warp: theta + A sin(2 pi x / 1.5 m);
+    pose_heading_offset: theta + C.
     """
-    if p.pose_offset:
-        x, y = x + p.pose_offset * np.cos(theta), y + p.pose_offset * np.sin(theta)
+    if p.pose_offset or p.pose_offset_lateral:
+        ahead, left, cosine, sine = p.pose_offset, p.pose_offset_lateral, np.cos(theta), np.sin(theta)
+        x, y = x + ahead * cosine - left * sine, y + ahead * sine + left * cosine
     if p.pose_heading_warp:
         theta = theta + p.pose_heading_warp * np.sin(TURN * x / WARP_LENGTH)
     theta = theta + p.pose_heading_offset

@@ -49,7 +49,7 @@ def write_parameters(path: Path, robot: int, found: ParametersFound) -> str:
     return ", ".join([*changes, *(f"{name} removed" for name in gone)]) or "unchanged"
 
 
-EFFECTS = ("gyro_scale", "pose_latency", "pose_offset")
+EFFECTS = ("gyro_scale", "pose_latency", "pose_offset", "pose_offset_lateral")
 
 
 def _values(found: ParametersFound) -> dict[str, Value]:
@@ -69,4 +69,6 @@ def _effects(found: ParametersFound) -> dict[str, float]:
         effects["pose_latency"] = round(found.poses.lateness, 3)
     if found.poses.ahead:
         effects["pose_offset"] = round(found.poses.ahead, 4)
+    if found.poses.left:
+        effects["pose_offset_lateral"] = round(found.poses.left, 4)
     return effects

@@ -53,6 +53,7 @@ def data(held_out: float) -> Any:
         (3, 100.0, 5.0, Rivalry.BETTER),  # many effects are no simpler answer,
         (3, 100.0, -5.0, Rivalry.TIED),  # but no worse one where they explain more
         (2, -20.0, -10.0, Rivalry.TIED),
+        (2, 100.0, -60.0, Rivalry.TIED),  # better on one part by more than it is worse on the other
         (2, -200.0, -10.0, Rivalry.WORSE),
         (2, -20.0, -100.0, Rivalry.WORSE),
         (1, 100.0, 50.0, Rivalry.BETTER),

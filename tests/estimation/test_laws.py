@@ -20,7 +20,7 @@ from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
 from cmr.estimation.laws.searching import LEAST, SET, narrow, offered
-from cmr.estimation.laws.variables import steadied
+from cmr.estimation.laws.variables import placed, steadied
 from cmr.estimation.prediction import SIGNALS, Errors, Predictor
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.screening import changes_of
@@ -48,6 +48,7 @@ BY_EFFECT = {
     "gyro_bias": (Candidate("gyro", ("1",), 1), 1.0),
     "gyro_scale": (Candidate("gyro", ("w",), 1), 1.0),
     "pose_offset": (Candidate("pose_ahead", ("1",), 1), 1.0),
+    "pose_offset_lateral": (Candidate("pose_beside", ("1",), 1), 1.0),
     "pose_latency": (Candidate("pose_lateness", ("1",), 1), 1.0),
 }
 # Laws that are effects of the catalogue, whatever their size.
@@ -185,6 +186,8 @@ def test_other_names_of_what_the_catalogue_has_are_known_and_nothing_else() -> N
     about, known = catalogue_beside()
     # A law of one wheel's voltage in proportion to its duty is unequal motors, once the gain of both is fitted.
     assert known.same_as(about, Candidate("wheel_voltage", ("u",), 1, "left"))
+    # A tracked point beside the centre is there slower on the inside of a turn and faster on the outside.
+    assert known.same_as(about, Candidate("forward_speed", ("w",), 1)) == "pose_offset_lateral"
     for law, _ in HIDDEN.values():
         assert not known.same_as(about, law)
 
@@ -226,6 +229,47 @@ def test_speeds_without_the_observer_are_those_by_commands_and_what_encoders_say
     held = free.copy()
     held[:100, side] = 0.0
     assert np.all(steadied(held, free, replace(segment, rolled=faster))[:100, side] == 0.0)
+
+
+def test_a_place_is_where_the_poses_have_it_and_smoothly() -> None:
+    """Where all poses lie 2 cm ahead and 1 cm to the left of the observer's place, so does the robot."""
+    error, one = model().errors[0], predictor()
+    silent = {name: np.zeros_like(of) for name, of in error.of.items()}
+    before = placed(replace(error, of=silent), one)
+    for name in ("x", "y"):
+        own = error.motion[:, MOTION.index(name)]
+        assert before[name] == pytest.approx(0.5 * (own[1:] + own[:-1]), abs=1e-12)
+
+    def moved(forward: Floats, sideways: Floats) -> np.typing.NDArray[np.complex128]:
+        after = placed(replace(error, of={**silent, "forward": forward, "sideways": sideways}), one)
+        return np.asarray(after["x"] - before["x"] + 1j * (after["y"] - before["y"]))
+
+    ones, nothing = np.ones_like(silent["forward"]), silent["forward"]
+    heading = one.segment.observations.pose[:, 2]
+    off = moved(0.02 * ones, 0.01 * ones)[np.minimum(one.motion_rows("forward"), one.segment.observations.steps - 1)]
+    turning = np.abs(np.gradient(np.unwrap(heading)))
+    straight = np.convolve(turning < 1e-3, np.ones(31), "same") > 30.5
+    assert np.count_nonzero(straight) > 50
+    assert off[straight] == pytest.approx(((0.02 + 0.01j) * np.exp(1j * heading))[straight], abs=1e-4)
+    single = nothing.copy()
+    single[500] = 0.02
+    shift = np.abs(moved(single, nothing))
+    assert 0.0 < np.max(shift) < 0.005
+    assert np.count_nonzero(shift > 1e-9) < 80  # the steps within 0.2 s on either side
+
+
+def test_a_spot_on_the_floor_is_found_where_nothing_else_explains_anything() -> None:
+    """Of the spot a grid shows a part; the place is then found between its points."""
+    spot = {"east": 0.31, "north": 0.42, "radius": 0.33}
+    law = Candidate("forward_speed", ("v", "disc(east, north, radius)"), 4, constants=spot)
+    about = simulated(law, -0.12, 8)
+    further = Further.beside(about, rest_of(about, about.problem.found(about.errors)))
+    assert further.scores[0].score < 0.0
+    best = further.with_local()[0]
+    assert best.score > LEAST
+    assert (best.candidate.place, best.candidate.formulas) == (law.place, law.formulas)
+    for name, value in spot.items():
+        assert best.candidate.constants[name] == pytest.approx(value, abs=0.1)
 
 
 def test_a_picture_shows_the_law_before_and_nothing_after() -> None:

@@ -144,12 +144,16 @@ def as_disturbances(effect: str) -> Disturbances:
         "encoder_scale": of(("left_encoder", m["psi_left"]), ("right_encoder", m["psi_right"])),
         "gyro_scale": of(("gyro", m["yaw_rate"])),
         "pose_offset": of(("east", np.cos(m["theta"])), ("north", np.sin(m["theta"]))),
+        "pose_offset_lateral": of(("east", -np.sin(m["theta"])), ("north", np.cos(m["theta"]))),
     }[effect]
 
 
 @pytest.mark.parametrize(
     "effect",
-    ["slope_x", "quadratic_drag", "lateral_skid", "wheel_radius_scale", "encoder_scale", "gyro_scale", "pose_offset"],
+    [
+        *("slope_x", "quadratic_drag", "lateral_skid", "wheel_radius_scale", "encoder_scale", "gyro_scale"),
+        *("pose_offset", "pose_offset_lateral"),
+    ],
 )
 def test_a_disturbance_leaves_the_traces_of_the_effect_that_does_the_same(effect: str) -> None:
     size = 1e-4

@@ -39,7 +39,7 @@ motor_heating motor_coupling backlash payload_change wheel_radius_scale wheel_ra
 travel_reduction
 turn_asymmetry longitudinal_slip lateral_skid slope surface_change surface_patch encoder_scale encoder_asymmetry
 encoder_quantisation wheel_speed_latency gyro_bias gyro_scale gyro_drift gyro_latency pose_latency clock_skew
-pose_smoothing pose_offset pose_distortion pose_heading_offset
+pose_smoothing pose_offset pose_offset_lateral pose_distortion pose_heading_offset
 """
 EFFECTS = list(CATALOGUE.values())
 MOTION = [effect for effect in EFFECTS if not effect.is_sensor]

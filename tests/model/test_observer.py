@@ -75,7 +75,7 @@ def test_without_gains_the_observer_drives_as_the_simulation_does() -> None:
     "effect",
     [
         {},
-        {"pose_offset": 0.05},
+        {"pose_offset": 0.05, "pose_offset_lateral": -0.03},
         {"pose_latency": 0.04},
         {"pose_smoothing": 0.02},
         {"gyro_latency": 0.02},

@@ -151,13 +151,14 @@ def test_late_packets_come_in_order_within_the_jitter_and_lost_ones_never() -> N
 
 
 def test_a_late_pose_on_a_fast_clock_is_where_the_robot_was() -> None:
-    sizes = {"pose_latency": 0.04, "clock_skew": 5e-4, "pose_offset": 0.1}
+    sizes = {"pose_latency": 0.04, "clock_skew": 5e-4, "pose_offset": 0.1, "pose_offset_lateral": -0.03}
     driven = drive(packets(constant(0.3, 0.5), 10.0), sizes, 10.0)
     poses = driven.recording.poses
     when = np.maximum(poses.seconds / 1.0005 - 0.04, 0.0)
     states = true_motion(packets(constant(0.3, 0.5), 10.0), {}, when, step=1e-3)
-    assert poses["x"] == pytest.approx(states["x"] + 0.1 * np.cos(states["theta"]), abs=1e-9)
-    assert poses["y"] == pytest.approx(states["y"] + 0.1 * np.sin(states["theta"]), abs=1e-9)
+    place = states["x"] + 1j * states["y"] + (0.1 - 0.03j) * np.exp(1j * states["theta"])
+    assert poses["x"] == pytest.approx(place.real, abs=1e-9)
+    assert poses["y"] == pytest.approx(place.imag, abs=1e-9)
 
 
 def test_a_filter_shows_a_circle_smaller_and_turned_back() -> None:

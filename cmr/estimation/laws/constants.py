@@ -15,7 +15,7 @@ from cmr.estimation.laws.scan import scan
 from cmr.recordings.signal import Floats
 
 SAME = 0.98  # share of what a law adds along the drives that another law says, too, from which both say the same
-WIDTHS = (1.0, 0.5, 0.25, 0.12, 0.06)  # of the steps to other constants, as shares of the reach of each
+WIDTHS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # of the steps to other constants, as shares of the reach of each
 
 
 def undetermined(fit: Polished, margin: float) -> bool:

@@ -9,6 +9,7 @@ from cmr.estimation.laws.candidates import Candidate, candidates
 from cmr.estimation.laws.foreseen import Expected, Foreseen
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.local import local_laws
+from cmr.estimation.laws.polish import with_best_constants
 from cmr.estimation.laws.rest import Rest
 from cmr.estimation.laws.scan import Score, scan
 from cmr.estimation.search.inflation import MEDIAN_OF_CHI2
@@ -47,8 +48,11 @@ class Further:
         return next((score for score, law in ordered if score <= 0.0 or not known(law)), 0.0)
 
     def with_local(self) -> list[Score]:
-        """Return the best scores of all laws; those local in time or space only if others find something."""
+        """Return the best scores of all laws, with those local in time, space or frequency.
+
+        Of these the best one also has its best time or place: between those of a grid it may explain far more.
+        """
         model, rest = self.foreseen.model, self.foreseen.rest
-        more = bool(self.scores) and self.scores[0].score > 0.0
-        local = scan(model, rest, self.foreseen.promising(local_laws(model, rest, more)))
-        return sorted([*self.scores, *local], key=lambda one: -one.score)
+        local = scan(model, rest, self.foreseen.promising(local_laws(model, rest)))
+        refined = scan(model, rest, [with_best_constants(model, one.candidate, rest) for one in local[:1]])
+        return sorted([*self.scores, *refined, *local], key=lambda one: -one.score)

@@ -14,7 +14,7 @@ import numpy as np
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.gauss_newton import moves_of, one_by_one
 from cmr.estimation.laws.candidates import Candidate
-from cmr.estimation.laws.variables import Speeds, Variables, commanded, steadied, variables_of
+from cmr.estimation.laws.variables import Speeds, Variables, commanded, placed, steadied, variables_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import FREE, SIGNALS, Batch, Errors, Predictor
 from cmr.estimation.problem import Problem
@@ -113,16 +113,20 @@ class Linearised:
     @cached_property
     def variables(self) -> list[Variables]:
         """The variables of formulas in each segment."""
-        motions = [error.motion for error in self.errors]
+        motions, predictors = [error.motion for error in self.errors], self.problem.predictors
         if self.speeds is not Speeds.OBSERVED and not self.rolls:
             batch = self.problem.batch
             free = [error.motion for error in batch.split(batch.errors(Observer(self.values, FREE)))]
-            steady, segments = self.speeds is Speeds.STEADY, [one.segment for one in self.problem.predictors]
+            steady = self.speeds is Speeds.STEADY
             motions = [
-                steadied(motion, by_commands, segment) if steady else commanded(motion, by_commands)
-                for motion, by_commands, segment in zip(motions, free, segments, strict=True)
+                steadied(motion, by_commands, one.segment) if steady else commanded(motion, by_commands)
+                for motion, by_commands, one in zip(motions, free, predictors, strict=True)
             ]
-        return variables_of(self.problem.predictors, motions, self.values)
+        return variables_of(predictors, motions, self.values)
+
+    @cached_property
+    def _places(self) -> list[Mapping[str, Floats]]:
+        return list(map(placed, self.errors, self.problem.predictors))
 
     @cached_property
     def rolls(self) -> bool:
@@ -222,6 +226,7 @@ class Linearised:
         if key not in self._known:
             of = self.variables[number]
             given = of.body if side < 0 else of.wheels[side]
+            given = {**given, **self._places[number]} if "disc(" in text else given
             value = parsed(text, tuple(name for name, _ in named)).evaluate({**given, **dict(named)})
             self._known[key] = np.broadcast_to(value, given["v"].shape)
         return self._known[key]

@@ -35,10 +35,9 @@ BASES = {
 SIZE = 4  # of a formula with a time, frequency or place, which counts the selection among many
 
 
-def local_laws(model: Linearised, rest: Rest, more: bool) -> list[Candidate]:
-    """Return laws with a frequency for the residuals of a model and, with `more`, laws with a time or place."""
-    vibrations = _of_frequencies(rest)
-    laws = [*_of_moments(rest), *_of_places(model), *vibrations] if more else vibrations
+def local_laws(model: Linearised, rest: Rest) -> list[Candidate]:
+    """Return laws with a time, a place, or a frequency, for the residuals of a model."""
+    laws = [*_of_moments(rest), *_of_places(model), *_of_frequencies(rest)]
     return [one for one in laws if model.shows(one)]
 
 

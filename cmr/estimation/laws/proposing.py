@@ -29,7 +29,7 @@ from cmr.estimation.laws.rivals import (
     with_needed_names,
     without_names,
 )
-from cmr.estimation.laws.searching import ANOTHER, PROMISING, Scanned, is_seen
+from cmr.estimation.laws.searching import ANOTHER, Scanned, is_seen
 from cmr.estimation.laws.standing import forget, stood
 from cmr.estimation.prediction import Predictor
 from cmr.estimation.problem import Problem
@@ -60,6 +60,8 @@ UNSURE = "Other constants explain the errors as well, and say something else: th
 SERIES = "Two terms of the same variables stand for one formula that is not known."
 STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
+UNSEEN = 25.0  # score to first order from which a law is fitted where nothing seems left; a fit takes seconds
+CROSSING = "crossing the place from several sides"
 DECISIVE = 100.0  # improvement in -2 log likelihood on held-out data from which a law matters regardless of free runs
 # Required of a law of a sensor, which free runs do not show. Its variables come from the observer, which follows the
 # noisy readings: over a few centimetres, robots without any law reached up to 20. Gyro readings are not followed, so
@@ -92,8 +94,8 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
     beside = beside_names(found, other)
-    promising = PROMISING if more or not problem.one_step else _least_unseen(beside)  # else free runs decide
-    both = cache(lambda: beside.offer(promising))
+    # Of models that were fitted by free runs, these decide.
+    both = cache(beside.offer if more or not problem.one_step else lambda: _unseen(beside))
     effects = effects_of(found)
     several = len(effects) > 1 or (effects and (more or beside.best > ANOTHER))
     if problem.one_step and several:  # free runs name what motors do, of which errors of the body say nothing
@@ -229,7 +231,7 @@ def _in_the_model(
         names_withdrawn=withdrawn,
         reasons=_reasons(offer, data),
         curve=tuple(curve_of(offer.settled, number, law, *tried) for number, law in enumerate(standing.laws)),
-        manoeuvre=MANOEUVRE if _answer(offer) == TIE else "",
+        manoeuvre=_deciding(offer),
     )
     extension = Extension(standing.names, standing.fit, 0.5 * offer.held_out, gain)
     return Proposal(result, extension, before, problem, withdrawn, offer.after)
@@ -264,13 +266,17 @@ def _decisive(laws: Sequence[Candidate]) -> float:
     return OF_A_SENSOR if any(PLACES[law.place].of_sensors for law in laws) else DECISIVE
 
 
-def _least_unseen(beside: Hypothesis) -> float:
-    """Return the score to first order that a law must have where the diagnosis sees no structure in what is left.
+def _unseen(beside: Hypothesis) -> Offer | Refused:
+    """Return the law beside a model where the diagnosis sees no structure in what is left, or why there is none.
 
-    A fit takes seconds, and a lower score would hardly be decisive.
+    It must be decisive: to first order, or on data left out, as the noise may have absorbed most of it before.
     """
     first = beside.first
-    return _decisive([first.scores[0].candidate]) if isinstance(first, Scanned) and first.scores else DECISIVE
+    decisive = _decisive([first.scores[0].candidate]) if isinstance(first, Scanned) and first.scores else DECISIVE
+    offer = beside.offer(min(UNSEEN, decisive))
+    if isinstance(offer, Refused) or max(beside.best, offer.held_out) >= decisive:
+        return offer
+    return Refused(TOO_LITTLE, offer.before)
 
 
 def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
@@ -288,6 +294,13 @@ def _answer(offer: Offer) -> str:
     if offer.approximate:
         return APPROXIMATION
     return TIE if offer.tied else LAW
+
+
+def _deciding(offer: Offer) -> str:
+    """Return what to drive where this drive leaves a formula or its constants open; empty where it leaves neither."""
+    if _answer(offer) != TIE and not offer.undetermined:
+        return ""
+    return CROSSING if any("disc(" in text for law in offer.laws for text in law.formulas) else MANOEUVRE
 
 
 def _reasons(offer: Offer, data: Data) -> tuple[str, ...]:

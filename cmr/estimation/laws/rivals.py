@@ -173,7 +173,8 @@ def _hypothesis(
 def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Rivalry:
     """Compare a law alone with `effects` effects, on the fitted data and on held-out data.
 
-    Both are penalised for their parameters and for selection among many. A single effect is never tied: it names what
+    Both are penalised for their parameters and for selection among many. They are tied where all data together leave
+    them near each other, as one part alone may speak for either by chance. A single effect is never tied: it names what
     the law says and is the simpler answer.
     """
     samples = int(np.count_nonzero(data.fitted))
@@ -183,8 +184,8 @@ def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Ri
     held_out = data.held_out(names, alone.after)
     if more > LEAST and held_out > (LEAST if effects < MANY else 0.0):
         return Rivalry.BETTER
-    near, near_there = (max(SET, SHARE_OF_SET * gain) for gain in (alone.gain, alone.held_out))
-    return Rivalry.TIED if effects > 1 and more > -near and held_out > -near_there else Rivalry.WORSE
+    near = max(SET, SHARE_OF_SET * (alone.gain + alone.held_out))
+    return Rivalry.TIED if effects > 1 and more + held_out > -near else Rivalry.WORSE
 
 
 def against_both(data: Data, alone: Offer, both: Offer) -> Rivalry:

@@ -203,6 +203,28 @@ POSE_OFFSET = Effect(
     confused_with={"lateral_skid": "spins on the spot"},
 )
 
+# An effect of its own: beside pose_offset, it would cost that one a parameter where a drive hardly shows it.
+POSE_OFFSET_LATERAL = Effect(
+    name="pose_offset_lateral",
+    group=GROUP,
+    cause="The tracked point sits {pose_offset_lateral:.3f} m to the {pose_offset_lateral:left/right} of the centre of "
+    "rotation.",
+    equations={
+        "pose": """
+            x = x - pose_offset_lateral * sin(theta)
+            y = y + pose_offset_lateral * cos(theta)
+        """
+    },
+    parameters=(
+        ParameterDefinition(
+            "pose_offset_lateral", "m", "tracked point to the left of the turning centre", -5.0, 5.0, 0.0, 0.012
+        ),
+    ),
+    needs="turns both ways",
+    shows_in="the pose, along the motion in turns",
+    confused_with={"travel_reduction": "turns both ways"},
+)
+
 # After the tracked point, whose position depends on the true heading.
 POSE_HEADING_OFFSET = Effect(
     name="pose_heading_offset",
@@ -252,6 +274,7 @@ EFFECTS = (
     POSE_LATENCY,
     POSE_SMOOTHING,
     POSE_OFFSET,
+    POSE_OFFSET_LATERAL,
     POSE_HEADING_OFFSET,
     POSE_DISTORTION,
 )

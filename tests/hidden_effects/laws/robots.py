@@ -18,7 +18,8 @@ OF_STATE = frozenset(  # effects whose equations are formulas of the state
         *("battery_sag", "battery_drift", "coulomb_friction", "quadratic_drag", "motor_gain_asymmetry"),
         *("back_emf_asymmetry", "motor_coupling", "wheel_radius_scale", "wheel_radius_asymmetry", "turn_slip"),
         *("turn_asymmetry", "travel_reduction", "longitudinal_slip", "lateral_skid", "slope", "encoder_scale"),
-        *("encoder_asymmetry", "gyro_bias", "gyro_scale", "gyro_drift", "pose_offset", "pose_heading_offset"),
+        *("encoder_asymmetry", "gyro_bias", "gyro_scale", "gyro_drift", "pose_heading_offset"),
+        *("pose_offset", "pose_offset_lateral"),
         *("pose_distortion", "clock_skew", "motor_heating"),
     }
 )

@@ -11,10 +11,12 @@ import yaml
 
 from cmr.cli.errors import CommandError
 from cmr.msg import motor_feedback_t
+from cmr.parameters.file import load as load_parameters
 from robot_driver.bringup import Known, load
 from robot_driver.bringup.bench import CannotTell
 from robot_driver.bringup.motors import Observation, Side, decided
 from robot_driver.bringup.odometry import Path as Way
+from robot_driver.bringup.parameters import ParametersFound, write_parameters
 from robot_driver.bringup.poses import Pose, judged
 from robot_driver.bringup.poses_found import PosesFound
 from robot_driver.bringup.stopping import bound, was_driven
@@ -245,3 +247,17 @@ def test_settings_that_are_not_complete_are_not_driven_with(tmp_path: Path) -> N
     path.write_text(yaml.safe_dump({"driver": {"portt": 1}, "undecided": [], "found": {}}))
     with pytest.raises(CommandError, match="no setting 'portt'"):
         load(path)
+
+
+def test_a_tracked_point_ahead_and_beside_stands_in_the_parameters_until_it_is_corrected(tmp_path: Path) -> None:
+    path = tmp_path / "robot_0.yaml"
+
+    def written(poses: PosesFound) -> tuple[dict[str, float], tuple[str, ...]]:
+        write_parameters(path, 0, ParametersFound(0.04, 0.16, None, 1.0, poses))
+        file = load_parameters(path)
+        return {name: value.value for name, value in file.values.items()}, file.effects
+
+    robot = {"wheel_radius": 0.04, "base_width": 0.16}
+    beside = {**robot, "pose_offset": 0.05, "pose_offset_lateral": -0.01}
+    assert written(PosesFound(ahead=0.05, left=-0.01)) == (beside, ("pose_offset", "pose_offset_lateral"))
+    assert written(PosesFound()) == (robot, ())
