@@ -106,7 +106,7 @@ def test_names_that_explain_something_beside_the_law_are_needed(
     monkeypatch.setattr(
         rivals,
         "known_beside",
-        lambda model, *_all, among: SimpleNamespace(gains={name: gains[model] for name in among}),
+        lambda model, *_all, among: SimpleNamespace(gains=dict.fromkeys(among, gains[model])),
     )
     found: Any = SimpleNamespace(named=[named("gyro_bias")])
     assert still_needed(law, found) == (["gyro_bias"] if needed else [])
