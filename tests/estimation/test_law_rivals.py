@@ -83,16 +83,33 @@ def test_names_and_a_law_must_be_clearly_better_than_a_law(
     assert against_both(data(0.0), law, both) is expected
 
 
-def test_names_that_explain_something_beside_the_law_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    gains = {"gyro_bias": 2.0 * THRESHOLD, "slope": 0.1 * THRESHOLD}
+@pytest.mark.parametrize(
+    ("gain", "beside", "without", "needed"),
+    [
+        (100.0, 2.0 * THRESHOLD, 100.0 * THRESHOLD, True),
+        (100.0, 0.1 * THRESHOLD, 0.1 * THRESHOLD, False),
+        # Little beside what a strong law explains:
+        (1e4, 2.0 * THRESHOLD, 2.0 * THRESHOLD, True),  # it never had to do with the law,
+        (1e4, 2.0 * THRESHOLD, 40.0 * THRESHOLD, False),  # or it stood for the law, and is its remains.
+    ],
+)
+def test_names_that_explain_something_beside_the_law_are_needed(
+    gain: float, beside: float, without: float, needed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    law: Any = SimpleNamespace(
+        after=SimpleNamespace(model="with it", rest=None, noise=None, mask=None),
+        before=SimpleNamespace(model="without it"),
+        gain=gain,
+    )
+    gains = {"with it": beside, "without it": without}
+    monkeypatch.setattr(rivals, "rest_of", lambda *_all: None)
     monkeypatch.setattr(
         rivals,
         "known_beside",
-        lambda *_all, among: SimpleNamespace(gains={name: gains.get(name, 0.0) for name in among}),
+        lambda model, *_all, among: SimpleNamespace(gains=dict.fromkeys(among, gains[model])),
     )
-    found: Any = SimpleNamespace(named=[named("gyro_bias"), named("slope")])
-    law: Any = SimpleNamespace(after=SimpleNamespace(model=None, rest=None), gain=100.0)
-    assert still_needed(law, found) == ["gyro_bias"]
+    found: Any = SimpleNamespace(named=[named("gyro_bias")])
+    assert still_needed(law, found) == (["gyro_bias"] if needed else [])
 
 
 def test_only_the_names_that_are_not_needed_are_withdrawn() -> None:

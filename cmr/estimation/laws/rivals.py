@@ -16,6 +16,7 @@ from cmr.estimation.laws.known import known_beside
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.offers import Data, Offer, Refused
 from cmr.estimation.laws.polish import Polished
+from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import penalty
 from cmr.estimation.laws.searching import (
     ALONE,
@@ -37,6 +38,7 @@ from cmr.estimation.search.selection import Search, small_effects, with_small_ef
 # Shares of what effects explain that a law alone must explain in their place: to first order to be fitted at all, and
 # in its first fit, where it has been refined once, for the fits to go on.
 WORTH, WORTH_FITTED = 0.3, 0.5
+APART = 0.5  # share of what an effect explains without a law that it explains beside one with which it is not mixed up
 MANY = 3  # effects that a law makes up for: where one formula does it, that they are no less likely is no wonder
 
 
@@ -202,10 +204,16 @@ def leaves_nothing(alone: Offer) -> bool:
 
 
 def still_needed(alone: Offer, found: Search) -> list[str]:
-    """Return the named effects that explain something beside laws that do without them."""
+    """Return the named effects that explain something beside laws that do without them.
+
+    That is a share of what the laws explain, or most of what they explain without these: then it has nothing to do with
+    what the laws say, as a gyro's bias has nothing to do with a gear.
+    """
     names = [one.effect.name for one in fitted_of(found)]
     if not names:
         return []
-    gains = known_beside(alone.after.model, alone.after.rest, (), among=names).gains
-    least = max(THRESHOLD, OF_NAMES * alone.gain)
-    return [name for name in names if gains.get(name, 0.0) > least]
+    after, bare = alone.after, alone.before.model
+    gains = known_beside(after.model, after.rest, (), among=names).gains
+    without = known_beside(bare, rest_of(bare, after.noise, after.mask), (), among=names).gains
+    least = {name: max(THRESHOLD, min(OF_NAMES * alone.gain, APART * without.get(name, math.inf))) for name in names}
+    return [name for name in names if gains.get(name, 0.0) > least[name]]
