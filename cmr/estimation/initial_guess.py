@@ -15,6 +15,7 @@ WINDOW = 0.5  # s; window over which rotations are compared
 GOOD = 0.02  # relative standard deviation at which a base width is good enough to start with,
 # and above which it counts as unknown. Drives with turns are ten times better, straight ones two times worse.
 LARGEST_DOUBT = 0.05
+FAST = 0.3  # rad/s; a robot that turns faster at times may turn round between poses that are rare
 LATE = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s, of poses
 RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: response rates of motors of wheeled robots
 SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
@@ -53,7 +54,7 @@ def _width(
     """Return the base width that fits the gyro, or poses delayed by `late` [s]; None if the robot never turned."""
     turned = [_turns(predictor, late, by_gyro=by_gyro) for predictor in predictors]
     difference, turn, _ = (np.concatenate(column) for column in zip(*turned, strict=True))
-    moving = np.abs(difference) > 1e-3
+    moving = np.abs(turn) > FAST * WINDOW if by_gyro else np.abs(difference) > 1e-3
     difference, turn = difference[moving], turn[moving]
     products, squares = float(difference @ turn), float(difference @ difference)
     if products <= 0.0:

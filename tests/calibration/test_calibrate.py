@@ -62,7 +62,7 @@ def test_parameters_of_an_imperfect_robot_are_found_within_three_percent(
 
 def test_a_robot_that_never_turned_has_no_base_width() -> None:
     result = calibrate(recording_of(messages(DEFAULT, seconds=8.0, duties=straight)))
-    assert "turned" in result.unidentified["base_width"]
+    assert "The turns of this drive determine" in result.unidentified["base_width"]
     assert set(result.estimates) == {"k2_over_k3", "k1"}
     assert result.estimates["k1"].value == pytest.approx(TRUTH["k1"], rel=0.03)
     # The file keeps what was given, without a deviation that nobody estimated.

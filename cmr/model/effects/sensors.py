@@ -20,7 +20,7 @@ ENCODER_SCALE = Effect(
     needs="any motion, and commands or a pose from outside",
     shows_in="encoders against commands and pose",
     confused_with={"wheel_radius_scale": "none: the same mathematics, unless commands were recorded"},
-    rarity=40.0,  # encoder ticks are on a data sheet; unequal wheels are more common
+    rarity=20.0,  # encoder ticks are on a data sheet; unequal wheels are more common
 )
 
 ENCODER_ASYMMETRY = Effect(
@@ -48,7 +48,7 @@ ENCODER_ASYMMETRY = Effect(
         "compare their ticks",
     },
     # Encoder ticks are on a data sheet. Unequal motors together with unequal wheels look the same.
-    rarity=40.0,
+    rarity=20.0,
 )
 
 ENCODER_QUANTISATION = Effect(
