@@ -5,14 +5,17 @@ whose size is known beforehand only to be of the order of usual ones,
 
     mean = sum_j p_j v_j,    variance = sum_j p_j (s_j^2 + (v_j - mean)^2)
 
-(J. A. Hoeting et al., Statistical Science 14, 1999: Bayesian model averaging).
+(J. A. Hoeting et al., Statistical Science 14, 1999: Bayesian model averaging). That is quick enough for each decision.
+At the end, any number of further effects may be hidden, as in a calibration (cmr/estimation/averaging.py).
 """
 
 from collections.abc import Mapping
 
 import numpy as np
 
+from cmr.estimation.averaging import averaged as averaged_over_effects
 from cmr.estimation.estimates import Estimate
+from cmr.estimation.problem import Problem
 from cmr.investigation.choosing import Told
 from cmr.investigation.evidence import PARAMETERS, SIZES
 from cmr.investigation.judging import Judgement
@@ -34,6 +37,25 @@ def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
     return {
         name: Estimate(float(value), float(np.sqrt(of)))
         for name, value, of in zip(PARAMETERS, mean, variance, strict=True)
+    }
+
+
+def settled(judgement: Judgement, known: Told) -> dict[str, Estimate]:
+    """Return the estimates of PARAMETERS at the end of a drive, with deviations that any effects may hide behind.
+
+    Where an average over all effects is elsewhere than that over single ones, it may be either. Without poses it would
+    lack what is known beforehand: then the estimates are those of `averaged`.
+    """
+    quick = averaged(judgement, known)
+    beliefs, base = judgement.problem, judgement.base
+    if not any(len(one.segment.observations.pose) for one in beliefs.predictors):
+        return quick
+    problem = Problem(beliefs.predictors, beliefs.gains, beliefs.excitation)
+    fit = problem.fit(base.values, base.names, judgement.noise, renew=1)
+    average = averaged_over_effects(problem, fit, 1.0, judgement.named)
+    return {
+        name: Estimate(one.value, float(np.hypot(max(one.std, average.std(name)), average.values[name] - one.value)))
+        for name, one in quick.items()
     }
 
 

@@ -10,7 +10,7 @@ from random import Random
 import numpy as np
 
 from cmr.geometry.obstacles import Geofence
-from cmr.investigation.calibrating import averaged
+from cmr.investigation.calibrating import settled
 from cmr.investigation.driving import AtOnce, Deciding, Driving, Place
 from cmr.investigation.engine import Investigation
 from cmr.investigation.floor import Floor
@@ -206,8 +206,8 @@ class Outcome:
 
     `within` [m] is how far the robot always was inside the floor's border, and from what stands on it, `ended` [s] when
     it was over, `cpu` [s] what its decisions took, `remains` whether something remained that no effect explains.
-    `known` are the robot's own parameters, averaged over explanations: value, deviation, and what is true. `notes` are
-    the sentences that it said for people.
+    `known` are the robot's own parameters, averaged over what may be hidden: value, deviation, truth. `notes`
+    are the sentences that it said for people.
     """
 
     named: Mapping[str, float]
@@ -277,7 +277,7 @@ def _outcome(
 ) -> Outcome:
     """Return what came of a drive, in which names came first at these times."""
     decision = driving.decision
-    own = averaged(decision.judgement, decision.known) if decision else {}
+    own = settled(decision.judgement, decision.known) if decision else {}
     return Outcome(
         named={name: round(time, 2) for name, time in named.items() if name in driving.investigation.named},
         also=tuple(name for name in driving.investigation.found if name not in driving.investigation.named),

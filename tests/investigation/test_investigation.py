@@ -33,5 +33,6 @@ def test_a_calibration_goes_on_while_there_is_more_to_name() -> None:
     outcome = investigated(InvestigatedCase((), seed=4001, longest=15.0, messy=True, calibrate=True))
     assert set(outcome.named) <= set(outcome.sizes)
     for name, allowed in (("k1", 0.01), ("base_width", 0.01), ("k2_over_k3", 0.03)):
-        value, _, true = outcome.known[name]
+        value, std, true = outcome.known[name]
         assert value == pytest.approx(true, rel=allowed)
+        assert abs(value - true) < 3.0 * std
