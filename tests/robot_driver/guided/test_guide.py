@@ -132,8 +132,10 @@ def test_lines_of_a_pipe_answer_questions_but_end_no_motion() -> None:
 def test_ctrl_c_leaves_the_terminal_as_it_was() -> None:
     hand, source = pty.openpty()
     before = termios.tcgetattr(source)
+    # Where tests run in the background of a script, processes start with Ctrl-C ignored.
     program = (
-        "import time\nfrom robot_driver.guided import *\nwith Terminal() as front:\n"
+        "import signal, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from robot_driver.guided import *\nwith Terminal() as front:\n"
         "    Guide(front, time.sleep).ask('turned', 'Did it turn?', no_or_yes('a', 'b'))\n"
     )
     process = subprocess.Popen(
