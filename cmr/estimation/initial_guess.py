@@ -12,6 +12,7 @@ from cmr.recordings.signal import Floats, Mask
 
 STANDING = 0.1  # of the fastest wheels' speed: motors at rest carry little information
 WINDOW = 0.5  # s; window over which rotations are compared
+MISSING = 2.5  # usual intervals between readings; in a longer one, more than one is missing
 GOOD = 0.02  # relative standard deviation at which a base width is good enough to start with,
 # and above which it counts as unknown. Drives with turns are ten times better, straight ones two times worse.
 LARGEST_DOUBT = 0.05
@@ -68,7 +69,7 @@ def _turns(predictor: Predictor, late: float = 0.0, *, by_gyro: bool = False) ->
 
     The rotation is that of the poses, delayed by `late` [s], or of the gyro if asked for, or if there are no poses.
     Poses farther apart than a window, such as those at the ends of a run, delimit windows themselves. Windows in which
-    the path restarts, or the sensor is silent for as long as a window, are skipped: a robot may turn round in a gap.
+    the path restarts, or the sensor is silent for as long as that, are skipped: a robot may turn round in a gap.
     """
     observations = predictor.segment.observations
     borders = np.arange(0.0, observations.seconds, WINDOW)
@@ -94,10 +95,11 @@ def _turns(predictor: Predictor, late: float = 0.0, *, by_gyro: bool = False) ->
 
 
 def _without_gaps(times: Floats, borders: Floats) -> Mask:
-    """Return in which windows between `borders` (n,) readings at `times` (m,) are nowhere a window apart, (n - 1,)."""
+    """Return in which windows between `borders` (n,) readings at `times` (m,) are nowhere far apart, (n - 1,)."""
     if not len(times):
         return np.zeros(max(len(borders) - 1, 0), np.bool_)
-    far = np.diff(times) > WINDOW
+    intervals = np.diff(times)
+    far = intervals > max(WINDOW, MISSING * float(np.median(intervals)) if len(intervals) else 0.0)
     first, last = times[np.append(True, far)], times[np.append(far, True)]
     stretch = np.searchsorted(first, borders, side="right") - 1
     seen = (stretch >= 0) & (borders <= last[stretch])
@@ -105,8 +107,10 @@ def _without_gaps(times: Floats, borders: Floats) -> Mask:
 
 
 def turn_rates(predictor: Predictor) -> Floats:
-    """Return the absolute yaw rate [rad/s] in each window, (n,)."""
+    """Return the absolute yaw rate [rad/s] in each window, (n,): by poses, or else by the gyro."""
     _, turned, seconds = _turns(predictor)
+    if not len(turned):
+        _, turned, seconds = _turns(predictor, by_gyro=True)
     return np.asarray(np.abs(turned) / seconds, np.float64)
 
 

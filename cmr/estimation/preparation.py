@@ -248,7 +248,7 @@ def _excitation(ready: Sequence[Predictor], values: dict[str, float], errors: Se
         values,
         turning=float(np.sqrt(np.mean(fast**2))) if len(fast) else 1.0,
         extent=float(np.sqrt(np.mean(squares))),
-        fastest=float(np.quantile(seen, FASTEST)),
+        fastest=float(np.quantile(seen, FASTEST)) if len(seen) else 0.0,
         controlled=any(predictor.segment.observations.kind != DUTY for predictor in ready),
         interval=float(np.median(np.concatenate(intervals))) if any(map(len, intervals)) else USUAL_INTERVAL,
     )

@@ -45,8 +45,8 @@ def spinning(gaps: tuple[tuple[float, float], ...], pose_rate: float) -> Recordi
 
 @pytest.mark.parametrize(
     ("gaps", "pose_rate"),
-    [(NO_GAP, 10.0), (GAPS, 10.0), (NO_GAP, 0.8)],
-    ids=["poses", "poses with gaps", "poses that are rare"],
+    [(NO_GAP, 10.0), (GAPS, 10.0), (NO_GAP, 2.0), (NO_GAP, 0.8)],
+    ids=["poses", "poses with gaps", "two poses a second", "poses that are rare"],
 )
 def test_a_robot_that_turns_round_between_two_poses_has_a_base_width(
     gaps: tuple[tuple[float, float], ...], pose_rate: float
