@@ -16,7 +16,8 @@ MISSING = 2.5  # usual intervals between readings; in a longer one, more than on
 GOOD = 0.02  # relative standard deviation at which a base width is good enough to start with,
 # and above which it counts as unknown. Drives with turns are ten times better, straight ones two times worse.
 LARGEST_DOUBT = 0.05
-FAST = 0.3  # rad/s; a robot that turns faster at times may turn round between poses that are rare
+# A robot that turns faster [rad/s] in this many windows may turn round between poses that are rare.
+FAST, FEWEST_FAST = 0.3, 8
 LATE = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s, of poses
 RATES = np.geomspace(1.0, 60.0, 10)  # 1/s: response rates of motors of wheeled robots
 SPEEDS = np.array([0.8, 0.9, 1.0, 1.1, 1.25])  # shares of the first guess of K1
@@ -55,7 +56,9 @@ def _width(
     """Return the base width that fits the gyro, or poses delayed by `late` [s]; None if the robot never turned."""
     turned = [_turns(predictor, late, by_gyro=by_gyro) for predictor in predictors]
     difference, turn, _ = (np.concatenate(column) for column in zip(*turned, strict=True))
-    moving = np.abs(turn) > FAST * WINDOW if by_gyro else np.abs(difference) > 1e-3
+    if by_gyro and np.count_nonzero(np.abs(turn) > FAST * WINDOW) < FEWEST_FAST:
+        return None
+    moving = np.abs(difference) > 1e-3
     difference, turn = difference[moving], turn[moving]
     products, squares = float(difference @ turn), float(difference @ difference)
     if products <= 0.0:
@@ -68,8 +71,8 @@ def _turns(predictor: Predictor, late: float = 0.0, *, by_gyro: bool = False) ->
     """Return the difference of the wheel angles and the rotation of the robot in each window [rad], and its length [s].
 
     The rotation is that of the poses, delayed by `late` [s], or of the gyro if asked for, or if there are no poses.
-    Poses farther apart than a window, such as those at the ends of a run, delimit windows themselves. Windows in which
-    the path restarts, or the sensor is silent for as long as that, are skipped: a robot may turn round in a gap.
+    Poses that are usually farther apart than a window, such as those at the ends of a run, delimit windows themselves.
+    Of others, windows in which the path restarts, or readings are missing, are skipped: a robot may turn round there.
     """
     observations = predictor.segment.observations
     borders = np.arange(0.0, observations.seconds, WINDOW)

@@ -41,10 +41,10 @@ def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
 
 
 def settled(judgement: Judgement, known: Told) -> dict[str, Estimate]:
-    """Return the estimates of PARAMETERS at the end of a drive, with deviations that any effects may hide behind.
+    """Return the estimates of PARAMETERS at the end of a drive, with deviations that allow for any undetected effects.
 
-    Where an average over all effects is elsewhere than that over single ones, it may be either. Without poses it would
-    lack what is known beforehand: then the estimates are those of `averaged`.
+    Where an average over any number of effects differs from that over single ones, the deviation covers both. Without
+    poses it would lack what is known beforehand: then the estimates are those of `averaged`.
     """
     quick = averaged(judgement, known)
     beliefs, base = judgement.problem, judgement.base

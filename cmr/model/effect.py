@@ -43,9 +43,9 @@ class Effect:
     commanded speeds it may have another sentence, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
     `{parameter_acceleration}` the acceleration from rest in rad/s^2. An effect with `lateness_of` a sensor, "poses" or
     "gyro", has one parameter: the additional age of readings [s]. `rarity` is how much more it must reduce the sum of
-    squares to be preferred to another effect. An effect `by_chance` is visible in the spread of readings, not in their
-    mean. One `of_one_frame` depends on positions or headings in one world frame: it is not detectable if each piece of
-    a recording has its own frame.
+    squares to be preferred to another effect; to be named at all, twice that. An effect `by_chance` is visible in the
+    spread of readings, not in their mean. One `of_one_frame` depends on positions or headings in one world frame: it is
+    not detectable if each piece of a recording has its own frame.
     """
 
     name: str

@@ -69,6 +69,6 @@ def _effects(found: ParametersFound) -> dict[str, float]:
         effects["pose_latency"] = round(found.poses.lateness, 3)
     if found.poses.ahead:
         effects["pose_offset"] = round(found.poses.ahead, 4)
-    if found.poses.left:
-        effects["pose_offset_lateral"] = round(found.poses.left, 4)
+    if left := round(found.poses.left, 3):  # a fraction of a millimetre is the noise of the fit
+        effects["pose_offset_lateral"] = left
     return effects

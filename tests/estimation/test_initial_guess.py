@@ -1,9 +1,11 @@
 """The base width with which a fit begins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cmr.estimation.initial_guess import guess_base_width
+from cmr.estimation.initial_guess import LARGEST_DOUBT, guess_base_width
 from cmr.estimation.prediction import predictors
 from cmr.estimation.segments import segments_of
 from cmr.recordings.recording import Recording
@@ -57,3 +59,21 @@ def test_a_robot_that_turns_round_between_two_poses_has_a_base_width(
     # Headings are straight lines between two poses: at most (pi / 5 * 0.1 s)^2 / 8 of a swing, 0.05 %, is cut off.
     assert width.value == pytest.approx(WIDTH, rel=1e-3)
     assert width.doubt < 0.01
+
+
+def test_a_shove_on_a_straight_drive_tells_no_base_width() -> None:
+    """The wheels turn with a third of it: a single window would fit any base width exactly."""
+    drive = spinning(NO_GAP, 0.8)
+    wheels, gyro = drive.wheels, drive.gyro
+    straight = {name: np.zeros(len(wheels)) for name in ("psi_left", "psi_right", "ticks_left", "ticks_right")}
+    shoved = np.where((gyro.seconds > 20.0) & (gyro.seconds < 20.3), 1.0, 0.0)
+    straight["ticks_right"] = np.round(0.3 * WIDTH / RADIUS * np.cumsum(shoved) * 0.02 / 1e-4)
+    poses = Signal(drive.poses.utime, {name: np.zeros(len(drive.poses)) for name in ("x", "y", "theta")})
+    recording = replace(
+        drive,
+        wheels=Signal(wheels.utime, {**wheels.fields, **straight}),
+        gyro=Signal(gyro.utime, {"yaw_rate": shoved}),
+        poses=poses,
+    )
+    width = guess_base_width(predictors(segments_of(recording, (), 0)), RADIUS)
+    assert width is None or width.doubt > LARGEST_DOUBT

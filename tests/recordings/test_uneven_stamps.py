@@ -80,6 +80,15 @@ def test_what_was_stamped_together_with_the_wheels_was_taken_with_them() -> None
     assert [one.signal for one in even_stamps(strangers)] == ["wheels"]
 
 
+def test_poses_that_were_interpolated_at_uneven_stamps_stay() -> None:
+    read = read_at()
+    stamped = np.sort(read + late(len(read), 1))
+    wheels = recorded(read, stamped)
+    path = {"x": 0.05 * angle(stamped), "y": 0.03 * angle(stamped), "theta": np.zeros(len(read))}
+    found = even_stamps(replace(wheels, poses=Signal(wheels.wheels.utime, path)))
+    assert [one.signal for one in found] == ["wheels"]
+
+
 def test_stamps_that_are_true_stay() -> None:
     read = np.sort(read_at() + late(3000, 2))
     recording = recorded(read, read)

@@ -49,6 +49,7 @@ BUT_HOLDS = (
     "From moment to moment it holds there: what disturbs the robot may matter more in free runs than the formula."
 )
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
+DOUBTFUL = "Nothing else seems left, and on data left out of the fit the best formula is not beyond doubt."
 UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
 SURE = 3.0  # standard deviations from 0 required of at least one coefficient of each law
 LAST_THIRD = (
@@ -165,12 +166,13 @@ def _tied(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segme
     reason = f"{' and '.join(one.effect.name for one in effects_of(found))} together explain the errors as well."
     if fitted_of(found):
         rivals = (_rival(law.settled),)
-        return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(reason,), manoeuvre=MANOEUVRE))
+        return Proposal(Laws(answer=TIE, rivals=rivals, reasons=(reason,), manoeuvre=_manoeuvre(law.laws)))
     proposal = _in_the_model(alone, law, found, held_out, ())
     if not proposal.laws.found:
         return proposal
     answer = proposal.laws.answer if proposal.laws.answer == APPROXIMATION else TIE
-    laws = replace(proposal.laws, answer=answer, reasons=(*proposal.laws.reasons, reason), manoeuvre=MANOEUVRE)
+    reasons = (*proposal.laws.reasons, reason)
+    laws = replace(proposal.laws, answer=answer, reasons=reasons, manoeuvre=_manoeuvre(law.laws))
     return replace(proposal, laws=laws)
 
 
@@ -272,11 +274,11 @@ def _unseen(beside: Hypothesis) -> Offer | Refused:
     It must be decisive: to first order, or on data left out, as the noise may have absorbed most of it before.
     """
     first = beside.first
-    decisive = _decisive([first.scores[0].candidate]) if isinstance(first, Scanned) and first.scores else DECISIVE
-    offer = beside.offer(min(UNSEEN, decisive))
-    if isinstance(offer, Refused) or max(beside.best, offer.held_out) >= decisive:
+    likely = [first.scores[0].candidate] if isinstance(first, Scanned) and first.scores else []
+    offer = beside.offer(min(UNSEEN, _decisive(likely)) if likely else UNSEEN)
+    if isinstance(offer, Refused) or max(beside.best, offer.held_out) >= _decisive(offer.laws):
         return offer
-    return Refused(TOO_LITTLE, offer.before)
+    return Refused(DOUBTFUL, offer.before)
 
 
 def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
@@ -300,7 +302,12 @@ def _deciding(offer: Offer) -> str:
     """Return what to drive where this drive leaves a formula or its constants open; empty where it leaves neither."""
     if _answer(offer) != TIE and not offer.undetermined:
         return ""
-    return CROSSING if any("disc(" in text for law in offer.laws for text in law.formulas) else MANOEUVRE
+    return _manoeuvre(offer.laws)
+
+
+def _manoeuvre(laws: Sequence[Candidate]) -> str:
+    """Return what to drive to decide between laws."""
+    return CROSSING if any("disc(" in text for law in laws for text in law.formulas) else MANOEUVRE
 
 
 def _reasons(offer: Offer, data: Data) -> tuple[str, ...]:

@@ -36,9 +36,10 @@ from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect, SelectedE
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 
 # Shares of what effects explain that a law alone must explain in their place: to first order to be fitted at all, and
-# in its first fit, where it has been refined once, for the fits to go on.
+# after its first fit, for further fits to be tried.
 WORTH, WORTH_FITTED = 0.3, 0.5
 APART = 0.5  # share of what an effect explains without a law that it explains beside one with which it is not mixed up
+BY_CHANCE = 3.0  # times what does not distinguish models that held-out data may speak against a tie
 MANY = 3  # effects that a law makes up for: where one formula does it, that they are no less likely is no wonder
 
 
@@ -187,7 +188,8 @@ def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Ri
     if more > LEAST and held_out > (LEAST if effects < MANY else 0.0):
         return Rivalry.BETTER
     near = max(SET, SHARE_OF_SET * (alone.gain + alone.held_out))
-    return Rivalry.TIED if effects > 1 and more + held_out > -near else Rivalry.WORSE
+    bearable = BY_CHANCE * max(SET, SHARE_OF_SET * alone.held_out)
+    return Rivalry.TIED if effects > 1 and more + held_out > -near and held_out > -bearable else Rivalry.WORSE
 
 
 def against_both(data: Data, alone: Offer, both: Offer) -> Rivalry:

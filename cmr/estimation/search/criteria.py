@@ -141,7 +141,7 @@ def _objections(
 ) -> Iterator[tuple[str, Measure]]:
     """Yield objections to naming an effect, each with the measure that decides."""
     values, drop, inflated = candidate.values, candidate.drop, inflation.of(candidate.effect.name)
-    # Beside others, a rare effect may only be what is not quite right about their shapes: its rarity counts twice.
+    # A rare effect may only be what is not quite right about others: its rarity counts twice.
     least = needed(candidate.effect) + rarity(candidate.effect.name)
     if drop < least * inflated:
         yield MAY_BE_CHANCE, likelihood_ratio(drop, least * inflated)

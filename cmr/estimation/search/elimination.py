@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import SEEM_LATE, SLIP, seen_later
+from cmr.estimation.candidates import SEEM_LATE, SLIP, rarity, seen_later
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
@@ -143,7 +143,8 @@ def _is_clear(problem: Problem, one: SelectedEffect, fit: Fit, drop: float, infl
 
 def _least(one: SelectedEffect, inflation: Inflation) -> float:
     """Return the drop of the sum of squares below which an effect is redundant."""
-    return needed(one.candidate.effect) * inflation.of(one.candidate.effect.name)
+    effect = one.candidate.effect
+    return (needed(effect) + rarity(effect.name)) * inflation.of(effect.name)
 
 
 def _left_out(problem: Problem, one: SelectedEffect, final: Fit) -> tuple[dict[str, float], tuple[str, ...]]:

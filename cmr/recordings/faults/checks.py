@@ -146,7 +146,7 @@ def _stamps_finding(even: Sequence[EvenStamps]) -> Finding:
     together: dict[float, list[str]] = {}
     for one in even:
         together.setdefault(one.jitter, []).append(one.signal)
-    uneven = " and ".join(f"the {', '.join(names)} by {1000 * jitter:.1f} ms" for jitter, names in together.items())
+    uneven = ", ".join(f"the {' and the '.join(names)} by {1000 * jitter:.1f} ms" for jitter, names in together.items())
     return Finding(
         "uneven_stamps",
         len(even),

@@ -5,7 +5,7 @@ variable delay of a few milliseconds. Speeds from such stamps are noisy, and noi
 (regression dilution; W. A. Fuller, Measurement Error Models, 1987, section 1.1): a gyro seems to read too little in
 turns, wheels seem to be too small. The motion shows which stamps are true: a wheel that was read later has turned
 further. If it has not, the reading's time is interpolated from its neighbours. What was stamped together with the
-wheels, such as the columns of one row of a table, was taken together with them.
+wheels, such as the columns of one row of a table, is assumed to be taken together with them.
 """
 
 from collections.abc import Sequence
@@ -59,18 +59,33 @@ def even_stamps(recording: Recording) -> list[EvenStamps]:
     taken: those may be uneven, and are true.
     """
     wheels, poses = recording.wheels, recording.poses
-    of_poses = _even(recording, POSES, (poses["x"], poses["y"]))
+    path = (poses["x"], poses["y"])
+    of_poses = _even(recording, POSES, path)
     found = [of_poses]
     if not recording.driven_on_the_bus:
         of_wheels = _even(recording, WHEELS, wheel_angles(wheels) if len(wheels) >= FEWEST else ())
-        others = OTHERS if of_poses is None else OTHERS[:-1]
+        others = OTHERS[:-1] if of_poses or _moves_as_stamped(recording, POSES, path) else OTHERS
         together = [_together(recording, name, of_wheels) for name in others] if of_wheels else []
         found = [of_wheels, *together, of_poses]
     return [one for one in found if one is not None]
 
 
+def _moves_as_stamped(recording: Recording, name: str, ways: Sequence[Floats]) -> bool:
+    """Return whether the motion shows that uneven stamps of a signal are true, such as those of interpolated poses."""
+    signal = recording.signals[name]
+    if len(signal) < FEWEST:
+        return False
+    piece = recording.pieces.number(signal.utime)
+    uneven = _unevenness(signal, piece, float(np.median(np.diff(signal.utime))) * SECONDS)
+    share, std = _share_in_motion(signal, uneven, ways)
+    return share - SURELY * std > HALF
+
+
 def _together(recording: Recording, name: str, wheels: EvenStamps) -> EvenStamps | None:
-    """Return the corrected times of a signal that has the stamps of the wheels; None if it has others."""
+    """Return the corrected times of a signal that has the stamps of the wheels; None if it has others.
+
+    It is taken to have been sampled together with them.
+    """
     stamps, before = recording.signals[name].utime, recording.wheels.utime
     number = np.minimum(np.searchsorted(before, stamps), len(before) - 1)
     same = before[number] == stamps
