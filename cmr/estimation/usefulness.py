@@ -17,10 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cmr.estimation.averaging import Posterior, averaged, averaged_about
-from cmr.estimation.candidates import can_be_small, lanes_of
+from cmr.estimation.candidates import can_be_small
 from cmr.estimation.gain import Gain, Measured, left_out_gains, measure
 from cmr.estimation.gauss_newton import Fit
-from cmr.estimation.problem import LARGE
 from cmr.estimation.search.criteria import TOO_SMALL, SelectedEffect, left_out_errors
 from cmr.estimation.search.elimination import without
 from cmr.estimation.search.selection import Search
@@ -32,7 +31,6 @@ from cmr.model.catalogue import CATALOGUE
 # Limits of the gain: significantly below the first, on left-out parts or held-out recordings, or, for any signal, below
 # the last, unless significant.
 WORSE, WORSE_HELD_OUT, MUCH_WORSE = 0.95, 1.0, 0.8
-ASTRAY = 60.0  # sum of squares by which an average may explain less than the fit; averages of robots lose up to 24
 OF_USE = 1.01  # least growth of some error without an effect
 TAKEN_BACK = "Free runs on data left out of the fit are less accurate with it."
 IN_WORDS = {
@@ -92,18 +90,10 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
     undisputed = [one.candidate.effect.name for one in found.named if not one.rivals]
     average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names, undisputed)
     of_average = measure(found.problem, found.base, average, chance_of(found), segments, held_out)
-    astray = judge.strays(of_average.gain, whole) and not judge.strays(measured.gain, whole)
-    if astray or _explains_less(average, whole.final, found):
+    if judge.strays(of_average.gain, whole) and not judge.strays(measured.gain, whole):
         about = averaged_about(found.problem, whole.final, found.inflation, names)
         return Whole(whole, None, _with_those_of(about, whole.final, found.doubts)), measured
     return Whole(whole, average, doubts), of_average
-
-
-def _explains_less(average: Posterior, fit: Fit, found: Search) -> bool:
-    """Return whether an average explains the data so much less than the fit that its linear problem does not hold."""
-    white = np.clip(found.problem.white(lanes_of([dict(average.values), dict(fit.values)]), fit.noise), -LARGE, LARGE)
-    of_average, of_fit = np.sum(white**2, axis=0)
-    return bool(of_average - of_fit > ASTRAY * found.inflation)
 
 
 def _with_those_of(average: Posterior, fit: Fit, doubts: Mapping[str, float]) -> dict[str, float]:

@@ -39,7 +39,7 @@ from cmr.estimation.search.selection import Search, small_effects, with_small_ef
 # after its first fit, for further fits to be tried.
 WORTH, WORTH_FITTED = 0.3, 0.5
 APART = 0.5  # share of what an effect explains without a law that it explains beside one with which it is not mixed up
-BY_CHANCE = 3.0  # times what does not distinguish models that held-out data may speak against a tie
+BY_CHANCE = 3.0  # times the margin of a tie: by how much worse a tied law may be on held-out data
 MANY = 3  # effects that a law makes up for: where one formula does it, that they are no less likely is no wonder
 
 
@@ -177,8 +177,8 @@ def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Ri
     """Compare a law alone with `effects` effects, on the fitted data and on held-out data.
 
     Both are penalised for their parameters and for selection among many. They are tied where all data together leave
-    them near each other, as one part alone may speak for either by chance. A single effect is never tied: it names what
-    the law says and is the simpler answer.
+    them near each other, as one part of the data may prefer either by chance. A single effect is never tied: it names
+    what the law says and is the simpler answer.
     """
     samples = int(np.count_nonzero(data.fitted))
     spared = (len(names.model.names) - len(alone.after.model.names)) * math.log(samples)

@@ -138,7 +138,7 @@ def _fits(first: Scanned, worth: float) -> list[Polished] | Refused:
         return Refused("No formula could be fitted together with the model's parameters.")
     best = min(fits, key=lambda fit: _cost(fit, data))
     if first.before.quality() - best.quality() < worth:
-        return Refused("What formulas explain here is too little.")
+        return Refused("The best formula explains less than half of what the effects explain.")
     again = rest_of(model, best.noise, data.fitted)
     met = {law.key for fit in fits for law in fit.laws}
     rescored = scan(model, again, [one.candidate for one in first.scores[:RESCORED]])
