@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from cmr.model.effects.sensors import tracked_point
 from cmr.parameters.file import ParameterFile, ParameterFileError, Value, load
 from robot_driver.bringup.bench import CannotTell
 from robot_driver.bringup.poses_found import PosesFound
@@ -49,7 +50,7 @@ def write_parameters(path: Path, robot: int, found: ParametersFound) -> str:
     return ", ".join([*changes, *(f"{name} removed" for name in gone)]) or "unchanged"
 
 
-EFFECTS = ("gyro_scale", "pose_latency", "pose_offset", "pose_offset_lateral")
+EFFECTS = ("gyro_scale", "pose_latency", *tracked_point(0.0, 0.0))
 
 
 def _values(found: ParametersFound) -> dict[str, Value]:
@@ -67,8 +68,6 @@ def _effects(found: ParametersFound) -> dict[str, float]:
         effects["gyro_scale"] = found.gyro_scale - 1.0
     if found.poses.lateness > 0.0:  # stamps later than the pose are not modelled by an effect
         effects["pose_latency"] = round(found.poses.lateness, 3)
-    if found.poses.ahead:
-        effects["pose_offset"] = round(found.poses.ahead, 4)
-    if left := round(found.poses.left, 3):  # a fraction of a millimetre is the noise of the fit
-        effects["pose_offset_lateral"] = left
-    return effects
+    # A fraction of a millimetre to the left is the noise of the fit.
+    offsets = tracked_point(round(found.poses.ahead, 4), round(found.poses.left, 3))
+    return effects | {name: offset for name, offset in offsets.items() if offset}

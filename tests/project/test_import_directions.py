@@ -93,7 +93,8 @@ KNOWN: dict[str, set[str]] = {
         *("robot_driver.controllers", "robot_driver.gate", "robot_driver.gyros"),
     },
     "robot_driver.bringup": {
-        *(*BUS, "cmr.parameters", "cmr.files", "robot_driver", "robot_driver.controllers", "robot_driver.guided"),
+        *(*BUS, "cmr.parameters", "cmr.model", "cmr.files"),
+        *("robot_driver", "robot_driver.controllers", "robot_driver.guided"),
     },
     "robot_driver.emulator": {
         *(*BUS, "cmr.documents", "cmr.priority", "cmr.model", "cmr.plant", "robot_driver", "robot_driver.terminals"),

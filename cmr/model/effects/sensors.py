@@ -225,6 +225,15 @@ POSE_OFFSET_LATERAL = Effect(
     confused_with={"travel_reduction": "turns both ways"},
 )
 
+
+def tracked_point(ahead: float, left: float) -> dict[str, float]:
+    """Return the effects of a tracked point `ahead` and `left` (m) of the turning centre, each with its parameter.
+
+    Both parameters have the names of their effects.
+    """
+    return {POSE_OFFSET.name: ahead, POSE_OFFSET_LATERAL.name: left}
+
+
 # After the tracked point, whose position depends on the true heading.
 POSE_HEADING_OFFSET = Effect(
     name="pose_heading_offset",
