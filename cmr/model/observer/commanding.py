@@ -29,9 +29,10 @@ from cmr.model.observer.helpers import (
 
 Indices = NDArray[np.int64]
 
-# Duty; a step is split for larger changes, and uses the mean command for smaller ones. For a change D at the share s of
-# a step dt, the mean causes an error of a wheel's angle of k2_over_k3 D dt^2 s (1 - s) / 2: 3e-5 rad.
-SMALL = 0.02
+# s^2; a change of duty by D within a step dt is averaged if D dt^2 is smaller, and otherwise splits the step. For a
+# change at the share s of the step, the mean causes an error of a wheel's angle of k2_over_k3 D dt^2 s (1 - s) / 2:
+# 3e-5 rad.
+SMALL = 2e-6
 SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, followed by right
 
 
@@ -41,25 +42,30 @@ def known(duty: float, held: float) -> float:
     return held if np.isnan(duty) else duty
 
 
-@inlined
-def command(here: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> tuple[bool, bool]:
-    """Set the commands of each lane for a whole step; return whether it must be split, and whether one arrives
-    inside.
+def split_steps(profiles: Floats, dt: float) -> NDArray[np.uint8]:
+    """Return for each step (steps,) of dt [s] whether it is split, from the `profiles` of commands (P, steps, 5).
+
+    It is split for all candidates if any of them needs it: otherwise small differences between candidates, from which
+    slopes are computed, would show which of them were split.
     """
-    splits, comes = False, False
+    change = np.abs(profiles[:, :, LAST : LAST + 2] - profiles[:, :, FIRST : FIRST + 2])
+    small = np.all(change * dt**2 <= SMALL, axis=2)  # false for unknown duties, as before the first command
+    return np.any((profiles[:, :, SPLIT] > 0.0) & ~small, axis=0).astype(np.uint8)
+
+
+@inlined
+def command(here: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> bool:
+    """Set the commands of each lane for a whole step, means if they change in it; return whether any does."""
+    comes = False
     for i in range(lanes):
         duties = commands[profile[i], step]
         share = duties[SPLIT]
-        change_left, change_right = duties[LAST] - duties[FIRST], duties[LAST + 1] - duties[FIRST + 1]
-        # Both are false for unknown duties, as before the first command.
-        small = abs(change_left) <= SMALL and abs(change_right) <= SMALL
-        splits |= share > 0.0 and not small
         comes |= share > 0.0
-        left = duties[LAST] - share * change_left if share > 0.0 and small else duties[LAST]
-        right = duties[LAST + 1] - share * change_right if share > 0.0 and small else duties[LAST + 1]
+        left = duties[LAST] - share * (duties[LAST] - duties[FIRST]) if share > 0.0 else duties[LAST]
+        right = duties[LAST + 1] - share * (duties[LAST + 1] - duties[FIRST + 1]) if share > 0.0 else duties[LAST + 1]
         here[COMMAND_LEFT + i] = known(left, here[LEFT_BEFORE + i])
         here[COMMAND_RIGHT + i] = known(right, here[RIGHT_BEFORE + i])
-    return splits, comes
+    return comes
 
 
 @inlined

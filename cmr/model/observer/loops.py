@@ -51,22 +51,23 @@ POSE_MOTION = (
 )
 LOOPS = '''
 @compiled(
-    EQUATIONS, LAYOUT, "i8[::1]", "i8", "f8[::1]", ROBOTS, "i8", "i8", "f8[:, :, ::1]", "i8[::1]", "f8", "i8", "i8",
-    "i8[::1]", "f8[:, ::1]", "f8[:, ::1]", "f8[::1]", "u1[::1]", *["i8[::1]"] * 5,
+    EQUATIONS, LAYOUT, "i8[::1]", "i8", "f8[::1]", ROBOTS, "i8", "i8", "f8[:, :, ::1]", "u1[::1]", "i8[::1]",
+    "f8", "i8", "i8", "i8[::1]", "f8[:, ::1]", "f8[:, ::1]", "f8[::1]", "u1[::1]", *["i8[::1]"] * 5,
     "f8[:, ::1]", "f8[::1]", "f8[:, ::1]", "u1[:, ::1]", "f8[::1]", "f8[::1]", "f8[::1]", "f8[:, ::1]", "u1[::1]",
     "f8[:, :, ::1]", "f8[:, ::1]", "f8[:, :, ::1]", "f8[:, ::1]",
 )
 def observe(
-    equations, layout, lasting, history, at_rest, robots, first_block, count, commands, profile, dt, ring, seed,
-    luck, numbers, starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
+    equations, layout, lasting, history, at_rest, robots, first_block, count, commands, splitting, profile, dt,
+    ring, seed, luck, numbers, starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
     given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
     wheel_error, gyro_error, pose_error, motion,
 ):
     """Observe K drives, one after another; see `cmr.model.observer.observer.observe`, which prepares the arguments.
 
     Observed are the robots below number `count` from `first_block` on, by effects whose `equations` are compiled
-    elsewhere. `at_rest` are the blocks with all rows, from which each drive starts; rows of memory at `lasting` outlast
-    the gap before a drive that continues another. The observer looks back `history` steps, a power of two.
+    elsewhere. Steps are split where `splitting` (steps,) says so. `at_rest` are the blocks with all rows, from which
+    each drive starts; rows of memory at `lasting` outlast the gap before a drive that continues another. The observer
+    looks back `history` steps, a power of two.
     """
     rows, work, varying = robots.rows, robots.work, robots.varying
     remembered, size, mask = layout.memory, layout.size, history - 1
@@ -118,7 +119,7 @@ def observe(
                 if border > 0:
                     passing = first_step + border - 1
                     begin_step(own, here, filled)
-                    splits, comes = command(here, commands, profiles, passing, filled)
+                    comes = command(here, commands, profiles, passing, filled)
                     if len(speeds) > 0:
                         for i in range(filled):
                             here[PSI_LEFT + i] = speeds[border - 1, 0] * own[SCALE_LEFT + i]
@@ -130,8 +131,8 @@ def observe(
                             duty[side] = last + duties[SPLIT] * (first - last)
                         late, step = equations.packet, border - 1
                         send(late, here, stride, duty, index, seed, step, packets, ring, step, dt)
-                        splits, comes = False, False
-                    if splits:
+                        comes = False
+                    if splitting[passing] > 0 and ring == 0:
                         same = command_first_part(here, shares, commands, profiles, passing, filled)
                         if not same:
                             prepare_parts(here, shares, dt, parts, before, behind)
@@ -150,7 +151,7 @@ def observe(
                         then = speeds[min(border, len(speeds) - 1)]
                         end_given_step(own, speeds[border - 1], then, growing, curving)
                     keep_step(newest, own, here, turning, growing, curving, filled)
-                    if comes and not splits:
+                    if comes and splitting[passing] == 0:
                         bend(newest, own, curving, commands, profiles, passing, filled, dt)
                 else:
                     begin_step(own, here, filled)

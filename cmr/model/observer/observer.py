@@ -30,6 +30,7 @@ from cmr.model.extended.model import START, Candidates, aligned, composed_module
 from cmr.model.extended.statements import OF_MOTION, SIDES, Statements, memories, read_by
 from cmr.model.extended.step_statements import CHANGED
 from cmr.model.observer import loops
+from cmr.model.observer.commanding import split_steps
 from cmr.model.observer.drives import Drives
 from cmr.model.observer.helpers import SENSORS
 from cmr.model.parameters import DEFINITIONS as PAPER
@@ -174,7 +175,7 @@ class Observer:
             delays = np.zeros(1)
         delays, which = np.unique(np.broadcast_to(delays, count), return_inverse=True)
         profiles = np.stack([drives.profile(float(delay)) for delay in delays])
-        profile = np.ascontiguousarray(which.ravel()[self._lanes])
+        splitting, profile = split_steps(profiles, drives.dt), np.ascontiguousarray(which.ravel()[self._lanes])
         result = _to_fill(drives, count)
         ends, compiled, model = drives.ends, _module(self._laws).observe, self._model
         at_rest, robots = candidates.rows.copy(), blocks.arguments
@@ -184,7 +185,7 @@ class Observer:
             compiled(
                 model.equations, model.layout, lasting, _history(drives.dt),
                 at_rest, robots._replace(work=_aligned_copy(robots.work)), first, min(last * LANES, count),
-                profiles, profile, drives.dt, ring, seed, chosen, self._numbers,
+                profiles, splitting, profile, drives.dt, ring, seed, chosen, self._numbers,
                 drives.start, drives.began, drives.continued, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
                 drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
                 drives.gyro_time, drives.gyro, drives.pose_time, drives.pose, drives.pose_use, *result,
