@@ -276,28 +276,12 @@ def _linear(problem: Problem, start: Mapping[str, float], names: Sequence[str], 
     moves = moves_of(start, names, problem.excitation)
     # Quantiles of rows take half the time of quantiles of columns.
     change = np.quantile(np.abs(slopes.T * moves[:, None]), MOST, axis=1)
-    stride = np.where(change > CHANGING, np.maximum(CHANGING / np.maximum(change, CHANGING), SHORTEST), 1.0)
-    if len(far := np.flatnonzero(change > CHANGING)):
-        slopes[:, far] = problem.linear(start, [names[index] for index in far], noise, stride[far])[1]
-    if len(late := _two_sided(start, names, np.abs(moves) * stride)):
-        slopes[:, late] += problem.linear(start, [names[index] for index in late], noise, -stride[late])[1]
-        slopes[:, late] *= 0.5
+    far = np.flatnonzero(change > CHANGING)
+    if len(far):
+        stride = np.maximum(CHANGING / change[far], SHORTEST)
+        slopes[:, far] = problem.linear(start, [names[int(index)] for index in far], noise, stride)[1]
     # Where the model is invalid, the slope is unknown.
     return rest, np.where(np.all(np.isfinite(slopes), axis=0), slopes, 0.0)
-
-
-def _two_sided(start: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[int]:
-    """Return the columns of times that may be moved both ways by `moves` (p,).
-
-    Where speeds have a kink, such as at a command, errors bend at the true latency: one-sided slopes are biased there.
-    """
-    known = [definition(name) for name in names]
-    timed = [one.unit == "s" and one.switches for one in known]
-    room = [
-        one.lower <= start[one.name] - move and start[one.name] + move <= one.upper
-        for one, move in zip(known, moves.tolist(), strict=True)
-    ]
-    return [index for index, both in enumerate(zip(timed, room, strict=True)) if all(both)]
 
 
 def _bounded(name: str, value: float) -> float:

@@ -119,17 +119,37 @@ def linear(
 ) -> Asking[Linear]:
     """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
 
-    Slopes are finite differences over `stride` times the usual step, a number or one per parameter (p,).
+    Slopes are finite differences over `stride` times the usual step, a number or one per parameter (p,). Those by times
+    are central ones: where speeds have a kink, as at a command, errors bend at the true latency.
     """
     moves = moves_of(values, names, excitation, stride)
-    white = yield [values, *one_by_one(values, names, moves)]
-    lost = ~np.isfinite(white[:, 1:]).all(axis=0)
+    both = two_sided(values, names, moves)
+    back = one_by_one(values, [names[index] for index in both], -moves[both])
+    white = yield [values, *one_by_one(values, names, moves), *back]
+    ahead, behind = white[:, 1 : 1 + len(names)], white[:, 1 + len(names) :]
+    lost = ~np.isfinite(ahead).all(axis=0)
     if lost.any():  # the model is invalid there; it may be valid on the other side
         moves = np.where(lost, -moves, moves)
         white = yield [values, *one_by_one(values, names, moves)]
         white[:, 1:] = np.where(np.isfinite(white[:, 1:]), white[:, 1:], white[:, :1])
+        ahead, both = white[:, 1:], []
     with np.errstate(invalid="ignore"):  # where the model is invalid, the step that led here is rejected
-        return white[:, 0].copy(), (white[:, 1:] - white[:, :1]) / moves
+        change = ahead - white[:, :1]
+        change[:, both] = 0.5 * (ahead[:, both] - behind)
+        return white[:, 0].copy(), change / moves
+
+
+def two_sided(values: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[int]:
+    """Return the numbers of the parameters that are times, and may be moved both ways by `moves` (p,)."""
+    known = [definition(name) for name in names]
+    return [
+        index
+        for index, (one, move) in enumerate(zip(known, np.abs(moves).tolist(), strict=True))
+        if one.unit == "s"
+        and one.switches
+        and one.lower <= values[one.name] - move
+        and values[one.name] + move <= one.upper
+    ]
 
 
 def sums_of_squares(white: Floats) -> Floats:

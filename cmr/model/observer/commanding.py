@@ -50,7 +50,8 @@ def split_steps(profiles: Floats, dt: float) -> NDArray[np.uint8]:
     """
     change = np.abs(profiles[:, :, LAST : LAST + 2] - profiles[:, :, FIRST : FIRST + 2])
     small = np.all(change * dt**2 <= SMALL, axis=2)  # false for unknown duties, as before the first command
-    return np.any((profiles[:, :, SPLIT] > 0.0) & ~small, axis=0).astype(np.uint8)
+    splits = np.any((profiles[:, :, SPLIT] > 0.0) & ~small, axis=0)
+    return np.asarray(splits, np.uint8)
 
 
 @inlined
