@@ -80,6 +80,31 @@ def test_a_model_that_holds_on_one_side_only_is_fitted_from_there() -> None:
 
 
 @pytest.mark.slow
+def test_a_latency_is_found_where_errors_bend() -> None:
+    """Kinks at 7.1 ms, of one sign: their sum of squares is least there, where the slope on either side is not 0."""
+    true = 0.0071
+    kinks = np.linspace(1.0, 3.0, COUNT)
+
+    def errors(values: Mapping[str, float]) -> Floats:
+        return np.asarray(1.0 + kinks * abs(values["gyro_latency"] - true))
+
+    fit = answered(fitted({"gyro_latency": true}, ("gyro_latency",), Noise({}), SCENE), errors)
+    assert fit.values["gyro_latency"] == true
+    assert fit.slopes == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_time_at_its_bound_is_moved_to_the_one_side_that_there_is() -> None:
+    asked: list[float] = []
+
+    def errors(values: Mapping[str, float]) -> Floats:
+        asked.append(values["command_delay"])
+        return np.full(COUNT, 1.0 + values["command_delay"])
+
+    fit = answered(fitted({"command_delay": 0.0}, ("command_delay",), Noise({}), SCENE), errors)
+    assert min(asked) == 0.0 < max(asked)
+    assert fit.slopes == pytest.approx(1.0)
+
+
 def test_fits_side_by_side_are_those_in_turn() -> None:
     """What others ask for beside it changes nothing of a fit."""
     hidden = hidden_recording("gyro_bias", manoeuvre="figure_eight", seed=5)
