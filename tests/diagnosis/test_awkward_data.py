@@ -272,3 +272,15 @@ def test_a_piece_between_gaps_without_gyro_and_poses_is_passed_over() -> None:
     found = diagnose(gap)
     assert found.verdict == "no_effect"
     assert np.isfinite(found.parameters["base_width"])
+
+
+def test_one_command_that_comes_late_is_no_law_of_a_place() -> None:
+    """The largest change of the commands takes effect 60 ms late, as the wheels see it: one moment in two minutes."""
+    sound = hidden_recording("coulomb_friction", seed=1).recording
+    commands = sound.commands
+    change = 1 + int(np.argmax(np.abs(np.diff(commands["left"]))))
+    utime = np.asarray(commands.utime)
+    kept = (utime < utime[change]) | (utime >= utime[change] + 60_000)
+    found = diagnose(sound.where({"commands": kept}))
+    assert [one.name for one in found.effects] == ["coulomb_friction"]
+    assert not found.laws.found, found.sentence

@@ -26,11 +26,12 @@ from cmr.estimation.laws.rest import Rest, rest_of
 from cmr.estimation.laws.scan import Score, penalty, scan
 from cmr.estimation.laws.variables import Speeds
 from cmr.estimation.noise import Noise
+from cmr.estimation.search.criteria import most_at_once
 from cmr.model.laws.places import PLACES
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
 PROMISING = -5.0  # first-order score from which a law is fitted: noise estimated without it hides part of its gain
-HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there
+HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there, and beside its best moment
 OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
 ALONE = 0.1  # share by which names and a law must be better than a law alone
 ANOTHER = 0.0  # score from which a second law is fitted: noise that was found without it hides a part of it
@@ -252,6 +253,8 @@ def _judged(
     further = Further.beside(after.model, after.rest)
     at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
+    if score >= least and _is_of_one_moment(after, least):
+        return Refused("What the best formula explains happened in one moment.", before)
     held_out = data.held_out(before, after)
     seen = after if score >= least and gain >= OF_NAMES * named and is_seen(before, after, data) else None
     if score < least or gain < OF_NAMES * named:
@@ -267,6 +270,17 @@ def _judged(
     settled = _steadily(after, data)
     loose = undetermined(settled, SET)
     return Offer(before, after, settled, gain, score, held_out, left, further, alike, tied, misfit, loose)
+
+
+def _is_of_one_moment(fit: Polished, least: float) -> bool:
+    """Return whether the score of a fit's last law is below `least`, or hardly anything, without its best moment.
+
+    The noise is that which the law leaves: a single event raises the noise without it everywhere.
+    """
+    number = len(fit.laws) - 1
+    gained = fit.rest_without(number).white ** 2 - fit.rest.white**2
+    total, elsewhere = float(np.sum(gained)), float(np.sum(gained)) - most_at_once(fit.model.problem, gained)
+    return elsewhere - penalty(fit.laws[number], int(np.count_nonzero(fit.mask))) < max(least, HOLDS * total)
 
 
 def is_seen(before: Polished, after: Polished, data: Data) -> bool:

@@ -180,14 +180,18 @@ def _at_once(problem: Problem, before: Fit, candidate: CandidateEffect) -> float
     """Return the most that an effect explains within AT_ONCE; 0 where no fit shows when it does."""
     if candidate.fit is None or not problem.one_step:
         return 0.0
+    return most_at_once(problem, before.rest**2 - candidate.fit.rest**2)
+
+
+def most_at_once(problem: Problem, gained: Floats) -> float:
+    """Return the largest sum within AT_ONCE of what is `gained` at each white error, (n,); prior terms come after."""
     when = np.concatenate([t + p.segment.observations.time for p in problem.predictors for t in p.times.values()])
     of = np.concatenate([np.full(len(t), p.segment.recording) for p in problem.predictors for t in p.times.values()])
-    gained = before.rest[: len(when)] ** 2 - candidate.fit.rest[: len(when)] ** 2
     most = 0.0
     for phase in (0.0, 0.5):
         number = np.floor(when / AT_ONCE + phase).astype(np.int64)
         _, moments = np.unique(np.stack([of, number]), axis=1, return_inverse=True)
-        most = max(most, float(np.bincount(moments.ravel(), gained).max()))
+        most = max(most, float(np.bincount(moments.ravel(), gained[: len(when)]).max()))
     return most
 
 

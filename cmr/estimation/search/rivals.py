@@ -1,5 +1,6 @@
 """Find the rivals of an effect: others that explain the data as well in its place."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -9,7 +10,15 @@ from cmr.estimation.candidates import AS_THE_RADIUS
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect, held_out_gain, why_not
-from cmr.estimation.search.exchange import BETTER, IN_DATA_SHEETS, possible
+from cmr.estimation.search.exchange import (
+    BETTER,
+    IN_DATA_SHEETS,
+    Exchange,
+    candidates_of,
+    penalty_of,
+    possible,
+    too_rare,
+)
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.screening import Score, Screening, start_of
 from cmr.model.catalogue import CATALOGUE
@@ -28,11 +37,12 @@ AS_WELL = "It explains the data as well as {}: the difference is below the thres
 
 
 class Rival(NamedTuple):
-    """A rival: its name, how much less it explains than the named effect, and the limit for that."""
+    """A rival: its name, how much less it explains than the named effect, the limit for that, and its own fit."""
 
     name: str
     less: float
     limit: float
+    fit: Fit
 
 
 def margin_of(candidate: CandidateEffect, inflation: Inflation, share: float = ALIKE_SHARE) -> float:
@@ -74,14 +84,29 @@ def rivals_of(
     before, *fits = problem.fits([(without.values, without.names), *models], current.noise)
     limits = [BETTER if effect in IN_DATA_SHEETS and name not in AS_THE_RADIUS else margin for effect in starts]
     rivals = [
-        Rival(effect, fit.squares - current.squares, limit)
+        Rival(effect, fit.squares - current.squares, limit, fit)
         for effect, fit, limit in zip(starts, fits, limits, strict=True)
     ]
     return tuple(
         rival
-        for rival, fit in zip(rivals, fits, strict=True)
-        if rival.less < rival.limit and _holds(problem, before, CATALOGUE[rival.name], fit, inflation)
+        for rival in rivals
+        if rival.less < rival.limit and _holds(problem, before, CATALOGUE[rival.name], rival.fit, inflation)
     )
+
+
+def better_than(
+    problem: Problem, current: Fit, name: str, rivals: Sequence[Rival], inflation: Inflation
+) -> Exchange | None:
+    """Return the exchange of an effect for the best of its rivals, None if that is not better."""
+    if not rivals:
+        return None
+    best = min(rivals, key=lambda rival: rival.less)
+    if best.less + penalty_of([name], [best.name], inflation) > -BETTER * inflation.all:
+        return None
+    candidates = candidates_of(problem, best.fit, [best.name], inflation)
+    if too_rare(current, best.fit, [name], candidates):
+        return None
+    return Exchange((name,), tuple(SelectedEffect(one, (), current) for one in candidates), best.fit)
 
 
 def _holds(problem: Problem, before: Fit, effect: Effect, fit: Fit, inflation: Inflation) -> bool:

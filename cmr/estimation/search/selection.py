@@ -4,7 +4,7 @@ From the paper's model on, each step
 
 1. screens all effects beside the model (screening.py),
 2. adds the effect that explains most, if it also predicts data on which it was not fitted (ranking.py, ties.py), or
-3. exchanges effects where others explain more (exchange.py), or leaps to a likelier set (leap.py), and
+3. exchanges effects where others explain more (exchange.py, rivals.py), or leaps to a likelier set (leap.py), and
 4. removes whatever the others explain as well (`pruned` of elimination.py).
 
 A set visited before is accepted again only if its sum of squares is lower by BETTER, so the search terminates. When
@@ -41,7 +41,7 @@ from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
 from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
-from cmr.estimation.search.rivals import AS_WELL, is_possible_instead, margin_of, rivals_of
+from cmr.estimation.search.rivals import AS_WELL, better_than, is_possible_instead, margin_of, rivals_of
 from cmr.estimation.search.screening import Screening, screen
 from cmr.estimation.search.ties import decided
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
@@ -262,22 +262,23 @@ class _Selection:
                 [candidate.measure],
             )
 
-    def with_rivals(self, screening: Screening) -> list[SelectedEffect]:
-        """Return the selected effects with their rivals, determined beside all other effects.
+    def exchanged_for_a_rival(self, screening: Screening) -> bool:
+        """Find the rivals of the selected effects beside all others; return whether one was better, and took its place.
 
-        What explained as much as an effect before others were found may no longer do so.
+        What explained as much as an effect before others were found may no longer do so. Where a fit got stuck on the
+        way, another effect may explain more.
         """
-        result = []
-        for one in self.named:
+        for number, one in enumerate(self.named):
             name = one.candidate.effect.name
             if name not in self._exchanged_for and not (one.rivals and self.problem.one_step):
-                result.append(one)
                 continue
             rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
+            if self._exchanged(better_than(self.problem, self.current, name, rivals, self.inflation)):
+                return True
             for rival in rivals:
                 self.trace.note(INDISTINCT, [rival.name, name], rival.less, rival.limit, AS_WELL.format(name))
-            result.append(replace(one, rivals=tuple(rival.name for rival in rivals)))
-        return result
+            self.named[number] = replace(one, rivals=tuple(rival.name for rival in rivals))
+        return False
 
     def _least(self, candidate: CandidateEffect) -> float:
         """Return the drop of the sum of squares below which an effect may be chance."""
@@ -291,11 +292,11 @@ def _selected(state: _Selection, say: Callable[[str], None], after_step: Callabl
     for _ in range(MOST_STEPS):
         taken = ", ".join(state.names) or "the paper's model"
         say(f"Testing {len(problem.effects) - len(state.names)} effects beside {taken} ...")
-        if not state.improved(screening):
+        if not (state.improved(screening) or state.exchanged_for_a_rival(screening)):
             break
         after_step(state.current)
         screening = state.screened()
-    last = finished(problem, state.with_rivals(screening), state.current, state.inflation)
+    last = finished(problem, state.named, state.current, state.inflation)
     for candidate, why in last.dropped:
         reason, measures = candidate.reason(why), [candidate.measure]
         trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=reason, measures=measures)
