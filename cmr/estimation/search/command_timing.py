@@ -215,6 +215,8 @@ def effective_size(largest: float, period: float) -> float:
 
     Delays are uniform up to `largest` [s], but a command overtaken by a newer one has no effect.
     """
+    if largest <= 0.0:
+        return 0.0
     times = (np.arange(20 * AGES) + 0.5) / (20 * AGES) * largest
     later = np.ones(len(times))  # probability that none has come by then
     for number in range(int(largest / period) + 1):
