@@ -132,8 +132,11 @@ def test_a_rival_beside_all_other_effects_is_a_row_with_the_difference_and_its_l
     trace = Trace()
     state = _Selection(PROBLEM, fit_of(), trace, 1.0)
     state.named = [SelectedEffect(candidate("gyro_bias", 2.0, 500.0), ("turn_slip", "gyro_drift"), fit_of())]
-    monkeypatch.setattr("cmr.estimation.search.selection.rivals_of", lambda *_: (Rival("gyro_drift", 5.0, 12.0),))
-    (named,) = state.with_rivals(cast(Any, None))
+    monkeypatch.setattr(
+        "cmr.estimation.search.selection.rivals_of", lambda *_: (Rival("gyro_drift", 5.0, 12.0, fit_of()),)
+    )
+    assert not state.exchanged_for_a_rival(cast(Any, None))
+    (named,) = state.named
     assert named.rivals == ("gyro_drift",)
     (row,) = trace.decisions
     assert (row.action, row.effects) == (INDISTINCT, ("gyro_drift", "gyro_bias"))
