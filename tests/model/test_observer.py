@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from cmr.model.commands import Commands
-from cmr.model.extended.compose import LANES
 from cmr.model.motion import RobotState, drive
 from cmr.model.observer import observer as observing
 from cmr.model.observer.observer import MOTION, RESTART, Gains, Innovations, Observations, Observer, observe
@@ -307,17 +306,6 @@ def test_candidates_are_observed_side_by_side_as_one_by_one() -> None:
     for lane in (0, 1, 17, 39):
         alone = observe(what, {**ROBOT, "base_width": widths[lane]}, FOLLOWING)
         assert np.array_equal(together.pose[:, :, lane], alone.pose[:, :, 0])
-
-
-def test_equal_candidates_read_the_same_whoever_stands_beside_them() -> None:
-    reversing = observations()
-    jumps = 0.02 * np.floor(40.0 * np.sin(2.0 * np.asarray(reversing.commands.time)))
-    what = replace(reversing, commands=Commands(reversing.commands.time + 0.004, np.stack([jumps, -jumps], axis=1)))
-    delays = np.zeros(2 * LANES)
-    delays[0] = 0.0075  # a candidate of the first block, whose commands come in other steps
-    values: dict[str, Quantity] = {**ROBOT, "coulomb_friction": 3.0, "command_delay": delays}
-    for error in observe(replace(what, dt=2.0 * STEP, steps=STEPS // 2), values, FOLLOWING)[:3]:
-        assert np.array_equal(error[..., 1:], np.broadcast_to(error[..., -1:], error[..., 1:].shape))
 
 
 def test_an_unknown_parameter_is_named() -> None:
