@@ -40,7 +40,8 @@ class Told:
     `contrary` is twice the logarithm of the odds against each effect at its usual size, by name. The effects of
     `imitated` would have shown by now, if those that are named together could not imitate them, and so would those of
     `disguised`, if they did not look like another value of one of the robot's own parameters, by effect. Nothing is
-    driven for those of `hopeless`.
+    driven for those of `hopeless`. Of an `unconfirmed` effect data to come must bring so much evidence before it is
+    named, whatever its odds.
     """
 
     information: Floats
@@ -50,6 +51,7 @@ class Told:
     imitated: frozenset[str] = frozenset()
     disguised: Mapping[str, str] = field(default_factory=dict)
     hopeless: frozenset[str] = frozenset()
+    unconfirmed: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def seen(self) -> dict[str, float]:
@@ -293,6 +295,8 @@ def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, F
         for j, other in enumerate(names):
             if frozenset((one, other)) in SAME:
                 need[i, j] = np.inf
+    for i, name in enumerate(names):
+        need[i, i] = max(need[i, i], known.unconfirmed.get(name, 0.0))
     need[(need <= 0.0) | settled[:, None]] = np.inf
     behind = np.minimum(evidence, 0.0) if judgement.best.name == NOTHING else evidence - judgement.best.evidence
     weights = np.maximum(np.exp(np.maximum(behind, -OPEN * 4.0) / 8.0), LEAST_WEIGHT)

@@ -145,6 +145,7 @@ class Investigation:
             here = None if len(recording.poses) else self._reckoned(recording)
             judgement = self._naming.judged(problem)
             known = self._without_hope(told(judgement, problem.last), judgement)
+            known = replace(known, unconfirmed=self._naming.unconfirmed)
             over = self._is_over(judgement, known, problem.last)
             if over or self.named:
                 self.unexplained = unexplained_by(judgement)

@@ -34,12 +34,13 @@ class Naming:
     """What is found as data come in.
 
     `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `judgement`
-    is the newest one.
+    is the newest one. `unconfirmed` says of a suspect, by name, how much evidence data to come must still bring.
     """
 
     def __init__(self) -> None:
         self.found: tuple[str, ...] = ()
         self.judgement: Judgement | None = None
+        self.unconfirmed: dict[str, float] = {}
         self._suspect: _Suspect | None = None
         self._doubted: frozenset[str] = frozenset()
         self._wanted: frozenset[str] | None = None  # the set of effects that was better at the last decision
@@ -116,12 +117,12 @@ class Naming:
     def _confirmed(self, judgement: Judgement) -> str:
         """Return the effect that is sure now; NOTHING where none is."""
         best, sure = judgement.best, margin(judgement)
+        self.unconfirmed = {}
         if best.name == NOTHING or sure < NAMED:
             self._suspect = None
             return NOTHING
         if self._suspect is None or self._suspect.name != best.name:
             self._suspect = _Suspect(best.name, sure, judgement.problem.last)
-            return NOTHING
         # One lost packet looks like backlash until the robot has driven on.
         nothing, rival = judgement.of(NOTHING), _rivals(judgement)[0]
         assert nothing is not None
@@ -129,10 +130,11 @@ class Naming:
         needed = min(max(CONFIRMED_SHARE * self._suspect.margin, least), most)
         allowed = max(CONFIRMED_SHARE * sure, least)  # a rival far behind may fit the newest data a little better
         since = self._suspect.moment
-        is_confirmed = (
-            ahead_since(judgement, nothing, since) >= needed and ahead_since(judgement, rival, since) >= -allowed
-        )
-        return best.name if is_confirmed else NOTHING
+        missing = needed - ahead_since(judgement, nothing, since)
+        if missing <= 0.0 and ahead_since(judgement, rival, since) >= -allowed:
+            return best.name
+        self.unconfirmed = {best.name: max(missing, least)}
+        return NOTHING
 
 
 def margin(judgement: Judgement) -> float:
