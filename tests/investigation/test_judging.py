@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.investigation.choosing import told
+from cmr.investigation.choosing import told, worth_of
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.judging import NOTHING, Explanation, ahead_since, judge
 from cmr.investigation.movements import PERIOD, candidates, opening, waiting
-from cmr.investigation.naming import NOT_CONFIRMED, TOO_SMALL, Naming
+from cmr.investigation.naming import CONFIRMED, NOT_CONFIRMED, TOO_SMALL, Naming
 from cmr.parameters.file import ParameterFile, Value
 from tests.investigation.investigated import DrivenRobot, without_poses
 
@@ -57,6 +57,20 @@ def test_why_the_likeliest_effect_is_not_named_is_said() -> None:
     assert naming.held_back == TOO_SMALL
     naming.judgement = replace(judgement, explanations=(Explanation(NOTHING, judgement.base.values, 0.0, 0.0), small))
     assert naming.held_back == ""
+
+
+def test_what_must_be_confirmed_is_driven_for() -> None:
+    """A dead band at overwhelming odds: a movement that shows it again would not be worth anything without that."""
+    naming = Naming()
+    judgement = naming.judged(problem := beliefs({"deadband": 0.1}))
+    known = told(judgement, problem.last)
+    (missing,) = naming.unconfirmed.values()
+    assert CONFIRMED[0] <= missing <= CONFIRMED[1]
+    column = known.columns.of["deadband"][0]
+    added = np.zeros((1, *known.information.shape))
+    added[0, column, column] = 1e3
+    assert worth_of(judgement, known, added, np.ones(1))[0] == 0.0
+    assert worth_of(judgement, replace(known, unconfirmed=naming.unconfirmed), added, np.ones(1))[0] > 0.5
 
 
 def test_a_name_that_another_one_explains_better_is_exchanged_for_it() -> None:
