@@ -59,21 +59,8 @@ def rivals_of(
     only if it explains as much, or is mathematically equivalent.
     """
     name = one.candidate.effect.name
-    own = {parameter.name for parameter in one.candidate.effect.parameters}
-    left = screening.linear.beside([free for free in current.names if free not in own], [name])
     margin = margin_of(one.candidate, inflation, ALIKE_AT_THE_END)
-    sizes = np.maximum(np.diag(left.normal), np.finfo(np.float64).tiny)
-    shares, drops = -left.pulls / sizes, left.pulls**2 / sizes
-    # Far from neutral the slopes promise that more is lost than is.
-    lost = min(left.squares - current.squares, one.candidate.drop)
-    starts: dict[str, dict[str, float]] = {}
-    for number in np.argsort(-drops):
-        trial, share = screening.trials[number], float(shares[number])
-        near = trial.effect in IN_DATA_SHEETS or trial.effect in one.rivals
-        share_of_lost = FIRST_ORDER if near else NEARLY_ALL
-        least = min(share_of_lost * lost, lost - margin)
-        if drops[number] > least and possible(screening, number, share) and len(starts) < MOST:
-            starts.setdefault(trial.effect, start_of(Score(trial, 0.0, share)))
+    starts = _proposed(current, screening, one, margin)
     if not starts:
         return ()
     (without,) = problem.without(current, [[one.candidate.effect]])
@@ -92,6 +79,24 @@ def rivals_of(
         for rival in rivals
         if rival.less < rival.limit and _holds(problem, before, CATALOGUE[rival.name], rival.fit, inflation)
     )
+
+
+def _proposed(current: Fit, screening: Screening, one: SelectedEffect, margin: float) -> dict[str, dict[str, float]]:
+    """Return the start values of effects that explain, to first order, what an effect in the model does."""
+    own = {parameter.name for parameter in one.candidate.effect.parameters}
+    left = screening.linear.beside([free for free in current.names if free not in own], [one.candidate.effect.name])
+    sizes = np.maximum(np.diag(left.normal), np.finfo(np.float64).tiny)
+    shares, drops = -left.pulls / sizes, left.pulls**2 / sizes
+    # Far from neutral the slopes promise that more is lost than is.
+    lost = min(left.squares - current.squares, one.candidate.drop)
+    starts: dict[str, dict[str, float]] = {}
+    for number in np.argsort(-drops):
+        trial, share = screening.trials[number], float(shares[number])
+        near = trial.effect in IN_DATA_SHEETS or trial.effect in one.rivals
+        least = min((FIRST_ORDER if near else NEARLY_ALL) * lost, lost - margin)
+        if drops[number] > least and possible(screening, number, share) and len(starts) < MOST:
+            starts.setdefault(trial.effect, start_of(Score(trial, 0.0, share)))
+    return starts
 
 
 def better_than(
