@@ -155,8 +155,9 @@ class Averaging:
         change = np.array([found.likeliest[name] - self._start[name] for name in self._names])
         predicted = self._rest + self._slopes @ change
         better = float(self._rest @ self._rest - predicted @ predicted)
-        before, after = self._problem.squares([self._start, found.likeliest], self._noise)
-        worse = float(after - before) + better
+        # Both in one call, and so on one time grid; equal values count as one candidate.
+        squares = self._problem.squares([self._start, found.likeliest], self._noise)
+        worse = float(squares[-1] - squares[0]) + better
         return worse < max(MISJUDGED, SHARE_MISJUDGED * better)
 
     def _averaged(

@@ -119,28 +119,35 @@ def linear(
 ) -> Asking[Linear]:
     """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
 
-    Slopes are finite differences over `stride` times the usual step, a number or one per parameter (p,). Those by times
-    are central ones: where speeds have a kink, as at a command, errors bend at the true latency.
+    Slopes are finite differences over `stride` times the usual step, a number or one per parameter (p,). Those by
+    parameters in seconds are central ones: where speeds have a kink, as at a command, errors bend at the true latency.
+    Where the model is valid on one side only, that side counts.
     """
     moves = moves_of(values, names, excitation, stride)
     both = two_sided(values, names, moves)
-    back = one_by_one(values, [names[index] for index in both], -moves[both])
-    white = yield [values, *one_by_one(values, names, moves), *back]
-    ahead, behind = white[:, 1 : 1 + len(names)], white[:, 1 + len(names) :]
-    lost = ~np.isfinite(ahead).all(axis=0)
-    if lost.any():  # the model is invalid there; it may be valid on the other side
-        moves = np.where(lost, -moves, moves)
-        white = yield [values, *one_by_one(values, names, moves)]
-        white[:, 1:] = np.where(np.isfinite(white[:, 1:]), white[:, 1:], white[:, :1])
-        ahead, both = white[:, 1:], []
-    with np.errstate(invalid="ignore"):  # where the model is invalid, the step that led here is rejected
-        change = ahead - white[:, :1]
-        change[:, both] = 0.5 * (ahead[:, both] - behind)
-        return white[:, 0].copy(), change / moves
+    backward = one_by_one(values, [names[index] for index in both], -moves[both])
+    white = yield [values, *one_by_one(values, names, moves), *backward]
+    rest = white[:, 0].copy()
+    if not np.isfinite(rest).all():  # the step that led here is rejected
+        return rest, np.full((len(rest), len(names)), np.nan)
+    with np.errstate(invalid="ignore"):
+        slopes = (white[:, 1 : 1 + len(names)] - rest[:, None]) / moves
+        behind = (rest[:, None] - white[:, 1 + len(names) :]) / moves[both]
+    for index, column in zip(both, behind.T, strict=True):
+        if np.isfinite(column).all():
+            ahead = slopes[:, index]
+            slopes[:, index] = 0.5 * (ahead + column) if np.isfinite(ahead).all() else column
+    lost = np.flatnonzero(~np.isfinite(slopes).all(axis=0))
+    if len(lost):  # the model is invalid there; it may be valid on the other side
+        white = yield [values, *one_by_one(values, [names[index] for index in lost], -moves[lost])]
+        with np.errstate(invalid="ignore"):
+            behind = (white[:, :1] - white[:, 1:]) / moves[lost]
+        slopes[:, lost] = np.where(np.isfinite(behind), behind, 0.0)
+    return rest, slopes
 
 
 def two_sided(values: Mapping[str, float], names: Sequence[str], moves: Floats) -> list[int]:
-    """Return the numbers of the parameters that are times, and may be moved both ways by `moves` (p,)."""
+    """Return the numbers of the parameters in seconds that may be moved both ways by `moves` (p,)."""
     known = [definition(name) for name in names]
     return [
         index

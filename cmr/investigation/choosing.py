@@ -273,7 +273,9 @@ def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, F
     names = known.columns.names
     evidence = np.array([_evidence(judgement, name) for name in names])
     left = {one.name for one in judgement.left}
-    settled = np.array([name in known.hopeless or _is_settled(judgement, name) for name in names])
+    settled = np.array(
+        [name not in known.unconfirmed and (name in known.hopeless or _is_settled(judgement, name)) for name in names]
+    )
     shown = np.array([name in known.shown for name in names])
     is_left = np.array([name in left for name in names]) & ~settled
     need = np.full(before.shape, np.inf)

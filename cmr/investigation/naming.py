@@ -111,7 +111,7 @@ class Naming:
         if self._wanted != before or (coming and found.lead < NAMED):
             return judgement
         self.found = (*(name for name in self.found if name not in gone), *coming)
-        self._wanted, self._suspect = None, None
+        self._wanted, self._suspect, self.unconfirmed = None, None, {}
         return judge(judgement.problem, _fitted(self.found), found.values)
 
     def _confirmed(self, judgement: Judgement) -> str:

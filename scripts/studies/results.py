@@ -14,10 +14,12 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def append_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Append rows to a file; a new file begins with the names of their columns."""
+    """Append rows to a file; a new file begins with the names of their columns, in the order of the first row."""
+    if not rows:
+        return
     new = not path.exists()
     with path.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]) if rows else [])
-        if new and rows:
+        writer = csv.DictWriter(file, list(rows[0]))
+        if new:
             writer.writeheader()
         writer.writerows(rows)

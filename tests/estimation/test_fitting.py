@@ -79,9 +79,8 @@ def test_a_model_that_holds_on_one_side_only_is_fitted_from_there() -> None:
     assert fit.values["gyro_bias"] == pytest.approx(0.01, abs=1e-9)
 
 
-@pytest.mark.slow
-def test_a_latency_is_found_where_errors_bend() -> None:
-    """Kinks at 7.1 ms, of one sign: their sum of squares is least there, where the slope on either side is not 0."""
+def test_at_a_kink_the_slope_by_a_latency_is_that_of_both_sides() -> None:
+    """Kinks of one sign: their sum of squares is least there, where the slope to either side is not 0."""
     true = 0.0071
     kinks = np.linspace(1.0, 3.0, COUNT)
 
@@ -91,6 +90,27 @@ def test_a_latency_is_found_where_errors_bend() -> None:
     fit = answered(fitted({"gyro_latency": true}, ("gyro_latency",), Noise({}), SCENE), errors)
     assert fit.values["gyro_latency"] == true
     assert fit.slopes == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("name", "above"), [("gyro_bias", True), ("gyro_latency", True), ("pose_latency", False)])
+def test_beside_latencies_a_model_that_holds_on_one_side_only_is_fitted_from_there(name: str, above: bool) -> None:
+    """It holds on one side of where the fit begins: below it, where the least squares are, or above it."""
+    random = np.random.default_rng(8)
+    names = ("gyro_bias", "gyro_latency", "pose_latency")
+    start = {"gyro_bias": 0.02, "gyro_latency": 0.01, "pose_latency": 0.01}
+    slopes, data = 1e3 * random.standard_normal((COUNT, 3)), 0.1 * random.standard_normal(COUNT)
+    target = {key: value * (0.8 if above else 1.2) for key, value in start.items()}
+
+    def errors(values: Mapping[str, float]) -> Floats:
+        holds = values[name] <= start[name] if above else values[name] >= start[name]
+        linear = slopes @ [values[key] - target[key] for key in names]
+        return data + linear if holds else np.full(COUNT, np.nan)
+
+    fit = answered(fitted(start, names, Noise({}), SCENE), errors)
+    exact, *_ = np.linalg.lstsq(slopes, -data, rcond=None)
+    found = [fit.values[key] - target[key] for key in names]
+    assert found == pytest.approx(list(exact), abs=1e-9)
+    assert np.isfinite(fit.slopes).all()
 
 
 def test_a_time_at_its_bound_is_moved_to_the_one_side_that_there_is() -> None:
@@ -105,8 +125,9 @@ def test_a_time_at_its_bound_is_moved_to_the_one_side_that_there_is() -> None:
     assert fit.slopes == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_fits_side_by_side_are_those_in_turn() -> None:
-    """What others ask for beside it changes nothing of a fit."""
+    """What others ask for beside it changes nothing of a fit, if it changes no time grid: these commands are on it."""
     hidden = hidden_recording("gyro_bias", manoeuvre="figure_eight", seed=5)
     assert hidden.recording.parameters is not None
     ready = prepare(looked_at([hidden.recording], []), hidden.recording.parameters)

@@ -82,8 +82,8 @@ def latencies_right(row: Row) -> list[bool]:
 
 
 def flagged(row: Row) -> bool:
-    """Tell whether the diagnosis says that no effect explains everything: something remains, or follows a law."""
-    return row.verdict in ("unexplained", "law_found") or row.unexplained
+    """Tell whether the diagnosis says that something remains which it cannot explain."""
+    return row.verdict == "unexplained" or row.unexplained
 
 
 def silent(row: Row) -> bool:

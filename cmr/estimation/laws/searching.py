@@ -253,7 +253,7 @@ def _judged(
     further = Further.beside(after.model, after.rest)
     at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
-    if score >= least and _is_of_one_moment(after, least):
+    if score >= least and _is_of_one_moment(after):
         return Refused("What the best formula explains happened in one moment.", before)
     held_out = data.held_out(before, after)
     seen = after if score >= least and gain >= OF_NAMES * named and is_seen(before, after, data) else None
@@ -272,15 +272,15 @@ def _judged(
     return Offer(before, after, settled, gain, score, held_out, left, further, alike, tied, misfit, loose)
 
 
-def _is_of_one_moment(fit: Polished, least: float) -> bool:
-    """Return whether the score of a fit's last law is below `least`, or hardly anything, without its best moment.
+def _is_of_one_moment(fit: Polished) -> bool:
+    """Return whether hardly anything of what a fit's last law explains is left without its best moment.
 
     The noise is that which the law leaves: a single event raises the noise without it everywhere.
     """
     number = len(fit.laws) - 1
     gained = fit.rest_without(number).white ** 2 - fit.rest.white**2
     total, elsewhere = float(np.sum(gained)), float(np.sum(gained)) - most_at_once(fit.model.problem, gained)
-    return elsewhere - penalty(fit.laws[number], int(np.count_nonzero(fit.mask))) < max(least, HOLDS * total)
+    return elsewhere - penalty(fit.laws[number], int(np.count_nonzero(fit.mask))) < HOLDS * total
 
 
 def is_seen(before: Polished, after: Polished, data: Data) -> bool:

@@ -31,7 +31,7 @@ Indices = NDArray[np.int64]
 
 # s^2; a change of duty by D within a step dt is averaged if D dt^2 is smaller, and otherwise splits the step. For a
 # change at the share s of the step, the mean causes an error of a wheel's angle of k2_over_k3 D dt^2 s (1 - s) / 2:
-# 3e-5 rad.
+# 3e-5 rad with a usual motor.
 SMALL = 2e-6
 SPLIT, FIRST, LAST = 0, 1, 3  # columns of a profile of commands; left, followed by right
 
@@ -48,10 +48,12 @@ def split_steps(profiles: Floats, dt: float) -> NDArray[np.uint8]:
     It is split for all candidates if any of them needs it: otherwise small differences between candidates, from which
     slopes are computed, would show which of them were split.
     """
-    change = np.abs(profiles[:, :, LAST : LAST + 2] - profiles[:, :, FIRST : FIRST + 2])
-    small = np.all(change * dt**2 <= SMALL, axis=2)  # false for unknown duties, as before the first command
-    splits = np.any((profiles[:, :, SPLIT] > 0.0) & ~small, axis=0)
-    return np.asarray(splits, np.uint8)
+    splits = np.zeros(profiles.shape[1], np.bool_)
+    for duties in profiles:  # one by one: a drive of hours has many steps
+        change = np.abs(duties[:, LAST : LAST + 2] - duties[:, FIRST : FIRST + 2])
+        small = np.all(change * dt**2 <= SMALL, axis=1)  # false for unknown duties, as before the first command
+        splits |= (duties[:, SPLIT] > 0.0) & ~small
+    return splits.astype(np.uint8)
 
 
 @inlined
