@@ -7,7 +7,7 @@ in the order of its stages, each with formulas and references in its module:
     criterion             criterion.py: errors of one-step predictions, or of free runs
     selection             search/selection.py, which repeats until nothing improves:
         screening         search/screening.py, with search/inflation.py
-        fit               search/ranking.py
+        fit               search/ranking.py, search/adding.py
         judgement         search/criteria.py
         cross-validation  search/cross_validation.py
         exchange          search/exchange.py, search/leap.py

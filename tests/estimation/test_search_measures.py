@@ -135,8 +135,9 @@ def test_a_rival_beside_all_other_effects_is_a_row_with_the_difference_and_its_l
     monkeypatch.setattr(
         "cmr.estimation.search.selection.rivals_of", lambda *_: (Rival("gyro_drift", 5.0, 12.0, fit_of()),)
     )
-    assert not state.exchanged_for_a_rival(cast(Any, None))
-    (named,) = state.named
+    rivals = state.rivals(cast(Any, None))
+    assert not state.exchanged_for_one_of(rivals)
+    (named,) = state.with_rivals(rivals)
     assert named.rivals == ("gyro_drift",)
     (row,) = trace.decisions
     assert (row.action, row.effects) == (INDISTINCT, ("gyro_drift", "gyro_bias"))

@@ -1,4 +1,4 @@
-"""Find the rivals of an effect: others that explain the data as well in its place."""
+"""Find the rivals of an effect: others that explain the data as well in its place, or better."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -102,16 +102,15 @@ def _proposed(current: Fit, screening: Screening, one: SelectedEffect, margin: f
 def better_than(
     problem: Problem, current: Fit, name: str, rivals: Sequence[Rival], inflation: Inflation
 ) -> Exchange | None:
-    """Return the exchange of an effect for the best of its rivals, None if that is not better."""
-    if not rivals:
-        return None
-    best = min(rivals, key=lambda rival: rival.less)
-    if best.less + penalty_of([name], [best.name], inflation) > -BETTER * inflation.all:
-        return None
-    candidates = candidates_of(problem, best.fit, [best.name], inflation)
-    if too_rare(current, best.fit, [name], candidates):
-        return None
-    return Exchange((name,), tuple(SelectedEffect(one, (), current) for one in candidates), best.fit)
+    """Return the exchange of an effect for the best of its rivals that is better, None without one."""
+    costs = {rival.name: rival.less + penalty_of([name], [rival.name], inflation) for rival in rivals}
+    for rival in sorted(rivals, key=lambda rival: costs[rival.name]):
+        if costs[rival.name] > -BETTER * inflation.all:
+            break
+        candidates = candidates_of(problem, rival.fit, [rival.name], inflation)
+        if not too_rare(current, rival.fit, [name], candidates):
+            return Exchange((name,), tuple(SelectedEffect(one, (), current) for one in candidates), rival.fit)
+    return None
 
 
 def _holds(problem: Problem, before: Fit, effect: Effect, fit: Fit, inflation: Inflation) -> bool:

@@ -4,8 +4,11 @@ From the paper's model on, each step
 
 1. screens all effects beside the model (screening.py),
 2. adds the effect that explains most, if it also predicts data on which it was not fitted (ranking.py, ties.py), or
-3. exchanges effects where others explain more (exchange.py, rivals.py), or leaps to a likelier set (leap.py), and
+3. exchanges effects where others explain more (exchange.py), or leaps to a likelier set (leap.py), and
 4. removes whatever the others explain as well (`pruned` of elimination.py).
+
+Where none of that improves the model, but a rival of an effect explains more than it does (rivals.py), it takes the
+effect's place, and the steps go on.
 
 A set visited before is accepted again only if its sum of squares is lower by BETTER, so the search terminates. When
 nothing improves any more, each effect is judged once more beside all others (`finished` of elimination.py). Random
@@ -25,6 +28,7 @@ from cmr.estimation.averaging import Averaging, relinearised
 from cmr.estimation.gains import COARSE
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.adding import next_effect
 from cmr.estimation.search.chance import chance_on_commands, coarse_ticks, tick_of, with_jitter_as_rival
 from cmr.estimation.search.criteria import (
     THRESHOLD,
@@ -40,10 +44,8 @@ from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange, pena
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
 from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
-from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
-from cmr.estimation.search.rivals import AS_WELL, better_than, is_possible_instead, margin_of, rivals_of
+from cmr.estimation.search.rivals import AS_WELL, Rival, better_than, margin_of, rivals_of
 from cmr.estimation.search.screening import Screening, screen
-from cmr.estimation.search.ties import decided
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
 from cmr.estimation.simulation_error import FREE_RUN_INFLATION
 from cmr.model.catalogue import CATALOGUE
@@ -51,7 +53,6 @@ from cmr.model.catalogue import CATALOGUE
 MOST_EFFECTS = 12  # with those that are too small to be named
 FEW = 3  # effects; with so few, exchanges have tried nearly all sets
 MOST_STEPS = 30  # additions and exchanges
-LESS = "It explains less than the effect named."
 AS_BEFORE = "The search has been at this model before and fits it no better now: it ends here."
 CLEANED = "What it did is removed from the data, and the search starts again."
 REDUNDANT = "The other effects explain nearly as much without it."
@@ -178,7 +179,7 @@ class _Selection:
             ahead = [relinearised(self.problem, self.current, self.inflation.all)[0]]
             if self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, ahead)):
                 return True
-        chosen, self.others = _next(self.problem, self.current, screening, self.inflation)
+        chosen, self.others = next_effect(self.problem, self.current, screening, self.inflation)
         if chosen is not None and len(self.named) < MOST_EFFECTS:
             assert chosen.candidate.fit is not None
             self._note_added(chosen)
@@ -262,23 +263,33 @@ class _Selection:
                 [candidate.measure],
             )
 
-    def exchanged_for_a_rival(self, screening: Screening) -> bool:
-        """Find the rivals of the selected effects beside all others; return whether one was better, and took its place.
+    def rivals(self, screening: Screening) -> dict[str, tuple[Rival, ...]]:
+        """Return the rivals of the selected effects beside all others, by name.
 
-        What explained as much as an effect before others were found may no longer do so. Where a fit got stuck on the
-        way, another effect may explain more.
+        What explained as much as an effect before others were found may no longer do so.
         """
-        for number, one in enumerate(self.named):
+        found = {}
+        for one in self.named:
             name = one.candidate.effect.name
-            if name not in self._exchanged_for and not (one.rivals and self.problem.one_step):
-                continue
-            rivals = rivals_of(self.problem, self.current, screening, one, self.inflation)
-            if self._exchanged(better_than(self.problem, self.current, name, rivals, self.inflation)):
-                return True
-            for rival in rivals:
+            if name in self._exchanged_for or (one.rivals and self.problem.one_step):
+                found[name] = rivals_of(self.problem, self.current, screening, one, self.inflation)
+        return found
+
+    def exchanged_for_one_of(self, rivals: Mapping[str, Sequence[Rival]]) -> bool:
+        """Put a rival in an effect's place if it explains more; return whether one did, and led to a new model.
+
+        That happens where a fit got stuck on the way.
+        """
+        better = (better_than(self.problem, self.current, name, own, self.inflation) for name, own in rivals.items())
+        return any(self._exchanged(exchange) for exchange in better)
+
+    def with_rivals(self, rivals: Mapping[str, Sequence[Rival]]) -> list[SelectedEffect]:
+        """Return the selected effects with these rivals, which the trace records."""
+        for name, own in rivals.items():
+            for rival in own:
                 self.trace.note(INDISTINCT, [rival.name, name], rival.less, rival.limit, AS_WELL.format(name))
-            self.named[number] = replace(one, rivals=tuple(rival.name for rival in rivals))
-        return False
+        found = {name: tuple(rival.name for rival in own) for name, own in rivals.items()}
+        return [replace(one, rivals=found.get(one.candidate.effect.name, one.rivals)) for one in self.named]
 
     def _least(self, candidate: CandidateEffect) -> float:
         """Return the drop of the sum of squares below which an effect may be chance."""
@@ -292,11 +303,13 @@ def _selected(state: _Selection, say: Callable[[str], None], after_step: Callabl
     for _ in range(MOST_STEPS):
         taken = ", ".join(state.names) or "the paper's model"
         say(f"Testing {len(problem.effects) - len(state.names)} effects beside {taken} ...")
-        if not (state.improved(screening) or state.exchanged_for_a_rival(screening)):
+        if not state.improved(screening) and not state.exchanged_for_one_of(rivals := state.rivals(screening)):
             break
         after_step(state.current)
         screening = state.screened()
-    last = finished(problem, state.named, state.current, state.inflation)
+    else:
+        rivals = state.rivals(screening)
+    last = finished(problem, state.with_rivals(rivals), state.current, state.inflation)
     for candidate, why in last.dropped:
         reason, measures = candidate.reason(why), [candidate.measure]
         trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=reason, measures=measures)
@@ -313,61 +326,6 @@ def _selected(state: _Selection, say: Callable[[str], None], after_step: Callabl
         unseen,
         seen=state.current,
     )
-
-
-def _next(
-    problem: Problem, current: Fit, screening: Screening, inflation: Inflation
-) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
-    """Return the effect to be added next, and why each of the others is not.
-
-    If one that is too small explains so much that others are not promising beside it, these are fitted, too.
-    """
-    chosen, others = _choose(problem, current, ranked_fits(problem, current, screening), inflation)
-    significant = THRESHOLD * inflation.all
-    hiding = any(why == TOO_SMALL and PROMISING_SHARE * candidate.drop > significant for candidate, why in others)
-    if chosen is None and hiding:
-        known = [candidate for candidate, _ in others]
-        ranked = ranked_fits(problem, current, screening, significant, known)
-        return _choose(problem, current, ranked, inflation)
-    return chosen, others
-
-
-def _choose(
-    problem: Problem, current: Fit, ranked: list[CandidateEffect], inflation: Inflation
-) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
-    """Return the best valid effect with its rivals, and why each of the others is not added.
-
-    An effect that is too small to be named is added first if it explains more than a nameable one, which may only
-    imitate it.
-    """
-    others: list[tuple[CandidateEffect, str]] = []
-    chosen: CandidateEffect | None = None
-    for fitted in fit_where_asked(problem, current, ranked, inflation):
-        candidate, why = fitted, LESS
-        if chosen is None:
-            candidate, why = judged(problem, current, candidate, inflation)
-        if chosen is None and not why:
-            chosen = candidate
-        else:
-            others.append((candidate, why))
-    small = next((candidate for candidate, why in others if why == TOO_SMALL), None)
-    if chosen is None:
-        return None, others
-    if small is not None:
-        others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
-        chosen = small
-    margin = margin_of(chosen, inflation)
-    close = [candidate for candidate, _ in others if chosen.drop - candidate.drop < margin]
-    if small is None:
-        tie = decided(problem, current, chosen, close, inflation)
-        others = [(chosen, LESS) if one.effect is tie.named.effect else (one, why) for one, why in others]
-        chosen = tie.named
-        if not problem.one_step:
-            rivals = tuple(one.effect.name for one in tie.alike if one is not chosen)
-            return SelectedEffect(chosen, rivals, current), others
-        close = [one for one, _ in others if chosen.drop - one.drop < margin]
-    as_well = (one for one in close if is_possible_instead(problem, current, one, inflation))
-    return SelectedEffect(chosen, tuple(one.effect.name for one in as_well), current), others
 
 
 def _unseen(problem: Problem, screening: Screening, named: Collection[str]) -> tuple[str, ...]:
