@@ -139,7 +139,7 @@ def linear(
             slopes[:, index] = 0.5 * (ahead + column) if np.isfinite(ahead).all() else column
     lost = np.flatnonzero(~np.isfinite(slopes).all(axis=0))
     if len(lost):  # the model is invalid there; it may be valid on the other side
-        white = yield [values, *one_by_one(values, [names[index] for index in lost], -moves[lost])]
+        white = yield [values, *one_by_one(values, [names[index] for index in lost.tolist()], -moves[lost])]
         with np.errstate(invalid="ignore"):
             behind = (white[:, :1] - white[:, 1:]) / moves[lost]
         slopes[:, lost] = np.where(np.isfinite(behind), behind, 0.0)
