@@ -20,7 +20,6 @@ Reference: M. A. Efroymson, in Ralston and Wilf, Mathematical Methods for Digita
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -139,12 +138,8 @@ class _Selection:
         self._least_inflation = least_inflation
         self._visited: dict[frozenset[str], float] = {frozenset(): base.squares}
         self._ahead_tried = False
+        self._afar: Averaging | None = None
         self._exchanged_for: set[str] = set()
-
-    @cached_property
-    def _afar(self) -> Averaging:
-        """The linear problem about the likeliest model reached from the paper's model, without any search."""
-        return relinearised(self.problem, self.base, 1.0)[0]
 
     @property
     def names(self) -> list[str]:
@@ -195,10 +190,12 @@ class _Selection:
         return self._exchanged(best_leap(self.problem, self.current, self.named, self.inflation, about))
 
     def _near_and_afar(self) -> Iterator[Averaging]:
-        """Yield the linear problem about the current model, then, on demand, the one that is independent of the
-        search.
+        """Yield the linear problem about the current model, then, on demand, the one that is independent of the search:
+        about the likeliest model reached from the paper's.
         """
         yield Averaging(self.problem, self.current, self.inflation.all, self.names)
+        if self._afar is None:
+            self._afar = relinearised(self.problem, self.base, 1.0)[0]
         yield self._afar
 
     def _exchanged(self, exchange: Exchange | None) -> bool:
