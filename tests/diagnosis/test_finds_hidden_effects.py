@@ -45,8 +45,9 @@ EIGHTS: Cases = [
 ]
 LOUD = "threefold_slow"
 NULLS: Cases = [
-    *(Case((), EIGHT, SEED + 1, LOUD), Case((), BEGINNING, SEED)),  # on the whole rich drive: test_work.py
-    *further(Case((), RICH, SEED), Case((), EIGHT, SEED), Case((), RICH, SEED + 1, LOUD), Case((), "ramps", SEED)),
+    Case((), BEGINNING, SEED),  # on the whole rich drive: test_work.py
+    *further(*(Case((), EIGHT, SEED + 1, LOUD), Case((), RICH, SEED), Case((), EIGHT, SEED))),
+    *further(Case((), RICH, SEED + 1, LOUD), Case((), "ramps", SEED)),
 ]
 COARSE: Cases = [
     Case((), BEGINNING, SEED, "coarse"),

@@ -33,6 +33,7 @@ def score(case: Case, what: str) -> Score:
     return next(score for score in case.scores if score.what == what)
 
 
+@pytest.mark.further  # scripts/diagnose_real_data.py does the same
 def test_the_tracked_point_of_the_husky_is_found_ahead_of_its_turning_centre(importer: Importer) -> None:
     case, _ = husky_tile(importer, every=8)
     # Wheels and poses are some 0.2 s older than the gyro: their turns correlate best so far apart, over all windows.

@@ -127,7 +127,7 @@ def test_noise_alone_gives_no_law(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", [*list(HIDDEN)[::2], *further(*list(HIDDEN)[1::2])])
+@pytest.mark.parametrize("hidden", [*list(HIDDEN)[:1], *further(*list(HIDDEN)[1:])])
 def test_a_hidden_law_comes_first_and_is_fitted_as_it_is(hidden: str) -> None:
     law, size = HIDDEN[hidden]
     about = simulated(law, size, 3)
