@@ -44,7 +44,8 @@ def without_commands(recording: Recording) -> Recording:
     return replace(recording, commands=none, wheels=Signal(recording.wheels.utime, {**wheels, **told}))
 
 
-@pytest.mark.parametrize(("seconds", "commanded"), [(2.0, False), *further((6.0, True))])
+@pytest.mark.further  # whole recordings: tests/estimation/test_search.py
+@pytest.mark.parametrize(("seconds", "commanded"), [(2.0, False), (6.0, True)])
 def test_poses_are_as_late_as_they_are_however_the_drive_is_cut(seconds: float, commanded: bool) -> None:
     pieces = in_pieces(driven({"pose_latency": 0.22}, 1), seconds)
     found = diagnose([pieces if commanded else without_commands(pieces)])
