@@ -12,6 +12,7 @@ from cmr.model.observer import observer as observing
 from cmr.model.observer.observer import MOTION, RESTART, Gains, Innovations, Observations, Observer, observe
 from cmr.model.parameters import Quantity, RobotParameters
 from cmr.recordings.signal import Floats
+from tests.support.silent_drive import silent_drive
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 FREE = Gains(0.0, 0.0, 0.0, 0.0)
@@ -35,25 +36,10 @@ def test_one_observer_is_compiled_for_all_recordings_however_long_their_steps_ar
 
 
 def observations(**parameters: float) -> Observations:
-    """Return what a robot with these parameters beside the paper's is told and says, without any noise."""
+    """Return the commands and readings of a robot with these parameters beside the paper's, without any noise."""
     time = np.asarray(np.arange(STEPS) * STEP, np.float64)
     left, right = 0.4 + 0.2 * np.sin(time), 0.4 - 0.2 * np.sin(0.7 * time)
-    borders = np.asarray(np.arange(1, STEPS) * STEP, np.float64)
-    at_poses = np.ascontiguousarray(borders[::4])
-    silent = Observations(
-        dt=STEP,
-        steps=STEPS,
-        commands=Commands(time, np.stack([left, right], axis=1)),
-        start=(0.0, 0.0, 0.0, 0.0, 0.0),
-        wheel_time=borders,
-        wheel=np.zeros((STEPS - 1, 2)),
-        wheel_use=np.ones((STEPS - 1, 2), np.uint8),
-        gyro_time=borders,
-        gyro=np.zeros(STEPS - 1),
-        pose_time=at_poses,
-        pose=np.zeros((len(at_poses), 3)),
-        pose_use=np.ones(len(at_poses), np.uint8),
-    )
+    silent = silent_drive(Commands(time, np.stack([left, right], axis=1)), STEP, STEPS, pose_every=4)
     said = observe(silent, {**ROBOT, **parameters}, FREE)
     # Headings are told within half a turn; those of this drive stay there.
     wheel, gyro, pose = (np.ascontiguousarray(-error[..., 0]) for error in said[:3])

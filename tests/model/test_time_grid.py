@@ -8,30 +8,17 @@ from cmr.model.extended.compose import LANES
 from cmr.model.observer.commanding import split_steps
 from cmr.model.observer.observer import Gains, Observations, observe
 from cmr.model.parameters import Quantity
+from tests.support.silent_drive import silent_drive
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 STEPS, STEP = 750, 0.02
 
 
 def reversing() -> Observations:
-    """Return what a robot that often reverses is told, by commands between the borders of steps; it reads zeros."""
+    """Return a drive that often reverses, by commands between the borders of steps."""
     time = np.asarray(np.arange(2 * STEPS) * 0.5 * STEP, np.float64)
     duty = 0.02 * np.floor(40.0 * np.sin(2.0 * time))
-    borders = np.asarray(np.arange(1, STEPS) * STEP, np.float64)
-    return Observations(
-        dt=STEP,
-        steps=STEPS,
-        commands=Commands(time + 0.004, np.stack([duty, -duty], axis=1)),
-        start=(0.0, 0.0, 0.0, 0.0, 0.0),
-        wheel_time=borders,
-        wheel=np.zeros((STEPS - 1, 2)),
-        wheel_use=np.ones((STEPS - 1, 2), np.uint8),
-        gyro_time=borders,
-        gyro=np.zeros(STEPS - 1),
-        pose_time=borders,
-        pose=np.zeros((STEPS - 1, 3)),
-        pose_use=np.ones(STEPS - 1, np.uint8),
-    )
+    return silent_drive(Commands(time + 0.004, np.stack([duty, -duty], axis=1)), STEP, STEPS)
 
 
 def test_equal_candidates_read_the_same_whoever_stands_beside_them() -> None:

@@ -52,7 +52,7 @@ from cmr.model.catalogue import CATALOGUE
 MOST_EFFECTS = 12  # with those that are too small to be named
 FEW = 3  # effects; with so few, exchanges have tried nearly all sets
 MOST_STEPS = 30  # additions and exchanges
-AS_BEFORE = "The search has been at this model before and fits it no better now: it ends here."
+AS_BEFORE = "The search has been at this model before, and fits it no better now."
 CLEANED = "What it did is removed from the data, and the search starts again."
 REDUNDANT = "The other effects explain nearly as much without it."
 TOGETHER = "The likelihood ratio of these effects together is above the threshold."
