@@ -39,3 +39,13 @@ def test_lost_replies_slow_adapters_and_a_busy_computer_hide_nothing(effect: str
     named = {found.name for found in diagnose(Recording.read(path)).effects}
     assert effect in named
     assert named <= case.there
+
+
+@pytest.mark.further
+def test_the_ramp_of_a_controller_is_no_jitter_of_its_commands(tmp_path: Path) -> None:
+    case = ChainCase("slew_limit", "roboclaw+dsp3000", RICH, seed=81)
+    path = tmp_path / "drive.lcm"
+    write_chain_log(case, path)
+    named = {found.name for found in diagnose(Recording.read(path)).effects}
+    assert "slew_limit" in named
+    assert named <= case.there

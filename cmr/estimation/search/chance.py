@@ -26,7 +26,6 @@ from cmr.estimation.search.command_timing import (
 from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect
 from cmr.model.catalogue import CATALOGUE
 
-LATE = (*MEANS, "slew_limit")  # which jitter resembles until the spread of delays is examined
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
 MAYBE_CHANCE = 10.0  # drop from which the delays of single commands are evident; below THRESHOLD both effects are named
 STD_OF_JITTER = 0.05  # of its size: the distribution of delays is not known
@@ -47,7 +46,7 @@ def chance_on_commands(
     A delay among `others`, too small to be named, may be the mean of jitter that is large enough. Friction that is too
     small to be named would look like a loss, so `seen` is the fit with all effects present.
     """
-    late = [one for one in named if one.candidate.effect.name in LATE]
+    late = [one for one in named if one.candidate.effect.name in MEANS]
     small = [one for one, why in others if why == TOO_SMALL and one.effect.name in MEANS and one.fit is not None]
     beside = final
     if not late and small:
@@ -66,12 +65,12 @@ def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], fina
     """
     coarse = tick_of(problem) > COARSE
     timing = None
-    if any(one.candidate.effect.name in LATE for one in named) and not coarse and problem.one_step:
+    if any(one.candidate.effect.name in MEANS for one in named) and not coarse and problem.one_step:
         timing = timing_of(problem, final)
     if coarse or timing:
         named = [_perhaps_jitter(one, final, timing) for one in named]
     there = any(JITTER in (one.candidate.effect.name, *one.rivals) for one in named)
-    shadows = [there and one.candidate.effect.name in LATE and JITTER not in one.rivals for one in named]
+    shadows = [there and one.candidate.effect.name in MEANS and JITTER not in one.rivals for one in named]
     return [
         replace(one, rivals=(*one.rivals, JITTER)) if shadow else one
         for one, shadow in zip(named, shadows, strict=True)
@@ -99,18 +98,13 @@ def _jitter(
     problem: Problem, final: Fit, late: Sequence[SelectedEffect], timing: Timing
 ) -> tuple[SelectedEffect, Problem] | None:
     """Return jitter in place of the delay effects `late`, if delays are spread accordingly."""
-    names = [one.candidate.effect.name for one in late]
     mean = sum(final.values[parameter.name] for one in late for parameter in one.candidate.effect.parameters)
-    if all(name in MEANS for name in names):
-        size, drop = timing.jitter(_size(mean, timing))
-    else:  # the mean delay of commands is unknown
-        size, drop = timing.jitter()
-        mean = 0.5 * size
+    size, drop = timing.jitter(_size(mean, timing))
     if drop < MAYBE_CHANCE:
         return None
     # The mean of the delays is known better than their spread.
     largest = largest_delay(mean, timing.period)
-    rivals = tuple(names) if drop < THRESHOLD else ()
+    rivals = tuple(one.candidate.effect.name for one in late) if drop < THRESHOLD else ()
     estimate, gained = Estimate(largest, STD_OF_JITTER * largest), drop + max(one.candidate.drop for one in late)
     cleaned = without_jitter(problem, timing.delays(size), mean)
     return read_off(JITTER, estimate, gained, rivals, late[0].before), cleaned

@@ -169,7 +169,9 @@ def _throughout(drops: Floats) -> float:
 def _best(laws: Sequence[Floats], late: Floats, variance: Floats) -> tuple[float, int, Floats]:
     """Return the largest log-likelihood of several densities with outliers, which it is, and it with its outliers."""
     outlying = _normal(late, variance + OUTLYING**2)
-    mixed = [(1.0 - share) * law + share * outlying for law in laws for share in OUTLIERS]
+    # Densities of errors beyond any outlier round to 0.
+    tiny = np.finfo(np.float64).tiny
+    mixed = [np.maximum((1.0 - share) * law + share * outlying, tiny) for law in laws for share in OUTLIERS]
     likelihoods = [float(np.sum(np.log(density))) for density in mixed]
     best = int(np.argmax(likelihoods))
     return likelihoods[best], best // len(OUTLIERS), mixed[best]
