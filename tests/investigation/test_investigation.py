@@ -7,6 +7,7 @@ from tests.investigation.investigated import InvestigatedCase, investigated
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.further  # through the command: test_command.py
 def test_a_hidden_effect_is_named_and_nothing_else() -> None:
     """The right name and no other, and the robot never left the floor."""
     outcome = investigated(InvestigatedCase(("battery_sag",), seed=1000), until_named="battery_sag")

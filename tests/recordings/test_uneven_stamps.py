@@ -105,6 +105,7 @@ def test_stamps_stay_in_order(seed: int, share: float) -> None:
     assert all(np.all(np.diff(one.utime) > 0) for one in found)
 
 
+@pytest.mark.further  # even stamps are what it rests on
 @pytest.mark.slow
 def test_uneven_stamps_make_no_gyro_read_too_little() -> None:
     recording = hidden_recording(manoeuvre=EIGHT, seed=4).recording
