@@ -10,8 +10,8 @@ and -2 log likelihood = S + a constant. They differ in what is predicted:
 - free runs (simulation error, output error): each reading from the commands alone (simulation_error.py).
 
 The first is more informative and is tried first. It is trusted if the wheel speeds of free runs with the resulting
-model stay close to those of the robot, |v_free - v| < STRAYING |v| with the measured wheel speeds v (n, 2) [rad/s], and,
-for a robot with a velocity controller, if the body deviates no further than with the paper's model.
+model stay close to those of the robot, |v_free - v| < STRAYING |v| with the measured wheel speeds v (n, 2) [rad/s]. The
+body of a robot with a velocity controller must deviate no further than with the paper's model.
 
 Reference: L. Ljung, System Identification: Theory for the User, 2nd ed., 1999 (prediction-error methods; output error).
 """
@@ -137,9 +137,9 @@ def trusted(found: Search, ready: Ready) -> bool:
     """Return whether one-step errors led to a useful model: |v_free - v| < STRAYING |v|, root mean squares.
 
     v are the speeds of the wheels [rad/s], v_free those that run freely with the model. With coarse ticks, deviations
-    of the wheels cannot be measured; then the paper's parameters must be near those of free runs. If the body of a robot
-    with a velocity controller deviates further than with the paper's model, the search has explained one-step errors by
-    effects that do not exist. With duties, what makes it deviate may still be found as a law.
+    of the wheels cannot be measured; then the paper's parameters must be near those of free runs. If the body of a
+    robot with a velocity controller deviates further than with the paper's model, the search has explained one-step
+    errors by effects that do not exist. With duties, what makes it deviate may still be found as a law.
     """
     segments = [predictor.segment for predictor in found.problem.predictors]
     fold = Fold((dict(found.base.values), dict(found.final.values)))

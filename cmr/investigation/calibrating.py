@@ -6,13 +6,17 @@ whose size is known beforehand only to be of the order of usual ones,
     mean = sum_j p_j v_j,    variance = sum_j p_j (s_j^2 + (v_j - mean)^2)
 
 (J. A. Hoeting et al., Statistical Science 14, 1999: Bayesian model averaging). That is quick enough for each decision.
-At the end, any number of further effects may be hidden, as in a calibration (cmr/estimation/averaging.py).
+Once it is certain enough, any number of further effects may be hidden, as in a calibration
+(cmr/estimation/averaging.py). Where the parameters are then less certain, the robot drives for the effects that they
+depend on most: of the variance of parameter i, effect k accounts for C_ik^2 / (C_ii C_kk), with the covariance C.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
+from cmr.estimation.averaging import Posterior
 from cmr.estimation.averaging import averaged as averaged_over_effects
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.problem import Problem
@@ -20,10 +24,27 @@ from cmr.investigation.choosing import Told
 from cmr.investigation.evidence import PARAMETERS, SIZES
 from cmr.investigation.judging import Judgement
 from cmr.investigation.separation import BELIEF
+from cmr.model.catalogue import CATALOGUE
 from cmr.recordings.signal import Floats
 
 GOALS: Mapping[str, float] = {"k1": 0.01, "base_width": 0.01, "k2_over_k3": 0.03}  # two deviations, as a share
 LEAST = 5.0  # s of driving: after less k1 seems surer than it is
+ON_IT = 0.3  # share of a parameter's variance: an effect that accounts for so much is worth driving for
+
+
+class Settled(NamedTuple):
+    """Estimates of PARAMETERS that allow for any undetected effects, and the effects that a calibration drives for.
+
+    These account for much of the variance of parameters that are less certain than a calibration requires.
+    """
+
+    estimates: dict[str, Estimate]
+    sought: tuple[str, ...] = ()
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether all parameters are as certain as a calibration requires."""
+        return is_calibrated(self.estimates)
 
 
 def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
@@ -40,8 +61,8 @@ def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
     }
 
 
-def settled(judgement: Judgement, known: Told) -> dict[str, Estimate]:
-    """Return the estimates of PARAMETERS at the end of a drive, with deviations that allow for any undetected effects.
+def settled(judgement: Judgement, known: Told) -> Settled:
+    """Return the estimates of PARAMETERS with deviations that allow for any undetected effects.
 
     Where an average over any number of effects differs from that over single ones, the deviation covers both. Without
     poses it would lack what is known beforehand: then the estimates are those of `averaged`.
@@ -49,19 +70,35 @@ def settled(judgement: Judgement, known: Told) -> dict[str, Estimate]:
     quick = averaged(judgement, known)
     beliefs, base = judgement.problem, judgement.base
     if not any(len(one.segment.observations.pose) for one in beliefs.predictors):
-        return quick
+        return Settled(quick)
     problem = Problem(beliefs.predictors, beliefs.gains, beliefs.excitation)
     fit = problem.fit(base.values, base.names, judgement.noise, renew=1)
     average = averaged_over_effects(problem, fit, 1.0, judgement.named)
-    return {
+    estimates = {
         name: Estimate(one.value, float(np.hypot(max(one.std, average.std(name)), average.values[name] - one.value)))
         for name, one in quick.items()
     }
+    uncertain = [name for name, one in estimates.items() if not _is_certain(name, one)]
+    return Settled(estimates, tuple(dict.fromkeys(one for name in uncertain for one in _accountable(average, name))))
+
+
+def _accountable(average: Posterior, parameter: str) -> Iterator[str]:
+    """Yield the effects, by name, that account for much of a parameter's variance."""
+    row, variances = average.covariance[average.names.index(parameter)], np.diag(average.covariance)
+    own = row[average.names.index(parameter)]
+    for effect in average.presence:
+        columns = [average.names.index(one.name) for one in CATALOGUE[effect].parameters if one.name in average.names]
+        if any(row[column] ** 2 > ON_IT * own * variances[column] > 0.0 for column in columns):
+            yield effect
 
 
 def is_calibrated(estimates: Mapping[str, Estimate]) -> bool:
     """Return whether all parameters are as certain as a calibration requires."""
-    return all(2.0 * estimates[name].std <= share * abs(estimates[name].value) for name, share in GOALS.items())
+    return all(_is_certain(name, estimates[name]) for name in GOALS)
+
+
+def _is_certain(name: str, one: Estimate) -> bool:
+    return 2.0 * one.std <= GOALS[name] * abs(one.value)
 
 
 def _variances(known: Told, name: str) -> Floats:

@@ -9,8 +9,8 @@ from threadpoolctl import threadpool_limits
 from cmr.estimation.candidates import locality
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.investigation.beyond import unexplained_by
-from cmr.investigation.calibrating import LEAST, averaged, is_calibrated
-from cmr.investigation.choosing import Choice, Told, choose, keeps_to, told
+from cmr.investigation.calibrating import LEAST, averaged, is_calibrated, settled
+from cmr.investigation.choosing import Choice, Told, choose, keeps_to, only, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.floor import Floor
 from cmr.investigation.foreseeing import Growth
@@ -120,6 +120,7 @@ class Investigation:
         self.longest, self.waited = longest, 0.0
         self._at_random, self._calibrate = at_random, calibrate
         self._naming, self._growth = Naming(), Growth()
+        self._sought: tuple[str, ...] = ()  # effects that a calibration drives for
         self._start: tuple[float, float, float] | None = None  # where the robot was put down: x, y [m], theta [rad]
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
@@ -154,7 +155,8 @@ class Investigation:
                 situation = _situation(judgement, recording, planned, self._limits)
                 if here is not None:
                     situation = replace(situation, state=(*here.place, *situation.state[3:]))
-                choice = choose(judgement, known, situation, self.floor, self._random, self._at_random, least, here)
+                to_show = only(known, self._sought) if self._sought else known
+                choice = choose(judgement, to_show, situation, self.floor, self._random, self._at_random, least, here)
                 self._growth.rates = choice.best_rates
             self._note(judgement, choice)
             sentence = "" if over or choice.movement else NO_ROOM if here is None else UNSURE
@@ -191,8 +193,17 @@ class Investigation:
         if self.doubted or self._suspected(judgement):
             return False
         if self._calibrate:
-            return time > LEAST and is_calibrated(averaged(judgement, known))
+            return time > LEAST and self._is_calibrated(judgement, known)
         return {*self.not_shown(known)} <= known.hopeless
+
+    def _is_calibrated(self, judgement: Judgement, known: Told) -> bool:
+        """Return whether the robot's own parameters are certain enough; note what to drive for if they are not."""
+        self._sought = ()
+        if not is_calibrated(averaged(judgement, known)):
+            return False
+        own = settled(judgement, known)
+        self._sought = tuple(name for name in own.sought if name in known.columns.of and name not in known.hopeless)
+        return own.is_calibrated
 
     def _without_hope(self, known: Told, judgement: Judgement) -> Told:
         """Return what is known, with all that will not show here, however the rest of the drive is spent."""

@@ -103,7 +103,7 @@ def calibrated(driving: Driving, robot_id: int) -> ParameterFile:
         raise ValueError("a drive without a decision calibrates nothing")
     judgement = driving.decision.judgement
     values = {name: Value(value) for name, value in judgement.base.values.items()}
-    own = settled(judgement, driving.decision.known)
+    own = settled(judgement, driving.decision.known).estimates
     values |= {name: Value(one.value, std=one.std) for name, one in own.items()}
     provenance = {"method": "investigation", "driven_seconds": driving.drove}
     return ParameterFile(robot_id, values, effects=judgement.named, provenance=provenance)

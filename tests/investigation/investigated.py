@@ -277,7 +277,7 @@ def _outcome(
 ) -> Outcome:
     """Return what came of a drive, in which names came first at these times."""
     decision = driving.decision
-    own = settled(decision.judgement, decision.known) if decision else {}
+    own = settled(decision.judgement, decision.known).estimates if decision else {}
     return Outcome(
         named={name: round(time, 2) for name, time in named.items() if name in driving.investigation.named},
         also=tuple(name for name in driving.investigation.found if name not in driving.investigation.named),
