@@ -30,9 +30,9 @@ def judged(monkeypatch: pytest.MonkeyPatch, by_kind: Elsewhere, in_turn: Elsewhe
     return why_not_elsewhere(FREE_RUNS, FIT, FIT, SIGNIFICANT)
 
 
-HOLDS = Elsewhere((100.0, 100.0), (40.0, 40.0), 0.5)
-NOT_SHOWN = Elsewhere((200.0, 1.0), (-2.0, -300.0), 0.5)  # the other part does not tell its size
-HARMFUL = Elsewhere((200.0, 150.0), (87.0, -70.0), 0.5)
+HOLDS = Elsewhere((100.0, 100.0), (40.0, 40.0), 0.5, 0.0)
+NOT_SHOWN = Elsewhere((200.0, 1.0), (-2.0, -300.0), 0.5, 0.0)  # the other part does not tell its size
+HARMFUL = Elsewhere((200.0, 150.0), (87.0, -70.0), 0.5, 0.0)
 
 
 def test_a_manoeuvre_that_does_not_show_an_effect_is_no_objection(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,7 +42,7 @@ def test_a_manoeuvre_that_does_not_show_an_effect_is_no_objection(monkeypatch: p
 
 def test_what_one_part_finds_must_not_harm_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     assert judged(monkeypatch, HARMFUL, HOLDS) == cross_validation.DOES_NOT_HOLD
-    spoiling = Elsewhere((200.0, 1.0), (-50.0, 0.0), 0.5)
+    spoiling = Elsewhere((200.0, 1.0), (-50.0, 0.0), 0.5, 0.0)
     assert judged(monkeypatch, spoiling, HOLDS) == "Only a part of the data shows it."
 
 

@@ -151,4 +151,4 @@ def test_a_drive_that_does_not_show_an_effect_says_nothing_against_it() -> None:
 def test_what_one_drive_finds_must_not_ruin_another(
     drops: tuple[float, float], gains: tuple[float, float], holds: bool
 ) -> None:
-    assert (why_not_of_moments(Elsewhere(drops, gains, 0.5), 35.0) == "") == holds
+    assert (why_not_of_moments(Elsewhere(drops, gains, 0.5, 0.0), 35.0) == "") == holds

@@ -73,7 +73,8 @@ TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
 class CandidateEffect:
     """An effect fitted beside others: its drop of the sum of squared white errors, and its gain on left-out data.
 
-    `fit` is None after a quick fit. `measure` is the number that rules the effect out, if any.
+    `fit` is None after a quick fit. `measure` is the number that rules the effect out, if any. One that `matters` does
+    so whatever its size.
     """
 
     effect: Effect
@@ -82,6 +83,7 @@ class CandidateEffect:
     fit: Fit | None = None
     held_out: float = float("nan")
     measure: Measure | None = None
+    matters: bool = False
 
     def reason(self, why: str) -> str:
         """Return the reason why the effect is not named: the sentence of its measure, otherwise `why`."""
@@ -121,6 +123,8 @@ def measured(
 
 def too_small(candidate: CandidateEffect, excitation: Excitation) -> Measure | None:
     """Return by how much an effect is too small to be named; None if it is large enough."""
+    if candidate.matters:
+        return None
     return size_below_limit(candidate.effect, candidate.values, _stds(candidate), excitation)
 
 
@@ -157,7 +161,7 @@ def _objections(
     yield from _impossible(problem, before, candidate, stds)
     if candidate.fit is not None and not candidate.held_out > 0.0:
         yield "It does not hold on data left out of the fit.", left_out_gain(candidate.held_out)
-    small = size_below_limit(candidate.effect, values, stds, problem.excitation)
+    small = too_small(candidate, problem.excitation)
     if small is not None:
         yield TOO_SMALL, small
 

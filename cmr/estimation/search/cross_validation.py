@@ -42,13 +42,19 @@ class Elsewhere:
     """The result of cross-validating an effect.
 
     `drops` of the sum of squares are those on the first and the second part when fitted there, `gains` the
-    log-likelihood gained on the other part. `share` is the largest share of any signal's squares explained there: of
-    wheels and poses in free runs, of the gyro given the measured wheels.
+    log-likelihood gained on the other part. `of_runs` is the largest share of the squares of wheels and poses explained
+    there in free runs, `of_gyro` that of the gyro given the measured wheels.
     """
 
     drops: tuple[float, float]
     gains: tuple[float, float]
-    share: float
+    of_runs: float
+    of_gyro: float
+
+    @property
+    def share(self) -> float:
+        """The largest share of any signal's squares explained on left-out parts."""
+        return max(self.of_runs, self.of_gyro)
 
     @property
     def seen(self) -> bool:
@@ -84,7 +90,7 @@ def elsewhere(problem: Problem, before: Fit, after: Fit, by_kind: bool = True) -
         of_gyro += np.sum(white[~part & gyro], axis=0)
         models.append(values)
     share = float(1.0 - of_gyro[1] / of_gyro[0]) if of_gyro[0] > 0.0 else 0.0
-    return Elsewhere((drops[0], drops[1]), (gains[0], gains[1]), max(share, _share(problem, models, by_kind)))
+    return Elsewhere((drops[0], drops[1]), (gains[0], gains[1]), _share(problem, models, by_kind), share)
 
 
 def alternatives(before: Fit, one: Fit | None, other: Fit | None) -> bool:

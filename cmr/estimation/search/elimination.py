@@ -131,7 +131,8 @@ def _beside_the_others(
 
 def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> SelectedEffect:
     drop, held_out = before.squares - final.squares, held_out_gain(problem, before, final)
-    candidate = CandidateEffect(one.candidate.effect, drop, final.values, final, held_out)
+    known = one.candidate
+    candidate = CandidateEffect(known.effect, drop, final.values, final, held_out, matters=known.matters)
     return replace(one, before=before, candidate=candidate)
 
 
