@@ -143,7 +143,7 @@ def test_the_plant_knows_every_effect_of_the_catalogue_by_the_same_names_of_para
                 assert neutral == parameter.neutral, parameter.name
 
 
-@pytest.mark.parametrize("course", ["figure eight", "reversals"])
+@pytest.mark.parametrize("course", [*further("figure eight"), "reversals"])
 @pytest.mark.parametrize("effect", OF_MOTION)
 def test_the_model_stays_with_the_truth_with_each_effect_switched_on(effect: str, course: str) -> None:
     check((effect,), course)

@@ -78,8 +78,15 @@ def fields(stream: Stream[Any]) -> list[str]:
 
 
 CASES = [(stream, name, kind) for stream in ROBOT_OF for name in fields(stream) for kind in KINDS]
+LIKE_OTHERS = ("infinite", "1e300")  # kinds that are refused as the others are: further tests
 # A sensor that an emulated robot has not, and a rate and a drive that are still possible when they are so much larger.
 HARMLESS = {(MOTOR_FEEDBACK, name, "thousandfold") for name in ("current_left", "current_right", "temperature")}
+
+
+def in_two_lanes(cases: list[tuple[Stream[Any], str, str]]) -> list[Any]:
+    """Return cases, of which CI leaves out the kinds of LIKE_OTHERS."""
+    left_out = [case for case in cases if case[2] in LIKE_OTHERS]
+    return [*(case for case in cases if case not in left_out), *further(*left_out)]
 
 
 def spoiled(name: str, kind: str) -> Spoil:
@@ -229,7 +236,7 @@ def test_nothing_is_refused_of_what_is_good(clean: Outcome) -> None:
     assert clean.state == clean.state_at_end == process_status_t.RUNNING
 
 
-@pytest.mark.parametrize(("stream", "name", "kind"), CASES, ids=lambda one: getattr(one, "name", one))
+@pytest.mark.parametrize(("stream", "name", "kind"), in_two_lanes(CASES), ids=lambda one: getattr(one, "name", one))
 def test_a_number_that_cannot_be_is_refused_and_reported(
     stream: Stream[Any], name: str, kind: str, tmp_path: Path, clean: Outcome
 ) -> None:
@@ -263,7 +270,9 @@ def fields_unknown(stream: Stream[Any], name: str) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("stream", "name", "kind"), [c for c in CASES if c[0] in SENSORS], ids=lambda one: getattr(one, "name", one)
+    ("stream", "name", "kind"),
+    in_two_lanes([case for case in CASES if case[0] in SENSORS]),
+    ids=lambda one: getattr(one, "name", one),
 )
 def test_a_sensor_that_sends_nothing_else_for_half_a_second_harms_nobody_for_longer(
     stream: Stream[Any], name: str, kind: str, tmp_path: Path, clean: Outcome

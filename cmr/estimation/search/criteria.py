@@ -8,7 +8,8 @@ With the drop D = S(before) - S(after) that its k parameters bring, and the infl
     not at once   of what begins at a time or is at a place, D without its best AT_ONCE seconds is enough as well
     holds         G > 0, with G = (S_left_out(before) - S_left_out(after)) / 2
     possible      values inside their ranges, and the paper's parameters not those of another robot
-    matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations
+    matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations; at least
+                  half as large, if free runs on left-out data are much better with it (ranking.py)
 
 S_left_out predicts each fold f without it, to first order from the fit's errors w (n,) and slopes J (n, p):
 
