@@ -358,11 +358,15 @@ def unlikelihood(values: Mapping[str, float], excitation: Excitation) -> float:
     return total
 
 
-def worth_naming(values: Mapping[str, float], stds: Mapping[str, float], excitation: Excitation) -> bool:
-    """Return whether an effect is large enough to matter: at least one parameter is a fair share of its typical
-    size.
+def worth_naming(
+    values: Mapping[str, float], stds: Mapping[str, float], excitation: Excitation, share: float = 1.0
+) -> bool:
+    """Return whether an effect is large enough to matter, or at least this `share` of that.
+
+    At least one parameter must be a fair share of its typical size.
     """
-    sizes = {name: least_worth_naming(definition(name), excitation) for name in values if definition(name).switches}
+    known = [definition(name) for name in values if definition(name).switches]
+    sizes = {one.name: share * least_worth_naming(one, excitation) for one in known}
     changes = {name: abs(values[name] - excitation.given.get(name, 0.0)) for name in sizes}
     return any(least == 0.0 or changes[name] > max(least, SURE * stds.get(name, 0.0)) for name, least in sizes.items())
 

@@ -79,10 +79,10 @@ def settled(judgement: Judgement, known: Told) -> Settled:
         for name, one in quick.items()
     }
     uncertain = [name for name, one in estimates.items() if not _is_certain(name, one)]
-    return Settled(estimates, tuple(dict.fromkeys(one for name in uncertain for one in _accountable(average, name))))
+    return Settled(estimates, tuple(dict.fromkeys(one for name in uncertain for one in accountable(average, name))))
 
 
-def _accountable(average: Posterior, parameter: str) -> Iterator[str]:
+def accountable(average: Posterior, parameter: str) -> Iterator[str]:
     """Yield the effects, by name, that account for much of a parameter's variance."""
     row, variances = average.covariance[average.names.index(parameter)], np.diag(average.covariance)
     own = row[average.names.index(parameter)]

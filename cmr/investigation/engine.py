@@ -10,7 +10,7 @@ from cmr.estimation.candidates import locality
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.investigation.beyond import unexplained_by
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated, settled
-from cmr.investigation.choosing import Choice, Told, choose, keeps_to, only, told
+from cmr.investigation.choosing import Choice, Told, choose, keeps_to, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.floor import Floor
 from cmr.investigation.foreseeing import Growth
@@ -155,9 +155,19 @@ class Investigation:
                 situation = _situation(judgement, recording, planned, self._limits)
                 if here is not None:
                     situation = replace(situation, state=(*here.place, *situation.state[3:]))
-                to_show = only(known, self._sought) if self._sought else known
-                choice = choose(judgement, to_show, situation, self.floor, self._random, self._at_random, least, here)
-                self._growth.rates = choice.best_rates
+                choice = choose(
+                    judgement,
+                    known,
+                    situation,
+                    self.floor,
+                    self._random,
+                    at_random=self._at_random,
+                    least=least,
+                    reckoned=here,
+                    sought=self._sought,
+                )
+                if not self._sought:
+                    self._growth.rates = choice.best_rates
             self._note(judgement, choice)
             sentence = "" if over or choice.movement else NO_ROOM if here is None else UNSURE
             return Decision(judgement, known, self.named, choice, over, sentence, here, self._naming.held_back)
@@ -187,7 +197,11 @@ class Investigation:
         return self._naming.doubted
 
     def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
-        """Return whether the investigation is complete: all other effects would have shown, or its time is over."""
+        """Return whether the investigation is complete: all other effects would have shown, or its time is over.
+
+        Of a calibration, note which effects are sought.
+        """
+        self._sought = ()
         if time - self.waited > self.longest:
             return True
         if self.doubted or self._suspected(judgement):
@@ -197,8 +211,7 @@ class Investigation:
         return {*self.not_shown(known)} <= known.hopeless
 
     def _is_calibrated(self, judgement: Judgement, known: Told) -> bool:
-        """Return whether the robot's own parameters are certain enough; note what to drive for if they are not."""
-        self._sought = ()
+        """Return whether the robot's own parameters are certain enough; if not, note which effects are sought."""
         if not is_calibrated(averaged(judgement, known)):
             return False
         own = settled(judgement, known)

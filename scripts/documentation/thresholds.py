@@ -36,7 +36,7 @@ STAGES = {
     "Verdict": ("usefulness",),
 }
 UNITS = {
-    **dict.fromkeys(("REACH", "SIZES", "UNEVEN", "OUTLYING", "WINDOW", "SOMEWHAT", "leap.ASIDE"), "s"),
+    **dict.fromkeys(("REACH", "UNEVEN", "OUTLYING", "WINDOW", "SOMEWHAT", "leap.ASIDE"), "s"),
     **dict.fromkeys(("CELL", "localisation.RADII", "REACHES", "SMALLEST"), "m"),
     "LEAST_CHANGE": "duty",
     **dict.fromkeys(("SLOW", "SINCE", "DECAYS"), "s"),

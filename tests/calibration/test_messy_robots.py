@@ -42,7 +42,7 @@ def test_a_robot_with_six_imperfections_is_calibrated_and_its_intervals_are_true
     assert result.path_rmse_after < 0.3 * result.path_rmse_before
 
 
-@pytest.mark.further  # the exchange of effects: tests/estimation/test_search.py
+@pytest.mark.further  # one more such robot, whose search takes half a minute
 def test_a_fit_that_got_stuck_on_the_way_is_left_for_a_rival_that_explains_more() -> None:
     """A lag of the voltage and early poses had come in place of a late gyro, which explains 1,978 more than they."""
     names = {effect.name for effect in diagnose(robot(STUCK).recording).effects}

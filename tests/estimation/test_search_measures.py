@@ -18,6 +18,7 @@ from cmr.estimation.search.criteria import (
     SelectedEffect,
     _lost_readings,
     measured,
+    nearly_large,
     why_not,
 )
 from cmr.estimation.search.inflation import Inflation
@@ -110,6 +111,11 @@ def test_what_a_sensor_does_may_not_make_its_own_readings_less_likely(name: str,
         assert readings_lost(lost, 30.0).sentence == (
             "It raises -2 log likelihood of its own sensor's readings by 399.0; at most 30.0 may be chance."
         )
+
+
+@pytest.mark.parametrize(("share", "is_nearly"), [(0.45, False), (0.55, True), (1.1, True)])
+def test_half_the_size_that_matters_is_nearly_large(share: float, is_nearly: bool) -> None:
+    assert nearly_large(candidate("gyro_bias", share, 500.0), USUAL) == is_nearly
 
 
 def test_a_small_effect_is_included_and_its_rivals_are_rows_with_the_difference() -> None:

@@ -86,7 +86,7 @@ def test_where_no_average_is_delivered_what_may_be_hidden_counts_all_the_same() 
         assert found.std > 5.0 * estimation.whole.model.std(name)
 
 
-@pytest.mark.further  # one more robot with six effects
+@pytest.mark.further  # one more robot, with an effect that two others imitate
 def test_a_name_and_its_size_agree_though_two_common_effects_do_the_same() -> None:
     """Encoders that count differently look like unequal motors on unequal wheels, which are likelier beforehand."""
     hidden = hidden_recording("encoder_asymmetry", seed=0)

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from cmr.investigation.calibrating import averaged, is_calibrated
+from cmr.investigation.calibrating import accountable, averaged, is_calibrated
 from cmr.investigation.choosing import Told, only
 from cmr.investigation.separation import BELIEF, Columns
 
@@ -60,3 +60,14 @@ def test_of_some_effects_alone_is_known_what_is_known_of_them_beside_others() ->
     assert some.columns.of == {"gyro_scale": (3,)}
     assert some.seen["gyro_scale"] == pytest.approx(every.seen["gyro_scale"])
     assert [one.get("column") for one in some.sets] == [0.0, 1.0, 2.0, 3.0, 6.0]
+
+
+def test_an_effect_is_accountable_for_a_parameter_that_varies_with_its_size() -> None:
+    """Of the variance of the base width, 0.81 is that of the wheels' size; nothing is due to a size that is certain."""
+    names = ("k1", "base_width", "wheel_radius_scale", "gyro_scale", "coulomb_friction")
+    covariance = np.diag([1.0, 4.0, 9.0, 1.0, 0.0])
+    covariance[1, 2] = covariance[2, 1] = 0.9 * 2.0 * 3.0
+    covariance[1, 3] = covariance[3, 1] = 0.5 * 2.0
+    average = cast(Any, SimpleNamespace(names=names, covariance=covariance, presence=dict.fromkeys(names[2:], 0.2)))
+    assert list(accountable(average, "base_width")) == ["wheel_radius_scale"]
+    assert list(accountable(average, "k1")) == []

@@ -41,7 +41,7 @@ def test_lost_replies_slow_adapters_and_a_busy_computer_hide_nothing(effect: str
     assert named <= case.there
 
 
-@pytest.mark.further
+@pytest.mark.further  # no jitter where none is: tests/diagnosis/test_command_timing.py
 def test_the_ramp_of_a_controller_is_no_jitter_of_its_commands(tmp_path: Path) -> None:
     case = ChainCase("slew_limit", "roboclaw+dsp3000", RICH, seed=81)
     path = tmp_path / "drive.lcm"

@@ -2,7 +2,7 @@
 
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect
+from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect, nearly_large
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.ranking import PROMISING_SHARE, fit_where_asked, judged, ranked_fits
 from cmr.estimation.search.rivals import is_possible_instead, margin_of
@@ -35,7 +35,7 @@ def _choose(
     """Return the best valid effect with its rivals, and why each of the others is not added.
 
     An effect that is too small to be named is added first if it explains more than a nameable one, which may only
-    imitate it.
+    imitate it, or if it is nearly large enough: what it does in free runs decides in the end.
     """
     others: list[tuple[CandidateEffect, str]] = []
     chosen: CandidateEffect | None = None
@@ -48,11 +48,13 @@ def _choose(
         else:
             others.append((candidate, why))
     small = next((candidate for candidate, why in others if why == TOO_SMALL), None)
-    if chosen is None:
+    if chosen is None and not (small and nearly_large(small, problem.excitation)):
         return None, others
     if small is not None:
-        others = [(chosen, LESS), *(other for other in others if other[0] is not small)]
+        others = [other for other in others if other[0] is not small]
+        others = [(chosen, LESS), *others] if chosen else others
         chosen = small
+    assert chosen is not None
     margin = margin_of(chosen, inflation)
     close = [candidate for candidate, _ in others if chosen.drop - candidate.drop < margin]
     if small is None:

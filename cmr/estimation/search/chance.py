@@ -85,7 +85,7 @@ def _perhaps_jitter(one: SelectedEffect, final: Fit, timing: Timing | None) -> S
     if one.candidate.effect.name not in MEANS:
         return one
     mean = sum(final.values[parameter.name] for parameter in one.candidate.effect.parameters)
-    excluded = timing is not None and timing.jitter(_size(mean, timing))[1] < -ALIKE
+    excluded = timing is not None and timing.jitter(_size(mean, timing)) < -ALIKE
     return one if excluded else replace(one, rivals=(*one.rivals, JITTER))
 
 
@@ -99,7 +99,8 @@ def _jitter(
 ) -> tuple[SelectedEffect, Problem] | None:
     """Return jitter in place of the delay effects `late`, if delays are spread accordingly."""
     mean = sum(final.values[parameter.name] for one in late for parameter in one.candidate.effect.parameters)
-    size, drop = timing.jitter(_size(mean, timing))
+    size = _size(mean, timing)
+    drop = timing.jitter(size)
     if drop < MAYBE_CHANCE:
         return None
     # The mean of the delays is known better than their spread.

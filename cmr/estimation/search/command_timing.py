@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 REACH = 0.5  # s after which the trace of a command's delay has decayed
 LEAST_CHANGE = 1e-3  # duty; a smaller change of a command does not reveal its delay
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
-SIZES = np.geomspace(2e-3, 0.2, 25)  # s of jitter that are tested
 UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which constant delays may appear to differ
 OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands that are outliers
 OUTLYING = 0.05  # s, the standard deviation of theirs
@@ -95,25 +94,23 @@ class Timing:
         which[clear] = share * lost > 0.5 * density
         return Loss(float(share), std, _throughout(2.0 * np.log(density / steady)), which)
 
-    def jitter(self, size: float | None = None) -> tuple[float, float]:
-        """Return the size [s] of delays that are spread evenly, and by how much that explains them better than none.
+    def jitter(self, size: float) -> float:
+        """Return by how much delays spread evenly over a size [s] explain the responses better than constant ones.
 
-        The size is the most likely one, or the given one. The second value, twice a log-likelihood ratio, is 0 with too
-        little information.
+        It is twice a log-likelihood ratio, 0 with too little information.
         """
         from scipy.special import ndtr
 
-        sizes = SIZES if size is None else np.array([size])
         late, variance = self._alone((UNSURE_OF_JITTER * self.period) ** 2)
-        clear = sizes[-1] ** 2 > CLEAR * variance
+        clear = size**2 > CLEAR * variance
         if np.count_nonzero(clear) < FEWEST_CLEAR:
-            return float(sizes[0]), 0.0
+            return 0.0
         late, variance = late[clear] - np.median(late[clear]), variance[clear]
         steady, _, _ = _best([_normal(late, variance + uneven**2) for uneven in UNEVEN], late, variance)
         std = np.sqrt(variance + UNEVEN[0] ** 2)
-        laws = [(ndtr((late + 0.5 * of) / std) - ndtr((late - 0.5 * of) / std)) / of for of in sizes]
-        best, law, _ = _best(laws, late, variance)
-        return float(sizes[law]), 2.0 * (best - steady)
+        evenly = (ndtr((late + 0.5 * size) / std) - ndtr((late - 0.5 * size) / std)) / size
+        spread, _, _ = _best([evenly], late, variance)
+        return 2.0 * (spread - steady)
 
     def delays(self, size: float) -> tuple[Floats, ...]:
         """Return the most likely delay [s] of each segment's commands if delays are spread over this size [s]."""

@@ -8,8 +8,8 @@ With the drop D = S(before) - S(after) that its k parameters bring, and the infl
     not at once   of what begins at a time or is at a place, D without its best AT_ONCE seconds is enough as well
     holds         G > 0, with G = (S_left_out(before) - S_left_out(after)) / 2
     possible      values inside their ranges, and the paper's parameters not those of another robot
-    matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations; at least
-                  half as large, if free runs on left-out data are much better with it (ranking.py)
+    matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations; of NEARLY
+                  this size, if free runs on left-out data are much better with it (elimination.py)
 
 S_left_out predicts each fold f without it, to first order from the fit's errors w (n,) and slopes J (n, p):
 
@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import USUAL_RATE, Excitation, locality, rarity, unlikelihood
+from cmr.estimation.candidates import USUAL_RATE, Excitation, locality, rarity, unlikelihood, worth_naming
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.prediction import POSE_SIGNALS, SIGNALS
@@ -58,6 +58,8 @@ PER_PARAMETER = 5.0  # additional, per further parameter
 OF_A_PLACE = 50.0
 CLEARLY = 3.0  # times the required drop: an effect above it to first order is needed
 PER_FURTHER = 10.0  # about the log of the number of errors: required drop of each further parameter (BIC)
+NEARLY = 0.5  # of the size that is large enough: an effect of this size stays in the search, and matters,
+MUCH_BETTER = 0.25  # if it explains this share of the squares of wheels or poses in free runs on left-out data
 ABSURD = 4.0  # factor of change of the paper's parameters that rules out an effect
 LARGEST_STRETCH = 0.5  # largest distortion of poses, relative to a usual distance from the origin
 FARTHEST = 1.5  # times its RMS distance from the origin, about the largest distance on a drive of loops
@@ -74,8 +76,7 @@ TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
 class CandidateEffect:
     """An effect fitted beside others: its drop of the sum of squared white errors, and its gain on left-out data.
 
-    `fit` is None after a quick fit. `measure` is the number that rules the effect out, if any. One that `matters` does
-    so whatever its size.
+    `fit` is None after a quick fit. `measure` is the number that rules the effect out, if any.
     """
 
     effect: Effect
@@ -84,7 +85,6 @@ class CandidateEffect:
     fit: Fit | None = None
     held_out: float = float("nan")
     measure: Measure | None = None
-    matters: bool = False
 
     def reason(self, why: str) -> str:
         """Return the reason why the effect is not named: the sentence of its measure, otherwise `why`."""
@@ -124,9 +124,13 @@ def measured(
 
 def too_small(candidate: CandidateEffect, excitation: Excitation) -> Measure | None:
     """Return by how much an effect is too small to be named; None if it is large enough."""
-    if candidate.matters:
-        return None
     return size_below_limit(candidate.effect, candidate.values, _stds(candidate), excitation)
+
+
+def nearly_large(candidate: CandidateEffect, excitation: Excitation) -> bool:
+    """Return whether an effect is at least NEARLY as large as one that is large enough."""
+    own = {one.name: candidate.values[one.name] for one in candidate.effect.parameters}
+    return worth_naming(own, _stds(candidate), excitation, NEARLY)
 
 
 def _stds(candidate: CandidateEffect) -> dict[str, float]:

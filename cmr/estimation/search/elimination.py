@@ -19,15 +19,18 @@ from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
     CLEARLY,
+    MUCH_BETTER,
     TOO_SMALL,
     CandidateEffect,
     SelectedEffect,
     held_out_gain,
     measured,
+    nearly_large,
     needed,
     too_small,
     why_not,
 )
+from cmr.estimation.search.cross_validation import elsewhere
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.profile import made_sure
 from cmr.estimation.search.trace import Measure
@@ -131,8 +134,7 @@ def _beside_the_others(
 
 def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> SelectedEffect:
     drop, held_out = before.squares - final.squares, held_out_gain(problem, before, final)
-    known = one.candidate
-    candidate = CandidateEffect(known.effect, drop, final.values, final, held_out, matters=known.matters)
+    candidate = CandidateEffect(one.candidate.effect, drop, final.values, final, held_out)
     return replace(one, before=before, candidate=candidate)
 
 
@@ -162,17 +164,27 @@ def _without_small(
     """Return the effects that are large enough, the small ones with their values, and the fit without the small
     ones.
     """
-    matters = [_too_small(problem, one, current) is None for one in named]
-    small = [one for one, does in zip(named, matters, strict=True) if not does]
+    measures = [_too_small(problem, one, current) for one in named]
+    small = {
+        number: measure
+        for number, measure in enumerate(measures)
+        if measure is not None and not _matters(problem, named[number], current)
+    }
     if not small:
         return list(named), [], current
-    fit = problem.fit(*without(problem, current, small), current.noise, renew=0)
-    measures = [_too_small(problem, one, current) for one in small]
-    tested = [
-        replace(one.candidate, values=current.values, measure=measure)
-        for one, measure in zip(small, measures, strict=True)
-    ]
-    return [one for one, does in zip(named, matters, strict=True) if does], tested, fit
+    leaving = [named[number] for number in small]
+    fit = problem.fit(*without(problem, current, leaving), current.noise, renew=0)
+    tested = [replace(named[number].candidate, values=current.values, measure=small[number]) for number in small]
+    return [one for number, one in enumerate(named) if number not in small], tested, fit
+
+
+def _matters(problem: Problem, one: SelectedEffect, fit: Fit) -> bool:
+    """Return whether an effect of a fit is nearly large enough, and free runs on left-out data much better with it."""
+    if not nearly_large(replace(one.candidate, values=fit.values, fit=fit), problem.excitation):
+        return False
+    before = problem.fit(*without(problem, fit, [one]), fit.noise, renew=0)
+    found = elsewhere(problem, before, fit)
+    return found.seen and found.of_runs > MUCH_BETTER
 
 
 def _too_small(problem: Problem, one: SelectedEffect, fit: Fit) -> Measure | None:

@@ -18,8 +18,8 @@ from itertools import compress
 from cmr.estimation.candidates import Excitation
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
-from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, held_out_gain, needed, too_small, why_not
-from cmr.estimation.search.cross_validation import as_seen, contradicted, elsewhere, why_not_elsewhere
+from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, held_out_gain, needed, why_not
+from cmr.estimation.search.cross_validation import as_seen, contradicted, why_not_elsewhere
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.placement import placed
 from cmr.estimation.search.screening import Score, Screening, start_of
@@ -31,8 +31,6 @@ FINALISTS = 3  # that are fitted with everything free
 TRUSTED_SHARE = 0.3  # of a trial's size: a score found at a share nearer to it than this is reliable
 CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
 LEAST_DROP = 20.0  # of a finalist
-NEARLY = 0.5  # of the size that matters: an effect of this size matters, too,
-MATTERS = 0.25  # if it explains this share of the squares of wheels or poses in free runs on left-out data
 LEAST_SCORE = 10.0  # least drop of the sum of squares for a fit
 
 
@@ -52,18 +50,11 @@ def fit_where_asked(
 def judged(
     problem: Problem, current: Fit, tested: CandidateEffect, inflation: Inflation
 ) -> tuple[CandidateEffect, str]:
-    """Return an effect and why it is not named; an acceptable one is refitted with everything free.
-
-    An effect that is nearly large enough matters if free runs on left-out data are much better with it.
-    """
+    """Return an effect and why it is not named; an acceptable one is refitted with everything free."""
     why = why_not(problem, current, tested, inflation)
     if tested.fit is None and why in ("", TOO_SMALL):
         tested = fit_fully(problem, current, [tested], [True])[0]
         why = why_not(problem, current, tested, inflation)
-    small = too_small(tested, problem.excitation) if why == TOO_SMALL else None
-    if small and tested.fit and abs(small.value) > NEARLY * small.limit:
-        matters = elsewhere(problem, current, tested.fit).of_runs > MATTERS
-        tested, why = replace(tested, matters=matters), "" if matters else why
     if not why and (problem.several or not problem.one_step):
         significant = needed(tested.effect) * inflation.of(tested.effect.name)
         why = why_not_elsewhere(problem, current, tested.fit, significant)
