@@ -163,18 +163,14 @@ def choose(
     at_random: bool = False,
     least: float = 0.0,
     reckoned: Reckoned | None = None,
-    sought: Sequence[str] = (),
 ) -> Choice:
     """Return the best of many movements, of `least` [s] or longer; they are longer where nothing is suspected.
 
     `at_random` takes the first that keeps to the floor, for comparison. Where the robot is only `reckoned` to be, what
-    is not known of its place stays on the floor, too. If effects are `sought`, by name, the movement that shows most of
-    them is the best.
+    is not known of its place stays on the floor, too.
     """
-    is_quiet = not sought and _is_quiet(judgement, known)
-    if sought:
-        known, least = only(known, sought), max(least, UNHURRIED)
-    elif is_quiet:
+    is_quiet = _is_quiet(judgement, known)
+    if is_quiet:
         known, least = only(known, _may_show(known)), max(least, UNHURRIED)
     drawn = _drawn(judgement.best.values, situation, floor, random, least)
     kept = [
@@ -191,9 +187,7 @@ def choose(
     told_by = changes(situation, movements, known.sets, judgement.problem.gains, judgement.noise)
     added = np.stack([np.nan_to_num(one.T @ one) for one in told_by])
     seconds = np.array([movement.seconds for movement in movements])
-    worth, need, gained, weights = (
-        _worth_of_sought(known, added, seconds) if sought else _worth(judgement, known, added, seconds, is_quiet)
-    )
+    worth, need, gained, weights = _worth(judgement, known, added, seconds, is_quiet)
     number = int(np.argmax(worth))
     names = known.columns.names
     pair = _parted(names, need, gained[number], weights)
@@ -245,7 +239,10 @@ def _worth(
     judgement: Judgement, known: Told, added: Floats, seconds: Floats, is_quiet: bool
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the worth of candidates (c,), what pairs need (e, e) and get of them (c, e, e), and the weights (e,)."""
-    before, after = (_separations(known, information) for information in (known.information, known.information + added))
+    before, after = (
+        separation.separations(separation.projected(information, known.columns), known.columns)
+        for information in (known.information, known.information + added)
+    )
     need, weights = _needs(judgement, known, before)
     gained = after - before
     if is_quiet:
@@ -253,18 +250,6 @@ def _worth(
         need = np.where(np.eye(len(alone), dtype=bool), need, np.inf)
         return separation.progress(np.diagonal(gained, axis1=1, axis2=2), alone, seconds), need, gained, weights
     return separation.scores(before, after, need, weights, seconds), need, gained, weights
-
-
-def _separations(known: Told, information: Floats) -> Floats:
-    return separation.separations(separation.projected(information, known.columns), known.columns)
-
-
-def _worth_of_sought(known: Told, added: Floats, seconds: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the same where only the effects of `known` are sought: what candidates show of each, per second."""
-    before, after = (_separations(known, information) for information in (known.information, known.information + added))
-    gained, every = after - before, np.ones(len(known.columns.names))
-    alone = np.where(np.eye(len(every), dtype=bool), 1.0, np.inf)
-    return separation.progress(np.diagonal(gained, axis1=1, axis2=2), every, seconds), alone, gained, every
 
 
 def _is_quiet(judgement: Judgement, known: Told) -> bool:

@@ -10,7 +10,7 @@ from cmr.estimation.candidates import locality
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.investigation.beyond import unexplained_by
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated, settled
-from cmr.investigation.choosing import Choice, Told, choose, keeps_to, told
+from cmr.investigation.choosing import Choice, Told, choose, keeps_to, only, told
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.floor import Floor
 from cmr.investigation.foreseeing import Growth
@@ -155,17 +155,8 @@ class Investigation:
                 situation = _situation(judgement, recording, planned, self._limits)
                 if here is not None:
                     situation = replace(situation, state=(*here.place, *situation.state[3:]))
-                choice = choose(
-                    judgement,
-                    known,
-                    situation,
-                    self.floor,
-                    self._random,
-                    at_random=self._at_random,
-                    least=least,
-                    reckoned=here,
-                    sought=self._sought,
-                )
+                to_show = only(known, self._sought) if self._sought else known
+                choice = choose(judgement, to_show, situation, self.floor, self._random, self._at_random, least, here)
                 if not self._sought:
                     self._growth.rates = choice.best_rates
             self._note(judgement, choice)
@@ -215,7 +206,8 @@ class Investigation:
         if not is_calibrated(averaged(judgement, known)):
             return False
         own = settled(judgement, known)
-        self._sought = tuple(name for name in own.sought if name in known.columns.of and name not in known.hopeless)
+        may_show = [name for name in known.columns.of if name not in known.shown and name not in known.hopeless]
+        self._sought = tuple(name for name in own.sought if name in may_show)
         return own.is_calibrated
 
     def _without_hope(self, known: Told, judgement: Judgement) -> Told:
