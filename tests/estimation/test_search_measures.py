@@ -11,6 +11,7 @@ import pytest
 from cmr.diagnosis.diagnose import _candidates
 from cmr.estimation.candidates import SMALLEST, Excitation, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
+from cmr.estimation.search import selection
 from cmr.estimation.search.criteria import (
     IN_ONE_MOMENT,
     TOO_SMALL,
@@ -194,3 +195,18 @@ def test_what_happened_in_one_second_is_no_place(moments: list[float], is_refuse
     after = Fit(values, names, np.ones(len(times)), slopes, cast(Any, None))
     patch = CandidateEffect(CATALOGUE["surface_patch"], 600.0, values, after, held_out=100.0)
     assert (why_not(problem, before, patch, Inflation(1.0)) == IN_ONE_MOMENT) == is_refused
+
+
+def test_what_is_not_seen_in_the_wheels_is_judged_so_when_it_is_selected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What late commands leave in the wheels raises the thresholds of effects of the wheels, not that of slip."""
+    found = [Inflation(20.0, 1.0, frozenset({"longitudinal_slip"})), Inflation(20.0, 1.0)]
+    screenings = iter(SimpleNamespace(inflation=one, noise=None) for one in found)
+    monkeypatch.setattr(selection, "screen", lambda *_model: next(screenings))
+    predictors = [SimpleNamespace(segment=SimpleNamespace(tick=0.0))]
+    problem = SimpleNamespace(**vars(PROBLEM), predictors=predictors, renewed=lambda fit, _noise: fit)
+    state = _Selection(cast(Any, problem), fit_of(), Trace())
+    for named in ([], [candidate("longitudinal_slip", 2.0, 500.0)]):
+        state.named = [SelectedEffect(one, (), fit_of()) for one in named]
+        state.screened()
+        assert state.inflation.of("longitudinal_slip") == 1.0
+    assert state.inflation.of("coulomb_friction") == 20.0

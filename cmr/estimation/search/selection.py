@@ -157,7 +157,9 @@ class _Selection:
         )
         self.current = self.problem.renewed(self.current, screening.noise)
         inflation = screening.inflation.at_least(COARSE_INFLATION if tick_of(self.problem) > COARSE else 1.0)
-        inflation = replace(inflation, all=max(inflation.all, self._least_inflation))
+        # The screening classifies the others; what is selected stays what it was before.
+        body = inflation.body | (self.inflation.body & {*self.names})
+        inflation = replace(inflation, all=max(inflation.all, self._least_inflation), body=body)
         self.inflation = inflation if self.problem.one_step else Inflation(FREE_RUN_INFLATION)
         return screening
 
