@@ -24,6 +24,9 @@ from cmr.recordings.signal import Floats
 
 SMALL = 0.1  # of the usual size, at which an effect is compared with a law, too
 ALIKE = 0.985  # share of a law's own trace that one effect reproduces: they are then equivalent on this drive
+# The same of whole traces, with what the model's parameters could do. What is left beyond these may be so little that
+# the difference between a variable of the observer and one of the model counts: a gyro's scale beside the base width.
+SAME = 0.995
 # The same of an effect that the model has: beside it, the law only says how it acts near rest, and moves its size.
 ALIKE_IN_MODEL = 0.9
 
@@ -32,16 +35,19 @@ ALIKE_IN_MODEL = 0.9
 class Known:
     """The traces of effects beside a model: orthonormal columns (n, k), and the gain of each, by its name.
 
-    An effect has columns for each size tested, if it has parameters besides its size.
+    An effect has columns for each size tested, if it has parameters besides its size. `whole` are the same columns with
+    what the model's parameters could do.
     """
 
     columns: list[tuple[str, Floats]]
+    whole: list[tuple[str, Floats]]
     gains: dict[str, float]
     rest: Rest
 
     def same_as(self, model: Linearised, law: Candidate) -> str:
         """Return the name of the effect that does what a law does; empty if there is none."""
-        return _alike(_traces_of(model, law, self.rest), self.rest.basis, self.columns)
+        traces = _traces_of(model, law, self.rest)
+        return _alike(traces, self.rest.basis, self.columns) or _alike(traces, traces[:, :0], self.whole, SAME)
 
 
 class Catalogued:
@@ -123,14 +129,16 @@ def known_beside(model: Linearised, rest: Rest, selected: Sequence[str], among: 
     changes = np.nan_to_num(white[:, 1:]) * rest.mask[:, None]
     free = changes - rest.basis @ (rest.basis.T @ changes)
     columns: list[tuple[str, Floats]] = []
+    whole: list[tuple[str, Floats]] = []
     gains: dict[str, float] = {}
     for name in dict.fromkeys(trial.effect for trial in tried):
         for group in _alternatives(tried, name):
             part = _orthonormal(free[:, group], changes[:, group])
             if part.shape[1]:
                 columns.append((name, part))
+                whole.append((name, _orthonormal(changes[:, group], changes[:, group])))
                 gains[name] = max(gains.get(name, 0.0), float(np.sum((part.T @ rest.white) ** 2)))
-    return Known(columns, gains, rest)
+    return Known(columns, whole, gains, rest)
 
 
 def _made_small(trial: Trial) -> Trial | None:
