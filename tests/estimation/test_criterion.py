@@ -1,6 +1,8 @@
 """Free runs see what they would see of each candidate alone, and say where a search by one-step errors is of no use."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from cmr.estimation import criterion
 from cmr.estimation.candidates import lanes_of
 from cmr.estimation.checks import looked_at
 from cmr.estimation.commanded_speeds import as_duties, as_motor, controller_of
+from cmr.estimation.criterion import FURTHER, STRAYING, trusted
 from cmr.estimation.estimation import nominal_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.preparation import Ready, prepare
@@ -86,3 +89,24 @@ def test_of_a_long_recording_a_part_is_searched_first(
     criterion.look(ready, lambda _sentence: None)
     part, one_step, free_runs = (True, SECONDS / 4), (True, SECONDS), (False, SECONDS)
     assert searched == [part, one_step if of_use else free_runs]
+
+
+def errors(deviation: float) -> Any:
+    """Return errors of free runs in which the body deviates by this much."""
+    return SimpleNamespace(median=lambda _name: deviation)
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+@pytest.mark.parametrize(("growth", "straying"), [(0.9 * FURTHER, 0.5), (1.1 * FURTHER, 0.5), (1.0, 1.1)])
+def test_a_body_that_deviates_further_speaks_against_velocity_controllers_alone(
+    controlled: bool, growth: float, straying: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wheels that stray do so against any robot; with duties, what turns the body may still be found as a law."""
+    monkeypatch.setattr(criterion, "errors_of", lambda *_runs: (errors(1.0), errors(growth)))
+    monkeypatch.setattr(criterion, "_straying", lambda *_runs: straying * STRAYING)
+    segment = SimpleNamespace(segment=SimpleNamespace(tick=0.0))
+    problem = SimpleNamespace(predictors=[segment], excitation=SimpleNamespace(controlled=controlled))
+    fit = SimpleNamespace(values={}, names=())
+    found = cast(Any, SimpleNamespace(problem=problem, base=fit, final=fit))
+    expected = straying < 1.0 and not (controlled and growth > FURTHER)
+    assert trusted(found, cast(Any, SimpleNamespace(start={}))) == expected
