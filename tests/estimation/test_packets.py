@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmr.estimation.search.command_timing import largest_delay
+from cmr.estimation.search.command_timing import _best, _normal, largest_delay
 
 PERIOD = 0.02  # s
 
@@ -22,3 +22,12 @@ def test_the_largest_delay_is_found_though_commands_overtake_one_another(largest
 
 def test_without_overtaking_it_is_twice_the_mean() -> None:
     assert largest_delay(0.004, PERIOD) == 0.008
+
+
+def test_delays_beyond_any_outlier_leave_likelihoods_finite() -> None:
+    """Where the model of the motors is wrong, delays of minutes may fit a response; their densities round to 0."""
+    late, variance = np.array([0.0, 100.0]), np.array([1e-6, 1e-6])
+    likelihood, number, density = _best([_normal(late, variance)], late, variance)
+    assert np.isfinite(likelihood)
+    assert number == 0
+    assert density[1] > 0.0
