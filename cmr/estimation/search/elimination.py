@@ -1,6 +1,7 @@
 """Backward elimination: remove effects that are redundant or too small, refine the values, and order the effects.
 
-For each effect k of the final model, with S the sum of squares of the model and S_k that of the model fitted without k,
+First, effects that are too small to be named are removed together, except those that matter in free runs on left-out
+data (`_matters`). For each effect k that is left, with S the sum of squares of the model and S_k that without k,
 
     D_k = S_k - S
 
