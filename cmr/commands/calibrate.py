@@ -38,7 +38,7 @@ from cmr.recordings.recording import Recording, RecordingError, read_messages
 from cmr.recordings.signal import Signal
 
 STATUS_PERIOD = 0.25  # s
-LOOK_PERIOD = 0.4  # s; the estimates so far are updated this often, if the computer is fast enough
+LOOK_PERIOD = 0.5  # s; the estimates so far are updated this often, if the computer is fast enough
 FINISHED = (calibration_status_t.DONE, calibration_status_t.FAILED)
 LEAST_OF_DRIVE = 0.5  # share of a drive in which poses are expected
 FURTHER = 5.0  # s; a log that continues for longer after a drive may contain another one

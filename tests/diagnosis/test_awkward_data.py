@@ -51,7 +51,8 @@ def sound() -> Diagnosis:
 
 
 @pytest.mark.parametrize(
-    ("lost", "missing"), [(("poses", "gyro"), "POSE_N"), (("wheels", "commands"), "MOTOR_FEEDBACK_N")]
+    ("lost", "missing"),
+    [(("poses", "gyro"), "POSE_N"), *further((("wheels", "commands"), "MOTOR_FEEDBACK_N"))],
 )
 def test_of_several_recordings_one_that_lacks_a_sensor_is_set_aside_by_name(lost: Sequence[str], missing: str) -> None:
     found = named(without(drive(30.0, 60.0), *lost), drive())
@@ -223,7 +224,7 @@ def test_without_commands_and_poses_the_wheel_radius_is_not_fitted() -> None:
     assert list(found.baseline.estimates) == ["base_width"]
 
 
-@pytest.mark.parametrize("seconds", [2.0, 3600.0])
+@pytest.mark.parametrize("seconds", [2.0, *further(3600.0)])
 def test_a_clock_that_was_set_right_stays_found(seconds: float) -> None:
     found = diagnose(later(drive(), "poses", seconds))
     (clock,) = [finding for finding in found.checks if finding.check == "poses_clock"]

@@ -65,6 +65,7 @@ def test_what_moves_the_body_beside_its_wheels_is_seen_and_the_model_extended_by
     assert generic.gain.interval[0] > 1.0
 
 
+@pytest.mark.further  # coarse encoders: test_finds_hidden_effects.py
 def test_where_structure_was_not_looked_for_its_share_is_not_known_and_the_reason_is_told() -> None:
     found = diagnose(rolling(replace(REALISTIC, ticks_per_turn=48.0)))
     unexplained = document(found)["unexplained"]

@@ -46,9 +46,11 @@ def test_mujoco_drives_the_path_of_the_robot(effects: tuple[str, ...], tmp_path:
     "effects",
     [
         ("motor_gain_asymmetry", "back_emf_asymmetry", "wheel_radius_asymmetry", "motor_coupling", "quadratic_drag"),
-        ("electrical_lag", "saturation", "coulomb_friction", "wheel_radius_scale"),
-        ("electrical_lag", "current_limit", "quadratic_drag", "motor_gain_asymmetry"),
         ("command_delay", "electrical_lag", "saturation", "slope"),
+        *further(
+            (("electrical_lag", "saturation", "coulomb_friction", "wheel_radius_scale"),),
+            (("electrical_lag", "current_limit", "quadratic_drag", "motor_gain_asymmetry"),),
+        ),
     ],
     ids="+".join,
 )

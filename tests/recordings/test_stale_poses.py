@@ -15,6 +15,7 @@ from cmr.tools.importing.import_log import main
 from cmr.tools.importing.mapping import SHIPPED
 from scripts.score_real_data import DATA
 from tests.recordings.drives_in_pieces import Shape, drawn, recorded
+from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
@@ -69,7 +70,7 @@ def test_first_poses_that_are_as_old_as_they_say_stay(latency: float) -> None:
     assert check(recording)["stale_poses"].found == 0
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.3])
+@pytest.mark.parametrize("latency", [*further(0.0), 0.3])
 def test_no_first_pose_of_a_clean_recording_is_called_stale(latency: float) -> None:
     for seed in range(12):  # scripts/check_clean_drives looks at hundreds
         assert stale_poses(recorded(replace(drawn(seed), latency=latency))).found == 0, seed
