@@ -73,16 +73,33 @@ def _by_one_step(ready: Ready, say: Callable[[str], None]) -> Search | None:
         if _by_one_step(ready.part(TRIAL), say) is None:
             return None
     try:
-        found = _with_right_gains(_searched(ready.problem, ready.base, ready, say), ready, say)
+        found = _searched(ready, say)
     except _AstrayError:
         return None
     return found if trusted(found, ready) else None
 
 
-def _searched(problem: Problem, base: Fit, ready: Ready, say: Callable[[str], None]) -> Search:
-    """Search by one-step errors; raises _AstrayError where free runs of a velocity controller get worse."""
-    after_step = _Watch(problem, base) if problem.excitation.controlled else _unwatched
-    return search(problem, base, say, lambda so_far: trusted(so_far, ready), after_step)
+def _searched(ready: Ready, say: Callable[[str], None]) -> Search:
+    """Search by one-step errors, again if the model found requires different observer gains; return the result.
+
+    Gains are first chosen with the paper's model. If the limits of a velocity controller act all the time, a model
+    without them is so wrong that the observer has to follow the encoders closely, and quantisation then looks like an
+    effect. Raises _AstrayError where free runs of a velocity controller get worse.
+    """
+    assert ready.problem is not None
+    assert ready.base is not None
+    problem, base, controlled = ready.problem, ready.base, ready.problem.excitation.controlled
+    for last in (not controlled, True):
+        after_step = _Watch(problem, base) if controlled else _unwatched
+        found = search(problem, base, say, lambda so_far: trusted(so_far, ready), after_step)
+        if last:
+            break
+        gains = choose_gains(found.problem.predictors, found.final.values)
+        if np.allclose(np.array(gains, np.float64), np.array(problem.gains, np.float64), rtol=SAME):
+            break
+        say("The model found calls for another observer: searching again ...")
+        problem, base = ready.with_gains(gains)
+    return found
 
 
 def _unwatched(_fit: Fit) -> None:
@@ -114,23 +131,6 @@ class _Watch:
         """
         (errors,) = errors_of(self._segments, [[Fold((fit.values,))]] * len(self._segments))
         return np.array([_straying(self._segments, errors), errors.median("position"), errors.median("heading")])
-
-
-def _with_right_gains(found: Search, ready: Ready, say: Callable[[str], None]) -> Search:
-    """Repeat the search if the model found requires different observer gains; return the result.
-
-    Gains are first chosen with the paper's model. If the limits of a velocity controller act all the time, a model
-    without them is so wrong that the observer has to follow the encoders closely, and quantisation then looks like an
-    effect.
-    """
-    problem = found.problem
-    if not problem.excitation.controlled:
-        return found
-    gains = choose_gains(problem.predictors, found.final.values)
-    if np.allclose(np.array(gains, np.float64), np.array(problem.gains, np.float64), rtol=SAME):
-        return found
-    say("The model found calls for another observer: searching again ...")
-    return _searched(*ready.with_gains(gains), ready, say)
 
 
 def trusted(found: Search, ready: Ready) -> bool:

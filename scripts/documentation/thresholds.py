@@ -16,7 +16,14 @@ STAGES = {
     "Fit": ("search/ranking", "search/placement", "search/profile"),
     "Judgement": ("search/criteria",),
     "Cross-validation": ("search/folds", "search/cross_validation"),
-    "Selection": ("search/selection", "search/ties", "search/rivals", "search/exchange", "search/leap"),
+    "Selection": (
+        "search/selection",
+        "search/reasons",
+        "search/ties",
+        "search/rivals",
+        "search/exchange",
+        "search/leap",
+    ),
     "Effects of chance": ("search/chance", "search/command_timing"),
     "Laws": (
         "laws/candidates",

@@ -24,6 +24,7 @@ from cmr.estimation.search.criteria import (
 )
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.measures import readings_lost, size_below_limit, with_unit
+from cmr.estimation.search.reasons import rows_of_added, rows_of_rejected, rows_of_rivals
 from cmr.estimation.search.rivals import Rival
 from cmr.estimation.search.selection import _Selection
 from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, Trace
@@ -120,13 +121,11 @@ def test_half_the_size_that_matters_is_nearly_large(share: float, is_nearly: boo
 
 
 def test_a_small_effect_is_included_and_its_rivals_are_rows_with_the_difference() -> None:
-    trace = Trace()
-    state = _Selection(PROBLEM, fit_of(), trace, 1.0)
-    rival = candidate("gyro_drift", 2.0, 495.0)
-    state.others = [(rival, "It explains less.")]
+    trace, inflation = Trace(), Inflation(1.0)
+    others = [(candidate("gyro_drift", 2.0, 495.0), "It explains less.")]
     for share in (0.5, 2.0):
-        chosen = SimpleNamespace(candidate=candidate("gyro_bias", share, 500.0), rivals=("gyro_drift",))
-        state._note_added(cast(Any, chosen))
+        chosen = SelectedEffect(candidate("gyro_bias", share, 500.0), ("gyro_drift",), fit_of())
+        trace.note(*rows_of_added(chosen, others, inflation, USUAL))
     assert [one.action for one in trace.decisions] == [INCLUDED, INDISTINCT, ADDED, INDISTINCT]
     assert trace.decisions[0].measures[0].quantity == "gyro_bias"
     assert (trace.decisions[1].effects, trace.decisions[1].statistic) == (("gyro_drift", "gyro_bias"), 5.0)
@@ -136,8 +135,7 @@ def test_a_small_effect_is_included_and_its_rivals_are_rows_with_the_difference(
 def test_a_rival_beside_all_other_effects_is_a_row_with_the_difference_and_its_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    trace = Trace()
-    state = _Selection(PROBLEM, fit_of(), trace, 1.0)
+    state = _Selection(PROBLEM, fit_of(), Trace(), 1.0)
     state.named = [SelectedEffect(candidate("gyro_bias", 2.0, 500.0), ("turn_slip", "gyro_drift"), fit_of())]
     monkeypatch.setattr(
         "cmr.estimation.search.selection.rivals_of", lambda *_: (Rival("gyro_drift", 5.0, 12.0, fit_of()),)
@@ -146,19 +144,17 @@ def test_a_rival_beside_all_other_effects_is_a_row_with_the_difference_and_its_l
     assert not state.exchanged_for_one_of(rivals)
     (named,) = state.with_rivals(rivals)
     assert named.rivals == ("gyro_drift",)
-    (row,) = trace.decisions
-    assert (row.action, row.effects) == (INDISTINCT, ("gyro_drift", "gyro_bias"))
+    (row,) = rows_of_rivals(rivals)
+    assert (row.action, row.effects) == (INDISTINCT, ["gyro_drift", "gyro_bias"])
     assert (row.statistic, row.threshold) == (5.0, 12.0)
 
 
 def test_a_rejected_effect_keeps_the_measure_for_which_it_was() -> None:
-    trace = Trace()
-    state = _Selection(PROBLEM, fit_of(), trace, 1.0)
-    state.others = [(candidate("gyro_bias", 0.5, 500.0), TOO_SMALL)]
-    state._note_rejected()
-    (row,), ((kept, why),) = trace.decisions, state.others
-    assert (row.action, why) == (REJECTED, TOO_SMALL)
-    assert kept.measure is row.measures[0]
+    kept = measured(PROBLEM, fit_of(), candidate("gyro_bias", 0.5, 500.0), Inflation(1.0), TOO_SMALL)
+    (row,) = rows_of_rejected([(kept, TOO_SMALL)], Inflation(1.0))
+    (measure,) = row.measures
+    assert row.action == REJECTED
+    assert measure is kept.measure
     assert row.reason.startswith("Its size, 0.00")
 
 

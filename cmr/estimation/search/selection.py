@@ -36,16 +36,16 @@ from cmr.estimation.search.criteria import (
     SelectedEffect,
     measured,
     needed,
-    too_small,
 )
 from cmr.estimation.search.elimination import finished, pruned
-from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange, penalty_of
+from cmr.estimation.search.exchange import BETTER, Exchange, best_exchange
 from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.leap import best_leap
-from cmr.estimation.search.measures import coarse_tick, too_small_to_be_named
-from cmr.estimation.search.rivals import AS_WELL, Rival, better_than, margin_of, rivals_of
+from cmr.estimation.search.measures import coarse_tick
+from cmr.estimation.search.reasons import row_of_exchange, rows_of_added, rows_of_rejected, rows_of_rivals
+from cmr.estimation.search.rivals import Rival, better_than, rivals_of
 from cmr.estimation.search.screening import Screening, screen
-from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, REMOVED, REPLACED, Decision, Trace
+from cmr.estimation.search.trace import ADDED, REJECTED, REMOVED, Decision, Row, Trace
 from cmr.estimation.simulation_error import FREE_RUN_INFLATION
 from cmr.model.catalogue import CATALOGUE
 
@@ -55,14 +55,11 @@ MOST_STEPS = 30  # additions and exchanges
 AS_BEFORE = "The search has been at this model before, and fits it no better now."
 CLEANED = "What it did is removed from the data, and the search starts again."
 REDUNDANT = "The other effects explain nearly as much without it."
-TOGETHER = "The likelihood ratio of these effects together is above the threshold."
-STAYS = "What is too small stays in the model only during the search, so that it hides no other effect."
 SMALLER_SHOWN = 0.5  # of the typical size: an effect is unseen if only larger sizes would be detected
 MOST_SMALL = 8  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # quantisation errors of coarse encoders depend on the speed
 LEFT_BY_CHANCE = 0.05  # of what a random effect explains may remain, because the delays of single commands are inexact
 MUCH = 5.0  # times the required drop: if a second effect explains more, there may be several
-NOTED = 4  # rejected effects per step kept in the trace
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,7 @@ def search(
         by_chance, cleaned = chance
         name = by_chance.candidate.effect.name
         say(f"Searching again without {name} ...")
-        trace.note(ADDED, [name], by_chance.candidate.drop, reason=CLEANED)
+        trace.note(Row(ADDED, [name], by_chance.candidate.drop, reason=CLEANED))
         clean_base = cleaned.fit(base.values, base.names, found.final.noise, renew=0)
         least = LEFT_BY_CHANCE * by_chance.candidate.drop / THRESHOLD
         found = replace(_selected(_Selection(cleaned, clean_base, trace, least), say, after_step), base=base)
@@ -117,7 +114,7 @@ def search(
     coarse = coarse_ticks(problem, found.final)
     if coarse:
         ticks = coarse_tick(tick_of(problem), COARSE)
-        trace.note(ADDED, ["encoder_quantisation"], coarse.candidate.drop, reason=ticks.sentence, measures=[ticks])
+        trace.note(Row(ADDED, ["encoder_quantisation"], coarse.candidate.drop, reason=ticks.sentence, measures=[ticks]))
         named = [*named, coarse]
     named = sorted(named, key=lambda one: -one.candidate.drop)
     return replace(found, named=named, decisions=tuple(trace.decisions))
@@ -179,9 +176,13 @@ class _Selection:
         chosen, self.others = next_effect(self.problem, self.current, screening, self.inflation)
         if chosen is not None and len(self.named) < MOST_EFFECTS:
             assert chosen.candidate.fit is not None
-            self._note_added(chosen)
+            self.trace.note(*rows_of_added(chosen, self.others, self.inflation, self.problem.excitation))
             return self._moved_to([*self.named, chosen], chosen.candidate.fit)
-        self._note_rejected()
+        self.others = [
+            (measured(self.problem, self.current, candidate, self.inflation, why), why)
+            for candidate, why in self.others
+        ]
+        self.trace.note(*rows_of_rejected(self.others, self.inflation))
         if not self.problem.one_step:  # of effects alike in free runs, keep the one that predicts left-out data best
             return False
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
@@ -204,7 +205,8 @@ class _Selection:
         """Make an exchange, if there is one; return whether it leads to a new model."""
         if exchange is None:
             return False
-        self._note_exchanged(exchange)
+        drop = self.current.squares - exchange.fit.squares
+        self.trace.note(row_of_exchange(exchange, drop, self.inflation, self.problem.excitation))
         self._exchanged_for.update(exchange.coming)
         stay = [one for one in self.named if one.candidate.effect.name not in exchange.leaving]
         return self._moved_to([*stay, *exchange.selected], exchange.fit)
@@ -213,54 +215,16 @@ class _Selection:
         """Move to another model without its redundant effects; return whether it is new."""
         if len(named) > 1:
             named, fit, redundant = pruned(self.problem, named, fit, self.inflation)
-            for name, drop, least in redundant:
-                self.trace.note(REMOVED, [name], drop, least, REDUNDANT)
+            self.trace.note(*(Row(REMOVED, [name], drop, least, REDUNDANT) for name, drop, least in redundant))
         after = frozenset(one.candidate.effect.name for one in named)
         gained = self._visited.get(after, np.inf) - fit.squares
         if gained < BETTER:
-            self.trace.note(REJECTED, sorted(after), gained, BETTER, AS_BEFORE)
+            self.trace.note(Row(REJECTED, sorted(after), gained, BETTER, AS_BEFORE))
             return False
         self._visited[after] = fit.squares
         self.named, self.current = named, fit
         self.trace.step += 1
         return True
-
-    def _note_added(self, chosen: SelectedEffect) -> None:
-        candidate, least = chosen.candidate, self._least(chosen.candidate)
-        name, small = candidate.effect.name, too_small(candidate, self.problem.excitation)
-        reason = f"{small.sentence} {STAYS}" if small else "It has the largest likelihood ratio."
-        self.trace.note(INCLUDED if small else ADDED, [name], candidate.drop, least, reason, [small])
-        margin = margin_of(candidate, self.inflation)
-        for rival in (other for other, _ in self.others if other.effect.name in chosen.rivals):
-            less = candidate.drop - rival.drop
-            self.trace.note(INDISTINCT, [rival.effect.name, name], less, margin, AS_WELL.format(name))
-
-    def _note_exchanged(self, exchange: Exchange) -> None:
-        """Record an exchange, including added effects that are too small to be named."""
-        found = [too_small(one.candidate, self.problem.excitation) for one in exchange.selected]
-        small = [measure for measure in found if measure]
-        reason = f"In place of {' and '.join(exchange.leaving)}." if exchange.leaving else TOGETHER
-        reason = f"{reason} {too_small_to_be_named(small)} {STAYS}" if small else reason
-        action = INCLUDED if len(small) == len(found) else ADDED
-        least = penalty_of(exchange.leaving, exchange.coming, self.inflation) + BETTER * self.inflation.all
-        drop = self.current.squares - exchange.fit.squares
-        self.trace.note(REPLACED if exchange.leaving else action, exchange.coming, drop, least, reason, small)
-
-    def _note_rejected(self) -> None:
-        """Record the strongest rejected effects, and keep the measures that rejected each."""
-        self.others = [
-            (measured(self.problem, self.current, candidate, self.inflation, why), why)
-            for candidate, why in self.others
-        ]
-        for candidate, why in sorted(self.others, key=lambda other: -other[0].drop)[:NOTED]:
-            self.trace.note(
-                REJECTED,
-                [candidate.effect.name],
-                candidate.drop,
-                self._least(candidate),
-                candidate.reason(why),
-                [candidate.measure],
-            )
 
     def rivals(self, screening: Screening) -> dict[str, tuple[Rival, ...]]:
         """Return the rivals of the selected effects beside all others, by name.
@@ -283,16 +247,9 @@ class _Selection:
         return any(self._exchanged(exchange) for exchange in better)
 
     def with_rivals(self, rivals: Mapping[str, Sequence[Rival]]) -> list[SelectedEffect]:
-        """Return the selected effects with these rivals, which the trace records."""
-        for name, own in rivals.items():
-            for rival in own:
-                self.trace.note(INDISTINCT, [rival.name, name], rival.less, rival.limit, AS_WELL.format(name))
+        """Return the selected effects with these rivals."""
         found = {name: tuple(rival.name for rival in own) for name, own in rivals.items()}
         return [replace(one, rivals=found.get(one.candidate.effect.name, one.rivals)) for one in self.named]
-
-    def _least(self, candidate: CandidateEffect) -> float:
-        """Return the drop of the sum of squares below which an effect may be chance."""
-        return needed(candidate.effect) * self.inflation.of(candidate.effect.name)
 
 
 def _selected(state: _Selection, say: Callable[[str], None], after_step: Callable[[Fit], None]) -> Search:
@@ -308,10 +265,11 @@ def _selected(state: _Selection, say: Callable[[str], None], after_step: Callabl
         screening = state.screened()
     else:
         rivals = state.rivals(screening)
+    trace.note(*rows_of_rivals(rivals))
     last = finished(problem, state.with_rivals(rivals), state.current, state.inflation)
     for candidate, why in last.dropped:
         reason, measures = candidate.reason(why), [candidate.measure]
-        trace.note(REMOVED, [candidate.effect.name], candidate.drop, reason=reason, measures=measures)
+        trace.note(Row(REMOVED, [candidate.effect.name], candidate.drop, reason=reason, measures=measures))
     others = [*last.dropped, *state.others]
     unseen = _unseen(problem, screening, [one.candidate.effect.name for one in last.named])
     return Search(

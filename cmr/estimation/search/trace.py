@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 # INCLUDED: too small to be named, but kept in the model during the search so that it does not hide other effects.
 ADDED, INCLUDED, REPLACED, REMOVED, REJECTED = "added", "included", "replaced", "removed", "not added"
@@ -64,6 +65,17 @@ def with_rivals(decisions: Sequence[Decision], rivals: Iterable[tuple[str, str]]
     )
 
 
+class Row(NamedTuple):
+    """A decision before it is known at which step it is made; measures of None are skipped."""
+
+    action: str
+    effects: Sequence[str]
+    statistic: float
+    threshold: float = math.nan
+    reason: str = ""
+    measures: Iterable[Measure | None] = ()
+
+
 @dataclass
 class Trace:
     """The decisions of a search so far."""
@@ -71,15 +83,8 @@ class Trace:
     decisions: list[Decision] = field(default_factory=list)
     step: int = 0
 
-    def note(
-        self,
-        action: str,
-        effects: Sequence[str],
-        statistic: float,
-        threshold: float = math.nan,
-        reason: str = "",
-        measures: Iterable[Measure | None] = (),
-    ) -> None:
-        """Add a decision to the current step; a measure of None is skipped."""
-        known = tuple(measure for measure in measures if measure is not None)
-        self.decisions.append(Decision(self.step, action, tuple(effects), statistic, threshold, reason, known))
+    def note(self, *rows: Row) -> None:
+        """Add decisions to the current step."""
+        for action, effects, statistic, threshold, reason, measures in rows:
+            known = tuple(measure for measure in measures if measure is not None)
+            self.decisions.append(Decision(self.step, action, tuple(effects), statistic, threshold, reason, known))
