@@ -47,7 +47,7 @@ def written(result: CalibrationResult) -> ParameterFile:
     return parse(result.parameter_file({"log": "run.lcm"}).to_yaml())
 
 
-@pytest.mark.further
+@pytest.mark.further  # deviations in files: test_calibrate.py
 def test_what_is_known_badly_stands_in_the_file_with_its_deviation(alone: CalibrationResult) -> None:
     found = written(alone).values["k2_over_k3"]
     assert found.std is not None

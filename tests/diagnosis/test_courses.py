@@ -40,7 +40,7 @@ def rolling(noise: Noise = REALISTIC, **hidden: float) -> Recording:
     return without(whole, "commands")
 
 
-@pytest.mark.further
+@pytest.mark.further  # nothing is named where nothing is hidden: test_finds_hidden_effects.py
 def test_nothing_remains_where_the_body_moves_as_its_wheels_say() -> None:
     found = diagnose(rolling())
     assert found.verdict == "no_effect"

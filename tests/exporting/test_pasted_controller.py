@@ -66,7 +66,7 @@ def pasted(file: ParameterFile) -> dict[str, Any]:
     return parameters
 
 
-@pytest.mark.further
+@pytest.mark.further  # what is known of robots is pasted above
 def test_a_figure_eight_calibrates_well_enough_for_the_paste() -> None:
     recorder = Recorder(0)
     for channel, message in messages(DEFAULT):

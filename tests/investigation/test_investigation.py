@@ -30,7 +30,7 @@ def test_the_same_seed_gives_the_same_investigation() -> None:
     assert first == again
 
 
-@pytest.mark.further
+@pytest.mark.further  # what it waits for: test_calibrating.py
 def test_a_calibration_goes_on_while_there_is_more_to_name() -> None:
     """Between the names of six small effects, parameters beside one more seem known, and are wrong by percents."""
     outcome = investigated(InvestigatedCase((), seed=4001, longest=15.0, messy=True, calibrate=True))

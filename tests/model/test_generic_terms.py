@@ -41,7 +41,7 @@ def test_models_without_generic_terms_are_compiled_without_them() -> None:
     assert model_of(["k1", PARAMETERS[0].name]) is not plain
 
 
-@pytest.mark.further
+@pytest.mark.further  # two of them have closed forms, below
 def test_every_product_changes_the_motion() -> None:
     sizes = {p.name: np.where(np.arange(len(PARAMETERS)) == k, p.typical or 0.0, 0.0) for k, p in enumerate(PARAMETERS)}
     moved, plain = driven(sizes), driven({})  # type: ignore[arg-type]

@@ -124,7 +124,7 @@ def test_a_clock_that_is_half_a_swing_late_does_not_make_the_gyro_reversed() -> 
         assert "gyro_reversed" not in found(later(gyro_times(recording(swinging, 1), 1.2), "gyro", -seconds))
 
 
-@pytest.mark.further
+@pytest.mark.further  # by a diagnosis: tests/diagnosis/test_awkward_data.py
 def test_a_calibration_says_what_is_wrong_with_the_gyro_and_does_without_it() -> None:
     whole = recording(figure_eight, 2)
     nominal = ParameterFile(0, {"wheel_radius": Value(0.04)})
