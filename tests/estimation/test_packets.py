@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cmr.estimation.search.command_timing import _best, _normal, largest_delay
+from cmr.estimation.search.chance import SURE_LOSS
+from cmr.estimation.search.command_timing import Timing, _best, _normal, largest_delay
 
 PERIOD = 0.02  # s
 
@@ -31,3 +32,19 @@ def test_delays_beyond_any_outlier_leave_likelihoods_finite() -> None:
     assert np.isfinite(likelihood)
     assert number == 0
     assert density[1] > 0.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.04])
+def test_the_share_of_commands_that_come_with_the_next_is_found(share: float) -> None:
+    """Each delay is known to 3 ms, independently of the others'; a binomial share to its deviation."""
+    count, std = 1000, 3e-3
+    random = np.random.default_rng(3)
+    gaps = random.uniform(0.04, 0.06, count)
+    lost = random.random(count) < share
+    measured = lost * gaps + random.normal(0.0, std, count)
+    loss = Timing(np.full((1, count), std**-2), measured / std**2, gaps, (0, count), 0.05).loss()
+    assert loss is not None
+    assert (loss.drop > SURE_LOSS) == bool(share)
+    if share:
+        assert loss.share == pytest.approx(share, abs=3.0 * np.sqrt(share / count))
+        assert list(loss.lost) == list(lost)

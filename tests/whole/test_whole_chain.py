@@ -30,7 +30,7 @@ def test_the_parameters_of_the_emulators_own_robot_are_within_their_intervals(ha
         assert estimate.std < 0.01 * true
 
 
-@pytest.mark.parametrize("effect", further("motor_heating", "wheel_wobble", "gyro_bias"))
+@pytest.mark.parametrize("effect", further("motor_heating", "wheel_wobble", "gyro_bias", "command_loss"))
 def test_lost_replies_slow_adapters_and_a_busy_computer_hide_nothing(effect: str, tmp_path: Path) -> None:
     """Stamps of a gyro that numbers no readings, gaps in the log, and small effects beside this one each hid one."""
     case = ChainCase(effect, "roboclaw+dsp3000", RICH, "hard", seed=80)

@@ -29,7 +29,7 @@ from cmr.model.catalogue import CATALOGUE
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
 MAYBE_CHANCE = 10.0  # drop from which the delays of single commands are evident; below THRESHOLD both effects are named
 STD_OF_JITTER = 0.05  # of its size: the distribution of delays is not known
-SURE_LOSS = 12.0  # drop from which commands are lost
+SURE_LOSS = 8.0  # drop from which commands are lost
 PERHAPS = 2.0  # standard deviations by which the counted share may be too small, given that commands are certainly lost
 READ_OFF = 1e-3  # relative standard deviation of values read off the data
 
@@ -55,7 +55,7 @@ def chance_on_commands(
     if timing is None:
         return None
     jitter = _jitter(problem, beside, late, timing) if late else None
-    return jitter or _lost(problem, final, timing if seen is beside else timing_of(problem, seen))
+    return jitter or _lost(problem, final, timing_of(problem, seen, until_next=True))
 
 
 def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], final: Fit) -> list[SelectedEffect]:

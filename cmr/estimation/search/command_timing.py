@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 REACH = 0.5  # s after which the trace of a command's delay has decayed
+IMPULSES = 4  # in place of the pulse of duty of a lost command, which may last as long as readings are apart
 LEAST_CHANGE = 1e-3  # duty; a smaller change of a command does not reveal its delay
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
 UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which constant delays may appear to differ
@@ -140,12 +141,17 @@ class Timing:
         return factor, cho_solve_banded((factor, False), self.right)
 
 
-def timing_of(problem: Problem, fit: Fit) -> Timing | None:
-    """Return the information on delays of commands beside a fit; None if there is none."""
+def timing_of(problem: Problem, fit: Fit, *, until_next: bool = False) -> Timing | None:
+    """Return the information on delays of commands beside a fit; None if there is none.
+
+    Delays are taken to be short, so that the duty of a late command is an impulse, or `until_next` to last until the
+    next command.
+    """
     commanded = [len(predictor.segment.observations.commands.time) > 1 for predictor in problem.predictors]
     if not all(commanded) or not any(SIDES[0] in predictor.times for predictor in problem.predictors):
         return None
-    return _timing(problem, fit, problem.joint_errors(fit.values))
+    moments = (np.arange(IMPULSES) + 0.5) / IMPULSES if until_next else np.zeros(1)
+    return _timing(problem, fit, problem.joint_errors(fit.values), moments)
 
 
 def _normal(late: Floats, variance: Floats) -> Floats:
@@ -244,25 +250,30 @@ def _taken(problem: Problem, delays: Sequence[Floats]) -> Problem:
     return Problem(predictors, problem.gains, problem.excitation)
 
 
-def _timing(problem: Problem, fit: Fit, errors: Errors) -> Timing:
+def _timing(problem: Problem, fit: Fit, errors: Errors, moments: Floats) -> Timing:
+    """Return the information on delays; the duty of a late command acts at some `moments`, shares of the time that
+    passes until the next command.
+    """
     from scipy.sparse import csr_matrix
 
     white = fit.noise.all_white(problem.batch, errors)[:, 0]
     begins = {name: problem.batch.white_rows(name) for name in SIDES}
-    entries, gaps, splits = [], [], [0]
+    entries, gaps, splits, period = [], [], [0], period_of(problem)
     mean = sum(fit.values.get(name, 0.0) for name in MEANS)
     for number, predictor in enumerate(problem.predictors):
         commands = predictor.segment.observations.commands
-        packets, changes = commands.time + mean, np.diff(commands.duty, axis=0, prepend=commands.duty[:1])
+        changes = np.diff(commands.duty, axis=0, prepend=commands.duty[:1])
+        gaps.append(np.diff(commands.time, append=commands.time[-1:]))
         for side, name in enumerate(SIDES):
             response = _response(fit, problem, fit.noise, name, number, predictor)
-            values, rows, columns = _design(packets, -changes[:, side], predictor.times[name], response)
-            entries.append((values, rows + begins[name][number].start, columns + splits[-1]))
-        gaps.append(np.diff(commands.time, append=commands.time[-1:]))
-        splits.append(splits[-1] + len(packets))
+            for moment in moments:
+                packets = commands.time + mean + moment * np.minimum(gaps[-1], PAUSE * period)
+                values, rows, columns = _design(packets, -changes[:, side], predictor.times[name], response)
+                entries.append((values / len(moments), rows + begins[name][number].start, columns + splits[-1]))
+        splits.append(splits[-1] + len(commands.time))
     values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     design = csr_matrix((values, (rows, columns)), shape=(len(white), splits[-1]))
-    return Timing(_banded(design.T @ design), design.T @ white, np.concatenate(gaps), tuple(splits), period_of(problem))
+    return Timing(_banded(design.T @ design), design.T @ white, np.concatenate(gaps), tuple(splits), period)
 
 
 def _response(
