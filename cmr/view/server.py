@@ -74,9 +74,8 @@ class PageServer:
         with redirect_stdout(io.StringIO()), guarding(Door(address, self.refusals), pages):
             self._server = _Server(address.host, address.port, "cmr-view", verbose=False)
         self.url = address.url(self._server.get_port())
-        self._server.gui.configure_theme(
-            control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
-        )
+        self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        self._server.gui.main_panel.dock_right()
         self._server.initial_camera.up = (0.0, 0.0, 1.0)
         self._server.initial_camera.position = INITIAL
         self._server.on_client_connect(lambda client: self.wishes.put(Wish(COME, client.client_id, client)))

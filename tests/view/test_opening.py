@@ -199,7 +199,8 @@ class FakeVisit:
 @pytest.fixture
 def pages(monkeypatch: pytest.MonkeyPatch) -> server.PageServer:
     """A server of a live world with visitors 1 to 6."""
-    gui = SimpleNamespace(configure_theme=lambda **_look: None)
+    panel = SimpleNamespace(dock_right=lambda: None)
+    gui = SimpleNamespace(configure_theme=lambda **_look: None, main_panel=panel)
     fake = SimpleNamespace(gui=gui, initial_camera=SimpleNamespace(), get_port=lambda: 8080, stop=lambda: None)
     fake._websock_server = SimpleNamespace(_live_connections={})
     fake.on_client_connect = fake.on_client_disconnect = lambda _call: None
