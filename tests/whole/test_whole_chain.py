@@ -49,3 +49,14 @@ def test_the_ramp_of_a_controller_is_no_jitter_of_its_commands(tmp_path: Path) -
     named = {found.name for found in diagnose(Recording.read(path)).effects}
     assert "slew_limit" in named
     assert named <= case.there
+
+
+@pytest.mark.further  # what jitter is told by: tests/estimation/test_packets.py
+def test_jitter_of_the_commands_does_not_make_the_motors_seem_quicker(tmp_path: Path) -> None:
+    """Delays that differ smooth the response; half of it was taken for a lag, and k2_over_k3 was 3.9 % too large."""
+    path = tmp_path / "drive.lcm"
+    truth = write_chain_log(ChainCase("command_jitter", "roboclaw+dsp3000", RICH, "hard", seed=91), path).truth
+    found = diagnose(Recording.read(path))
+    assert "command_jitter" in {effect.name for effect in found.effects}
+    assert found.extended is not None
+    assert found.extended.estimates["k2_over_k3"].value == pytest.approx(truth["k2_over_k3"], rel=0.025)

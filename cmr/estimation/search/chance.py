@@ -13,7 +13,9 @@ from cmr.estimation.gains import COARSE
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.command_timing import (
+    DELAY,
     JITTER,
+    LAG,
     LOSS,
     MEANS,
     Timing,
@@ -55,6 +57,11 @@ def chance_on_commands(
     if timing is None:
         return None
     jitter = _jitter(problem, beside, late, timing) if late else None
+    if jitter and LAG in beside.names:
+        # Delays that differ smooth the response as a lag does, and their mean was split between both.
+        delayed = _delayed_only(problem, beside)
+        timing = timing_of(problem, delayed)
+        jitter = _jitter(problem, delayed, late, timing) if timing else jitter
     return jitter or _lost(problem, final, timing_of(problem, seen, until_next=True))
 
 
@@ -94,11 +101,18 @@ def _size(mean: float, timing: Timing) -> float:
     return effective_size(largest_delay(mean, timing.period), timing.period)
 
 
+def _delayed_only(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit with a delay in place of a lag."""
+    values = {**fit.values, DELAY: sum(fit.values.get(name, 0.0) for name in MEANS), LAG: 0.0}
+    names = (*(name for name in fit.names if name not in MEANS), DELAY)
+    return problem.fit(values, names, fit.noise, renew=0)
+
+
 def _jitter(
     problem: Problem, final: Fit, late: Sequence[SelectedEffect], timing: Timing
 ) -> tuple[SelectedEffect, Problem] | None:
     """Return jitter in place of the delay effects `late`, if delays are spread accordingly."""
-    mean = sum(final.values[parameter.name] for one in late for parameter in one.candidate.effect.parameters)
+    mean = sum(final.values.get(name, 0.0) for name in MEANS)
     size = _size(mean, timing)
     drop = timing.jitter(size)
     if drop < MAYBE_CHANCE:

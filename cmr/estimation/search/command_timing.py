@@ -44,7 +44,8 @@ SMALLEST_BLOCK = 32  # of a banded matrix processed block by block
 AGES = 200  # at which the age of the command in force is computed
 MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
 CLOSE = 1e-13  # of the largest delay: tolerance of the solution
-MEANS = ("command_delay", "electrical_lag")  # whose parameter is a mean delay [s]
+DELAY, LAG = "command_delay", "electrical_lag"
+MEANS = (DELAY, LAG)  # whose parameter is a mean delay [s]
 JITTER, LOSS = "command_jitter", "command_loss"
 
 
