@@ -18,6 +18,7 @@ Reference: L. Ljung, System Identification: Theory for the User, 2nd ed., 1999 (
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -88,22 +89,16 @@ def _searched(ready: Ready, say: Callable[[str], None]) -> Search:
     """
     assert ready.problem is not None
     assert ready.base is not None
-    problem, base, controlled = ready.problem, ready.base, ready.problem.excitation.controlled
-    for last in (not controlled, True):
-        after_step = _Watch(problem, base) if controlled else _unwatched
-        found = search(problem, base, say, lambda so_far: trusted(so_far, ready), after_step)
-        if last:
-            break
-        gains = choose_gains(found.problem.predictors, found.final.values)
-        if np.allclose(np.array(gains, np.float64), np.array(problem.gains, np.float64), rtol=SAME):
-            break
-        say("The model found calls for another observer: searching again ...")
-        problem, base = ready.with_gains(gains)
-    return found
-
-
-def _unwatched(_fit: Fit) -> None:
-    """Accept any model."""
+    problem, base, of_use = ready.problem, ready.base, partial(trusted, ready=ready)
+    if not problem.excitation.controlled:
+        return search(problem, base, say, of_use)
+    found = search(problem, base, say, of_use, _Watch(problem, base))
+    gains = choose_gains(found.problem.predictors, found.final.values)
+    if np.allclose(np.array(gains, np.float64), np.array(problem.gains, np.float64), rtol=SAME):
+        return found
+    say("The model found calls for another observer: searching again ...")
+    problem, base = ready.with_gains(gains)
+    return search(problem, base, say, of_use, _Watch(problem, base))
 
 
 class _AstrayError(Exception):

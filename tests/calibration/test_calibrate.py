@@ -191,7 +191,6 @@ def test_a_robot_that_stood_still_though_commanded_is_refused() -> None:
         calibrate(recording_of(drive))
 
 
-@pytest.mark.further  # tests/commands/test_same_estimates.py
 def test_neither_a_log_on_disk_nor_what_was_believed_before_changes_the_numbers(
     default_drive: list[Message], default_result: CalibrationResult, tmp_path: Path
 ) -> None:

@@ -69,7 +69,6 @@ def test_it_waits_collects_and_fits_in_this_order(drive: list[Message]) -> None:
     assert status.k1_std > 0.0
 
 
-@pytest.mark.further  # test_running.py, and tests/whole/test_demo.py live
 def test_during_the_drive_the_estimates_are_told_and_their_intervals_shrink() -> None:
     calibrator = Calibrator(0)
     spreads = []

@@ -9,7 +9,7 @@ from cmr.bus.messages import make
 from cmr.calibration.calibrator import Calibrator
 from cmr.calibration.loading import NOMINAL, made_up_recording
 from cmr.calibration.running import RunningFit
-from cmr.commands.calibrate import _say
+from cmr.commands.calibrate import LOOK_PERIOD, _say
 from cmr.estimation.estimates import Estimate
 from cmr.model.parameters import DEFINITIONS
 from cmr.msg import calibration_status_t
@@ -19,7 +19,7 @@ from tests.support.lanes import further
 
 pytestmark = pytest.mark.slow
 
-LOOKS = 0.4  # s between looks, if each is that short
+LOOKS = LOOK_PERIOD  # s between looks, if each is that short
 
 
 # Like the robot of cmr-demo: two effects that are seen soon, and two that are not for long.

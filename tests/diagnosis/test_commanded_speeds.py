@@ -134,7 +134,7 @@ def test_a_robot_that_counts_by_another_wheel_separation_is_told_so() -> None:
     assert near(estimates(found)["base_width"], other.base_width)
 
 
-@pytest.mark.further  # with duties: test_diagnosis_document.py
+@pytest.mark.further  # that a written file runs: test_diagnosis_document.py
 def test_what_the_command_writes_simulates_the_robot_by_the_same_commands(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

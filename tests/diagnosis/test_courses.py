@@ -40,7 +40,7 @@ def rolling(noise: Noise = REALISTIC, **hidden: float) -> Recording:
     return without(whole, "commands")
 
 
-@pytest.mark.further  # nothing is named where nothing is hidden: test_finds_hidden_effects.py
+@pytest.mark.further  # that nothing else is named: the test with coarse encoders, below
 def test_nothing_remains_where_the_body_moves_as_its_wheels_say() -> None:
     found = diagnose(rolling())
     assert found.verdict == "no_effect"
@@ -65,7 +65,6 @@ def test_what_moves_the_body_beside_its_wheels_is_seen_and_the_model_extended_by
     assert generic.gain.interval[0] > 1.0
 
 
-@pytest.mark.further  # coarse encoders: test_finds_hidden_effects.py
 def test_where_structure_was_not_looked_for_its_share_is_not_known_and_the_reason_is_told() -> None:
     found = diagnose(rolling(replace(REALISTIC, ticks_per_turn=48.0)))
     unexplained = document(found)["unexplained"]

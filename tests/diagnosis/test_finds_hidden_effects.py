@@ -45,7 +45,7 @@ EIGHTS: Cases = [
 ]
 LOUD = "threefold_slow"
 NULLS: Cases = [
-    Case((), BEGINNING, SEED),  # on the whole rich drive: test_work.py
+    Case((), BEGINNING, SEED),  # on the whole rich drive: a further test of test_work.py
     *further(*(Case((), EIGHT, SEED + 1, LOUD), Case((), RICH, SEED), Case((), EIGHT, SEED))),
     *further(Case((), RICH, SEED + 1, LOUD), Case((), "ramps", SEED)),
 ]

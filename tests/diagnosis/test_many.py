@@ -252,7 +252,6 @@ def test_a_signal_ends_everything_at_once_with_130(sleepers: Sleepers, number: s
     assert not any(map(exists, sleepers.workers))
 
 
-@pytest.mark.further  # a signal to all: test_a_signal_ends_everything_at_once
 def test_ctrl_c_of_a_terminal_which_all_processes_get_leaves_no_traceback(sleepers: Sleepers) -> None:
     os.killpg(sleepers.command.pid, signal.SIGINT)
     said, errors = sleepers.command.communicate(timeout=PATIENCE)

@@ -18,7 +18,6 @@ SEED = 1000
 MOST = {(): 123.0, ("coulomb_friction",): 241.0}
 
 
-@pytest.mark.further  # scripts/benchmarks measure the whole cost
 @pytest.mark.parametrize(
     "effects",
     [pytest.param((), marks=pytest.mark.further), ("coulomb_friction",)],

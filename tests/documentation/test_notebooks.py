@@ -21,6 +21,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("notebooks")
 
 
+# Commands of the pages on calibration and diagnosis run in test_blocks.py.
 @pytest.mark.parametrize("path", [*further(*NOTEBOOKS[:2]), *NOTEBOOKS[2:]], ids=[path.stem for path in NOTEBOOKS])
 def test_a_notebook_runs_from_top_to_bottom(path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)

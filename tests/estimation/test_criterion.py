@@ -74,17 +74,18 @@ def test_of_a_long_recording_a_part_is_searched_first(
     ready: Ready, monkeypatch: pytest.MonkeyPatch, of_use: bool
 ) -> None:
     searched: list[tuple[bool, float]] = []
-    found = object()
 
-    def search(problem: Problem, *_others: object) -> object:
+    def search(problem: Problem, base: Fit, *_others: object) -> object:
         seconds = sum(predictor.segment.observations.seconds for predictor in problem.predictors)
         searched.append((problem.one_step, round(seconds)))
-        return found
+        return SimpleNamespace(problem=problem, final=base)
 
     monkeypatch.setattr(criterion, "LONG", SECONDS / 2)
     monkeypatch.setattr(criterion, "TRIAL", SECONDS / 4)
     monkeypatch.setattr(criterion, "search", search)
-    monkeypatch.setattr(criterion, "_with_right_gains", lambda found, _ready, _say: found)
+    assert ready.problem is not None
+    gains = ready.problem.gains
+    monkeypatch.setattr(criterion, "choose_gains", lambda _predictors, _values: gains)
     monkeypatch.setattr(criterion, "trusted", lambda _found, _ready: of_use)
     criterion.look(ready, lambda _sentence: None)
     part, one_step, free_runs = (True, SECONDS / 4), (True, SECONDS), (False, SECONDS)

@@ -57,7 +57,6 @@ def test_sizes_in_free_runs_are_scaled_to_the_robot_found_there(monkeypatch: pyt
     ready = prepare(looked_at([recording], ["drive"]), nominal_of([recording], None))
     searched: list[tuple[Problem, Fit]] = []
     monkeypatch.setattr(criterion, "search", lambda problem, base, *_: searched.append((problem, base)))
-    monkeypatch.setattr(criterion, "_with_right_gains", lambda found, _ready, _say: found)
     monkeypatch.setattr(criterion, "trusted", lambda _found, _ready: False)
     criterion.look(ready, lambda _sentence: None)
     problem, base = searched[-1]

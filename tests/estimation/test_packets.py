@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmr.estimation.search.chance import SURE_LOSS
-from cmr.estimation.search.command_timing import Timing, _best, _normal, largest_delay
+from cmr.estimation.search.command_timing import PARTS, Timing, _best, _normal, _throughout, largest_delay
 
 PERIOD = 0.02  # s
 
@@ -35,7 +35,7 @@ def test_delays_beyond_any_outlier_leave_likelihoods_finite() -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.04])
-def test_the_share_of_commands_that_come_with_the_next_is_found(share: float) -> None:
+def test_the_share_of_commands_that_come_with_the_next_is_found_and_none_where_none_does(share: float) -> None:
     """Each delay is known to 3 ms, independently of the others'; a binomial share to its deviation."""
     count, std = 1000, 3e-3
     random = np.random.default_rng(3)
@@ -48,3 +48,11 @@ def test_the_share_of_commands_that_come_with_the_next_is_found(share: float) ->
     if share:
         assert loss.share == pytest.approx(share, abs=3.0 * np.sqrt(share / count))
         assert list(loss.lost) == list(lost)
+
+
+def test_commands_that_are_late_in_one_burst_are_not_lost_ones() -> None:
+    drops = np.zeros(80)
+    drops[:10] = 5.0  # the first of PARTS
+    assert _throughout(drops) == 0.0
+    assert _throughout(np.full(80, 0.5)) == pytest.approx(40.0)
+    assert len(drops) == 10 * PARTS

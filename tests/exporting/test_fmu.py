@@ -50,6 +50,7 @@ def test_an_importer_of_others_finds_nothing_wrong(tmp_path: Path) -> None:
 
 
 @needs_fmpy
+# Other robots, of both formats: test_same_motion.py.
 @pytest.mark.parametrize("effects", [*further(((),), *((effects,) for effects in ROBOTS[1:])), ROBOTS[0]], ids="+".join)
 def test_the_unit_drives_the_path_of_cmr(effects: tuple[str, ...], tmp_path: Path) -> None:
     robot = robot_with(effects)

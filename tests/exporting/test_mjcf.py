@@ -32,7 +32,7 @@ def proven(robot: ExportedRobot, folder: Path) -> Proof:
 @needs_mujoco
 @pytest.mark.parametrize(
     "effects",
-    [(), *further(*(((name,),) for name in CARRIED))],  # others have them together
+    [(), *further(*(((name,),) for name in CARRIED))],  # together, below; two sets of them are further ones
     ids="+".join,
 )
 def test_mujoco_drives_the_path_of_the_robot(effects: tuple[str, ...], tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ off the data.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from cmr.estimation.search.command_timing import (
     without_loss,
 )
 from cmr.estimation.search.criteria import THRESHOLD, TOO_SMALL, CandidateEffect, SelectedEffect
-from cmr.model.catalogue import CATALOGUE
+from cmr.model.catalogue import CATALOGUE, definition
 
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
 MAYBE_CHANCE = 10.0  # drop from which the delays of single commands are evident; below THRESHOLD both effects are named
@@ -53,16 +54,15 @@ def chance_on_commands(
     beside = final
     if not late and small:
         late, beside = [SelectedEffect(small[0], (), final)], small[0].fit or final
-    timing = timing_of(problem, beside)
-    if timing is None:
-        return None
-    jitter = _jitter(problem, beside, late, timing) if late else None
+    jitter = _jitter(problem, beside, late) if late else None
     if jitter and LAG in beside.names:
         # Delays that differ smooth the response as a lag does, and their mean was split between both.
         delayed = _delayed_only(problem, beside)
-        timing = timing_of(problem, delayed)
-        jitter = _jitter(problem, delayed, late, timing) if timing else jitter
-    return jitter or _lost(problem, final, timing_of(problem, seen, until_next=True))
+        instead = _jitter(problem, delayed, late)
+        jitter = instead if instead and delayed.squares - beside.squares < instead.spread else jitter
+    if jitter:
+        return jitter.effect, jitter.cleaned
+    return _lost(problem, final, timing_of(problem, seen, until_next=True))
 
 
 def with_jitter_as_rival(problem: Problem, named: Sequence[SelectedEffect], final: Fit) -> list[SelectedEffect]:
@@ -91,8 +91,7 @@ def _perhaps_jitter(one: SelectedEffect, final: Fit, timing: Timing | None) -> S
     """
     if one.candidate.effect.name not in MEANS:
         return one
-    mean = sum(final.values[parameter.name] for parameter in one.candidate.effect.parameters)
-    excluded = timing is not None and timing.jitter(_size(mean, timing)) < -ALIKE
+    excluded = timing is not None and timing.jitter(_size(_mean_delay(final), timing)) < -ALIKE
     return one if excluded else replace(one, rivals=(*one.rivals, JITTER))
 
 
@@ -101,28 +100,42 @@ def _size(mean: float, timing: Timing) -> float:
     return effective_size(largest_delay(mean, timing.period), timing.period)
 
 
+def _mean_delay(fit: Fit) -> float:
+    """Return the mean delay of the commands [s] that a fit has found."""
+    return sum(fit.values[name] for name in MEANS if name in fit.names)
+
+
 def _delayed_only(problem: Problem, fit: Fit) -> Fit:
     """Return the fit with a delay in place of a lag."""
-    values = {**fit.values, DELAY: sum(fit.values.get(name, 0.0) for name in MEANS), LAG: 0.0}
+    lag = problem.excitation.neutral(LAG)
+    delay = min(fit.values.get(DELAY, 0.0) + fit.values[LAG] - lag, definition(DELAY).upper)
     names = (*(name for name in fit.names if name not in MEANS), DELAY)
-    return problem.fit(values, names, fit.noise, renew=0)
+    return problem.fit({**fit.values, LAG: lag, DELAY: delay}, names, fit.noise, renew=0)
 
 
-def _jitter(
-    problem: Problem, final: Fit, late: Sequence[SelectedEffect], timing: Timing
-) -> tuple[SelectedEffect, Problem] | None:
-    """Return jitter in place of the delay effects `late`, if delays are spread accordingly."""
-    mean = sum(final.values.get(name, 0.0) for name in MEANS)
+class _Jitter(NamedTuple):
+    """Jitter, the problem without it, and by how much the spread of the delays explains the responses."""
+
+    effect: SelectedEffect
+    cleaned: Problem
+    spread: float
+
+
+def _jitter(problem: Problem, fit: Fit, late: Sequence[SelectedEffect]) -> _Jitter | None:
+    """Return jitter in place of the delay effects `late` of a fit, if delays are spread accordingly."""
+    timing, mean = timing_of(problem, fit), _mean_delay(fit)
+    if timing is None:
+        return None
     size = _size(mean, timing)
-    drop = timing.jitter(size)
-    if drop < MAYBE_CHANCE:
+    spread = timing.jitter(size)
+    if spread < MAYBE_CHANCE:
         return None
     # The mean of the delays is known better than their spread.
     largest = largest_delay(mean, timing.period)
-    rivals = tuple(one.candidate.effect.name for one in late) if drop < THRESHOLD else ()
-    estimate, gained = Estimate(largest, STD_OF_JITTER * largest), drop + max(one.candidate.drop for one in late)
+    rivals = tuple(one.candidate.effect.name for one in late) if spread < THRESHOLD else ()
+    estimate, gained = Estimate(largest, STD_OF_JITTER * largest), spread + max(one.candidate.drop for one in late)
     cleaned = without_jitter(problem, timing.delays(size), mean)
-    return read_off(JITTER, estimate, gained, rivals, late[0].before), cleaned
+    return _Jitter(read_off(JITTER, estimate, gained, rivals, late[0].before), cleaned, spread)
 
 
 def _lost(problem: Problem, final: Fit, timing: Timing | None) -> tuple[SelectedEffect, Problem] | None:

@@ -4,7 +4,8 @@ Each command that changes the duty leaves a trace in the wheels' prediction erro
 the delay. The delays of all commands are unknowns, and what remains is white noise: a linear model with random effects
 (Laird and Ware, Biometrics 38, 1982). The resulting estimate for each command, marginalised over the others, is
 compared with distributions of delays: constant; uniform, which is jitter; some delayed until the next command, which is
-loss. Each distribution allows outliers, caused by moments of high load on a computer, so neither these nor slightly
+loss. The duty of a late command is an impulse in the model, that of a lost one a pulse until the next command. Each
+distribution allows outliers, caused by moments of high load on a computer, so neither these nor slightly
 inaccurate stamps turn a delay into jitter or loss.
 """
 
@@ -161,8 +162,7 @@ def _normal(late: Floats, variance: Floats) -> Floats:
 
 
 def _throughout(drops: Floats) -> float:
-    """Return the sum of the drops of all commands, in order of time, limited so that no part of the recording
-    dominates.
+    """Return the sum of the drops of commands in order of time, scaled up from all but the part that has most of it.
 
     A computer overloaded for some seconds causes a burst of late commands, whereas loss occurs throughout.
     """
@@ -252,15 +252,15 @@ def _taken(problem: Problem, delays: Sequence[Floats]) -> Problem:
 
 
 def _timing(problem: Problem, fit: Fit, errors: Errors, moments: Floats) -> Timing:
-    """Return the information on delays; the duty of a late command acts at some `moments`, shares of the time that
-    passes until the next command.
+    """Return the information on delays; the duty of a late command acts at some `moments`, shares of the time until the
+    next command, or of PAUSE periods, if that is longer.
     """
     from scipy.sparse import csr_matrix
 
     white = fit.noise.all_white(problem.batch, errors)[:, 0]
     begins = {name: problem.batch.white_rows(name) for name in SIDES}
     entries, gaps, splits, period = [], [], [0], period_of(problem)
-    mean = sum(fit.values.get(name, 0.0) for name in MEANS)
+    mean = sum(fit.values.get(name, 0.0) for name in MEANS)  # given ones, too
     for number, predictor in enumerate(problem.predictors):
         commands = predictor.segment.observations.commands
         changes = np.diff(commands.duty, axis=0, prepend=commands.duty[:1])

@@ -13,7 +13,7 @@ from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, R
 LARGEST = "It has the largest likelihood ratio."
 TOGETHER = "The likelihood ratio of these effects together is above the threshold."
 STAYS = "What is too small stays in the model only during the search, so that it hides no other effect."
-NOTED = 4  # rejected effects per step
+NOTED = 4  # rejected effects per step kept in the trace
 
 
 def rows_of_added(

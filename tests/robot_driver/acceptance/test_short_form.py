@@ -23,7 +23,7 @@ def test_an_honest_robot_keeps_its_promises(tmp_path: Path, wanted: tuple[int, .
     assert kept == dict.fromkeys(wanted, PASSED), "\n".join(report.lines())
 
 
-@pytest.mark.further  # scripts/study_acceptance breaks all promises
+@pytest.mark.further  # what each is judged by: test_judges.py
 @pytest.mark.parametrize("way", ["11 warns of nothing", "12 locks nothing", "6 its device ignores silence"])
 def test_a_promise_that_is_broken_is_found_out(tmp_path: Path, way: str) -> None:
     promise = promise_of(way)

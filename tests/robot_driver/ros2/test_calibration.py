@@ -32,7 +32,7 @@ def recorded(settings: Settings, known: Mapping[str, float] | None = None) -> Re
     return recorder.recording()
 
 
-@pytest.mark.further  # on the bus itself: tests/robot_driver/emulator/test_speed_robot.py
+@pytest.mark.further  # on the bus: tests/robot_driver/emulator/test_speed_robot.py; a bag: test_replayed_bag.py
 def test_calibration_finds_what_the_robot_hides(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(HIDDEN)
