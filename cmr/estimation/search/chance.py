@@ -32,6 +32,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
 MAYBE_CHANCE = 10.0  # drop from which the delays of single commands are evident; below THRESHOLD both effects are named
 STD_OF_JITTER = 0.05  # of its size: the distribution of delays is not known
+ELECTRONICS = 1.5e-3  # s of the mean delay that may be one of all commands, by wires and electronics, and not jitter
 SURE_LOSS = 8.0  # drop from which commands are lost
 PERHAPS = 2.0  # standard deviations by which the counted share may be too small, given that commands are certainly lost
 READ_OFF = 1e-3  # relative standard deviation of values read off the data
@@ -133,7 +134,9 @@ def _jitter(problem: Problem, fit: Fit, late: Sequence[SelectedEffect]) -> _Jitt
     # The mean of the delays is known better than their spread.
     largest = largest_delay(mean, timing.period)
     rivals = tuple(one.candidate.effect.name for one in late) if spread < THRESHOLD else ()
-    estimate, gained = Estimate(largest, STD_OF_JITTER * largest), spread + max(one.candidate.drop for one in late)
+    doubt = largest - largest_delay(max(mean - ELECTRONICS, 0.0), timing.period)
+    estimate = Estimate(largest, float(np.hypot(STD_OF_JITTER * largest, doubt)))
+    gained = spread + max(one.candidate.drop for one in late)
     cleaned = without_jitter(problem, timing.delays(size), mean)
     return _Jitter(read_off(JITTER, estimate, gained, rivals, late[0].before), cleaned, spread)
 
