@@ -91,7 +91,7 @@ def test_a_trackers_clock_that_is_ahead_is_reported_with_its_sign() -> None:
     assert value == pytest.approx(-0.025, abs=CERTAIN * std + STAMPS)
 
 
-@pytest.mark.further  # late wheels are told from others above
+@pytest.mark.further  # late wheels are distinguished from other latencies above
 def test_all_sensors_late_together_are_a_delay_of_the_commands_and_no_late_wheels() -> None:
     hidden = hidden_recording(manoeuvre=EIGHT, seed=3)
     found = diagnose(shifted(hidden.recording, 0.1, "wheels", "gyro", "poses"))

@@ -5,8 +5,8 @@ the delay. The delays of all commands are unknowns, and what remains is white no
 (Laird and Ware, Biometrics 38, 1982). The resulting estimate for each command, marginalised over the others, is
 compared with distributions of delays: constant; uniform, which is jitter; some delayed until the next command, which is
 loss. The duty of a late command is an impulse in the model, that of a lost one a pulse until the next command. Each
-distribution allows outliers, caused by moments of high load on a computer, so neither these nor slightly
-inaccurate stamps turn a delay into jitter or loss.
+distribution allows outliers, caused by moments of high load on a computer, so neither these nor slightly inaccurate
+stamps turn a delay into jitter or loss.
 """
 
 from collections.abc import Sequence

@@ -66,7 +66,7 @@ def with_rivals(decisions: Sequence[Decision], rivals: Iterable[tuple[str, str]]
 
 
 class Row(NamedTuple):
-    """A decision before it is known at which step it is made; measures of None are skipped."""
+    """A decision without its step; measures of None are skipped."""
 
     action: str
     effects: Sequence[str]
