@@ -65,7 +65,7 @@ provide_ros2() {
     stamp="$(sha256sum pyproject.toml) $PWD"
     [ "$(cat .venv/ros2/installed 2> /dev/null)" != "$stamp" ] || return 0
     .venv/bin/python -m venv --clear .venv/ros2 || return 1
-    .venv/bin/python -c 'import os, sysconfig; print(sysconfig.get_path("purelib"), os.getcwd(), sep="\n")' \
+    .venv/bin/python -c 'import os, sysconfig; print(sysconfig.get_path("purelib"), here := os.getcwd(), here + "/tools", sep="\n")' \
         > "$(.venv/ros2/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/cmr.pth" || return 1
     .venv/bin/python -c 'from setuptools.config.pyprojecttoml import read_configuration as read
 print("\n".join(read("pyproject.toml", expand=False)["project"]["optional-dependencies"]["ros2"]))' \

@@ -32,7 +32,7 @@ from cmr.calibration.scoring import EndErrors, end_errors, path_rmse, pieces, ro
 from cmr.estimation.commanded_speeds import as_duties, as_motor, controller_of
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.recording import Floats, Recording
-from cmr.tools.importing.import_log import main as import_log
+from cmr_tools.importing.import_log import main as import_log
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 DECIMALS = {"m": 4, "m/s": 3, "rad/s": 3, "degrees": 1}

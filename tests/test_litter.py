@@ -12,8 +12,8 @@ import pytest
 from cmr import litter
 from cmr.files import write_atomically
 from cmr.litter import temporary_beside, temporary_folder
-from cmr.tools.writing import complete_files_or_none, complete_or_none
 from cmr.view.opening import LogFolder
+from cmr_tools.writing import complete_files_or_none, complete_or_none
 from robot_driver.terminals.pseudo_terminal import Ports
 
 # Each makes a temporary file or folder in the folder that is its argument, and is then busy.
@@ -27,7 +27,7 @@ write_atomically("text", Path(sys.argv[1]) / "robot_0.yaml")
 IMPORTS = """
 import sys, time
 from pathlib import Path
-from cmr.tools.writing import complete_or_none, complete_files_or_none
+from cmr_tools.writing import complete_or_none, complete_files_or_none
 with complete_or_none(Path(sys.argv[1]) / "run.lcm"), complete_files_or_none(Path(sys.argv[1])):
     print("there", flush=True)
     time.sleep(600)

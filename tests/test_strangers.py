@@ -20,10 +20,10 @@ from cmr.diagnosis.live.watcher import MOST_WATCHED, Watcher
 from cmr.msg import estop_latch_t, estop_t, motor_feedback_t, pose_xyt_t, process_status_t, waypoints_t
 from cmr.parameters.following import ParameterFollower
 from cmr.recordings.events import Event, LogReader, event_bytes
-from cmr.tools.logs.main import main as log_command
-from cmr.tools.spy.statistics import Statistics
 from cmr.view.data.state import MOST_ROBOTS, ViewState
 from cmr.world.world import MOST_STRANGERS, World
+from cmr_tools.logs.main import main as log_command
+from cmr_tools.spy.statistics import Statistics
 
 pytestmark = pytest.mark.slow
 

@@ -52,7 +52,7 @@ def fidelity() -> int:
 
 def import_log() -> int:
     """Start cmr-import."""
-    return run("cmr.tools.importing.import_log")
+    return run("cmr_tools.importing.import_log")
 
 
 def investigate() -> int:
@@ -67,7 +67,7 @@ def laws() -> int:
 
 def log() -> int:
     """Start cmr-log."""
-    return run("cmr.tools.logs.main")
+    return run("cmr_tools.logs.main")
 
 
 def pilot() -> int:
@@ -82,12 +82,12 @@ def agent() -> int:
 
 def plot() -> int:
     """Start cmr-plot."""
-    return run("cmr.tools.plot.main")
+    return run("cmr_tools.plot.main")
 
 
 def replay() -> int:
     """Start cmr-replay."""
-    return run("cmr.tools.replay.main")
+    return run("cmr_tools.replay.main")
 
 
 def ros2() -> int:
@@ -107,7 +107,7 @@ def sim() -> int:
 
 def spy() -> int:
     """Start cmr-spy."""
-    return run("cmr.tools.spy.main")
+    return run("cmr_tools.spy.main")
 
 
 def sweep() -> int:

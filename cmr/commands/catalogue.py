@@ -36,11 +36,11 @@ COMMANDS = {
     "export": ("cmr.exporting.command", "take a calibrated robot to another simulator or robot description"),
     "fidelity": ("cmr.commands.fidelity", "compare teams of real robots with mixed ones"),
     "sweep": ("cmr.commands.sweep", "run a scenario many times, without hardware"),
-    "import": ("cmr.tools.importing.import_log", "turn recordings of other robots into event logs"),
-    "log": ("cmr.tools.logs.main", "check, cut, merge and convert event logs"),
-    "plot": ("cmr.tools.plot.main", "plot fields of an event log over time"),
-    "replay": ("cmr.tools.replay.main", "send the messages of an event log again"),
-    "spy": ("cmr.tools.spy.main", "show what is on the bus"),
+    "import": ("cmr_tools.importing.import_log", "turn recordings of other robots into event logs"),
+    "log": ("cmr_tools.logs.main", "check, cut, merge and convert event logs"),
+    "plot": ("cmr_tools.plot.main", "plot fields of an event log over time"),
+    "replay": ("cmr_tools.replay.main", "send the messages of an event log again"),
+    "spy": ("cmr_tools.spy.main", "show what is on the bus"),
     "completion": ("cmr.commands.completion", "print the completion of bash, zsh or fish"),
 }
 UMBRELLA_ONLY = (

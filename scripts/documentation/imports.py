@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 PROJECT = Path(__file__).resolve().parents[2]
-ROOTS = ("cmr", "robot_driver")
+ROOTS = ("cmr", "robot_driver", "tools/cmr_tools")  # folders of the packages
 GENERATED = "cmr.msg"
 # Calls whose argument is the name of a module that is imported later; `run` is that of cmr.cli.start.
 LATE_BY_NAME = ("LazyModule", "import_module", "run")
@@ -24,10 +24,9 @@ class Import(NamedTuple):
 def modules(project: Path = PROJECT) -> dict[str, Path]:
     """Return the modules of both packages by their full names; the generated messages count as one."""
     found = {}
-    # cmr/tools is a link, which a search does not follow.
-    paths = [path for folder in (*ROOTS, "cmr/tools") for path in (project / folder).rglob("*.py")]
-    for path in sorted(set(paths)):
-        parts = path.relative_to(project).with_suffix("").parts
+    paths = [(root, path) for root in ROOTS for path in sorted((project / root).rglob("*.py"))]
+    for root, path in paths:
+        parts = path.relative_to((project / root).parent).with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         if GENERATED not in (name, name.rpartition(".")[0]):
             found[name] = path
@@ -85,8 +84,11 @@ def folder_of(module: str, sources: Mapping[str, Path]) -> str:
 def package_of(module: str, sources: Mapping[str, Path]) -> str:
     """Return the package of the architecture to which a module belongs.
 
-    It is a folder or module directly in `cmr`, `cmr.experiments` or `robot_driver`; deeper modules belong to it.
+    It is `cmr_tools`, or a folder or module directly in `cmr`, `cmr.experiments` or `robot_driver`; deeper modules
+    belong to it.
     """
+    if module.startswith("cmr_tools"):
+        return "cmr_tools"
     if module.startswith("robot_driver"):
         return ".".join(folder_of(module, sources).split(".")[:2])
     return ".".join(module.split(".")[: 3 if module.startswith("cmr.experiments.") else 2])

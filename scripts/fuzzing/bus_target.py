@@ -34,7 +34,7 @@ INSTRUMENTED = (
         "cmr.experiments.live",
         "cmr.processes",
         "cmr.view.data",
-        "cmr.tools.spy",
+        "cmr_tools.spy",
     ),
     *("cmr.world.world", "cmr.world.gate", "cmr.world.estimator", "cmr.world.real_robot", "cmr.world.others"),
     *("cmr.world.pilot", "cmr.world.behaviours.waypoints", "cmr.calibration.calibrator", "cmr.diagnosis.live"),
@@ -258,17 +258,15 @@ def _with_atheris(process: str, stream: str, seconds: float, out: Path) -> int:
 
 def _not_instrumented() -> list[str]:
     """Return the names of CMR's modules that Atheris must not instrument."""
+    from documentation.imports import ROOTS
+
     names = []
-    for path in (
-        *(ROOT / "cmr").rglob("*.py"),
-        *(ROOT / "tools").rglob("*.py"),
-        *(ROOT / "robot_driver").rglob("*.py"),
-    ):
-        parts = path.relative_to(ROOT).with_suffix("").parts
-        name = ".".join(("cmr", *parts) if parts[0] == "tools" else parts).removesuffix(".__init__")
-        is_wanted = name.startswith(INSTRUMENTED) and not name.startswith(SIMULATED)
-        if not is_wanted or any(word in path.read_text() for word in COMPILED):
-            names.append(name)
+    for folder in (ROOT / root for root in ROOTS):
+        for path in folder.rglob("*.py"):
+            name = ".".join(path.relative_to(folder.parent).with_suffix("").parts).removesuffix(".__init__")
+            is_wanted = name.startswith(INSTRUMENTED) and not name.startswith(SIMULATED)
+            if not is_wanted or any(word in path.read_text() for word in COMPILED):
+                names.append(name)
     return names
 
 

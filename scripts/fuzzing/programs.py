@@ -61,8 +61,8 @@ class Program:
     @property
     def files(self) -> tuple[str, ...]:
         """The files in which it subscribes."""
-        own = self.module.removeprefix("cmr.") if self.module.startswith("cmr.tools") else self.module
-        return self.instead or (own.replace(".", "/") + ".py", *self.more)
+        own = self.module.replace(".", "/") + ".py"
+        return self.instead or (f"tools/{own}" if own.startswith("cmr_tools/") else own, *self.more)
 
 
 def _driver(testbed: Testbed) -> None:
@@ -230,7 +230,7 @@ PROGRAMS = {
         url=OTHER_URL,
         relays=True,
     ),
-    "spy": Program("cmr.tools.spy.main", lambda _at: ["--json"]),
+    "spy": Program("cmr_tools.spy.main", lambda _at: ["--json"]),
     "demo": Program("cmr.commands.demo", lambda at: ["--out", str(at / "demo")], _without_child_processes, ANYTHING),
     "demo lead": Program(
         "cmr.commands.demo",

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 # The bus itself, the bus in simulated time, and generated code.
-EXCLUDED = ("cmr/bus/", "robot_driver/simulated/", "cmr/msg/", "cmr/tools/")  # the last is a link to tools/
+EXCLUDED = ("cmr/bus/", "robot_driver/simulated/", "cmr/msg/")
 # Procedures that need a person who answers questions beside the robot are not fuzzed.
 INTERACTIVE = ("robot_driver/bringup/", "robot_driver/acceptance/")
 # cmr-run subscribes to PROCESS_STATUS a second time if a scenario names other computers.

@@ -11,7 +11,7 @@ from cmr.bus.messages import make
 from cmr.bus.streams import STREAMS, Stream
 from cmr.bus.wire import ROBOT_ID_AT, offsets
 from cmr.msg import gyro_t, pose_xyt_t
-from cmr.tools.spy.statistics import Statistics, type_name
+from cmr_tools.spy.statistics import Statistics, type_name
 
 SECOND = 1_000_000  # us
 BEGIN = 1_700_000_000 * SECOND

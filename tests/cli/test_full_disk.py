@@ -13,7 +13,7 @@ from cmr.cli.errors import CommandError
 from cmr.files import write_atomically
 from cmr.parameters.file import ParameterFile, Value
 from cmr.recordings.events import event_bytes
-from cmr.tools.importing.import_log import main as import_command
+from cmr_tools.importing.import_log import main as import_command
 from tests.support.full_disk import no_file_larger_than
 from tests.support.small_log import small_log
 from tests.tools.importing.import_bench import CSV_HEAD, POSE, write_csv, write_mapping

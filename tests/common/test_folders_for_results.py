@@ -8,7 +8,7 @@ from cmr.cli.errors import CommandError
 from cmr.commands.diagnose import main as diagnose
 from cmr.experiments.sweep.journal import Journal
 from cmr.files import folder_for_results
-from cmr.tools.logs.main import main as log
+from cmr_tools.logs.main import main as log
 
 
 def test_a_folder_into_which_nothing_was_written_is_taken_away(tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def test_yaml_is_read_by_what_would_read_it(block: Block, bench: Path, tmp_path:
     for name in set(LAWS) - known:
         unlearn(name)
     assert used or block.page in (
-        "cmr/tools/importing/mappings/README.md",
+        "tools/cmr_tools/importing/mappings/README.md",
     )  # its examples leave out what "..." stands for
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.project import PROJECT
 
-SOURCES = ("cmr", "robot_driver", "tools", "scripts")  # cmr/tools is a link, which rglob does not follow
+SOURCES = ("cmr", "robot_driver", "tools", "scripts")
 REPLACED = re.compile(  # "cannot tell, because" is how bring-up says that a step stays open
     r"\b((?<!cannot )tells?|told|telling|foretells?|foretold|speaks? for|spoke for|in service|late turns?|rooms?"
     r"|pictures a second|takes nothing but|well above it|to hear of zero|ended when it was asked|chance alone makes"

@@ -13,7 +13,7 @@ from shipping.contents import LIBRARIES, OPTIONAL_IMPORTS, driver_files, driver_
 
 pytestmark = pytest.mark.slow
 
-OURS = {"cmr", "robot_driver"}
+OURS = {"cmr", "cmr_tools", "robot_driver"}
 
 # Not on a robot: what stands in for one, the bridge to those that speak ROS 2, and the page of a report, for which
 # it has no modules.

@@ -73,7 +73,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.files", "cmr.workers", "cmr.report", "cmr.estimation", "cmr.calibration", "cmr.diagnosis"),
         "cmr.experiments.team",
     },
-    "cmr.tools": {
+    "cmr_tools": {
         *RECORDED,
         "cmr.geometry",
         "cmr.documents",
@@ -118,7 +118,7 @@ KNOWN: dict[str, set[str]] = {
         *("cmr.experiments.team", "cmr.experiments.scenario", "cmr.experiments.live", "cmr.experiments.sweep"),
         *("cmr.experiments.fidelity", "robot_driver", "robot_driver.controllers", "robot_driver.gyros"),
         *("robot_driver.terminals", "robot_driver.emulator", "robot_driver.bringup", "robot_driver.ros2"),
-        *("cmr.tools", "cmr.processes"),
+        *("cmr_tools", "cmr.processes"),
         *("cmr.investigation", "cmr.plant", "robot_driver.simulated"),
     },
     "cmr.__main__": {"cmr.commands"},
@@ -245,7 +245,7 @@ def test_the_picture_of_the_architecture_is_made_from_the_imports() -> None:
 
 def test_every_file_and_folder_that_the_architecture_names_is_there() -> None:
     text = (PROJECT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`((?:cmr|robot_driver|lcmtypes|tests|scripts)/[\w/.]*)`", text))
+    named = set(re.findall(r"`((?:cmr|robot_driver|tools|lcmtypes|tests|scripts)/[\w/.]*)`", text))
     assert {name for name in named if not (PROJECT / name).exists()} == set()
 
 

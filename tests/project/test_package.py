@@ -32,13 +32,13 @@ def git(*arguments: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of what git tracks, with the links as links: the build leaves its traces there."""
+    """A copy of what git tracks: the build leaves its traces there."""
     folder = tmp_path_factory.mktemp("sources")
     for name in git("ls-files"):
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         if (PROJECT / name).exists():  # not deleted here and still tracked
-            shutil.copy2(PROJECT / name, target, follow_symlinks=False)
+            shutil.copy2(PROJECT / name, target)
     return folder
 
 
@@ -63,11 +63,11 @@ def names(folder: Path, pattern: str) -> set[str]:
     return {path.name for path in folder.glob(pattern)}
 
 
-def test_the_wheel_installs_our_two_packages_and_nothing_else(wheel: Path) -> None:
+def test_the_wheel_installs_our_three_packages_and_nothing_else(wheel: Path) -> None:
     top = {path.name for path in wheel.iterdir()}
     [information] = [name for name in top if name.endswith(".dist-info")]
-    assert top == {"cmr", "robot_driver", information}
-    assert (wheel / information / "top_level.txt").read_text().split() == ["cmr", "robot_driver"]
+    assert top == {"cmr", "cmr_tools", "robot_driver", information}
+    assert (wheel / information / "top_level.txt").read_text().split() == ["cmr", "cmr_tools", "robot_driver"]
 
 
 def test_the_wheel_holds_every_module_and_data_file(wheel: Path, sources: Path) -> None:
@@ -76,11 +76,10 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: Path, sources: Path) 
         return {str(path.relative_to(folder)) for path in found if "__pycache__" not in path.parts}
 
     generated = {f"msg/{name}" for name in names(wheel / "cmr" / "msg", "*.py")}
-    tools = {f"tools/{part}" for part in parts(sources / "tools")}
     assert parts(wheel / "robot_driver") == parts(sources / "robot_driver")
-    # rglob does not follow the link cmr/tools, so what it stands for is added.
-    assert parts(wheel / "cmr") - generated == parts(sources / "cmr") | tools
-    assert {"py.typed", "tools/importing/import_log.py", "tools/importing/mappings/mbot.yaml"} <= parts(wheel / "cmr")
+    assert parts(wheel / "cmr_tools") == parts(sources / "tools" / "cmr_tools")
+    assert parts(wheel / "cmr") - generated == parts(sources / "cmr")
+    assert {"py.typed", "importing/import_log.py", "importing/mappings/mbot.yaml"} <= parts(wheel / "cmr_tools")
     assert {"py.typed", "emulator/default.yaml"} <= parts(wheel / "robot_driver")
 
 
@@ -132,11 +131,16 @@ def test_nothing_that_is_generated_is_tracked() -> None:
     assert [name for name in git("ls-files") if generated.search(name)] == []
 
 
+def test_no_tracked_file_is_a_link() -> None:
+    """An archive and a file system without links hold the whole project, and each file has one path."""
+    assert [line for line in git("ls-files", "--stage") if line.startswith("120000")] == []
+
+
 def test_python_in_a_checkout_finds_the_message_classes_of_the_installed_package(wheel: Path, sources: Path) -> None:
     """As after `pip install .`: the folder in which Python runs comes before what is installed."""
     run = [sys.executable, "-c", "import sys; sys.path.append(sys.argv[1]); from cmr import msg; print(msg.__file__)"]
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    bare = shutil.copytree(sources / "cmr", sources / "bare" / "cmr", ignore=shutil.ignore_patterns("msg", "tools"))
+    bare = shutil.copytree(sources / "cmr", sources / "bare" / "cmr", ignore=shutil.ignore_patterns("msg"))
     command = [run[0], "-S", *run[1:]]  # without the editable installation that runs this test
     found = subprocess.run(
         [*command, str(wheel)], cwd=bare.parent, env=environment, capture_output=True, text=True, check=True

@@ -6,8 +6,8 @@ import pytest
 
 from cmr.recordings.events import Event, EventReader, event_bytes
 from cmr.recordings.log_clock import LogClock, measured_at, seconds_since, span_of, utime_after
-from cmr.tools.replay.tape import LogTape
 from cmr.view.data.log_index import LogIndex
+from cmr_tools.replay.tape import LogTape
 
 SECOND = 1_000_000  # us
 LOGGED = 1_700_000_000 * SECOND

@@ -11,8 +11,8 @@ from cmr.recordings.faults.checks import check
 from cmr.recordings.faults.stale_poses import stale_poses
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Mask, Signal
-from cmr.tools.importing.import_log import main
-from cmr.tools.importing.mapping import SHIPPED
+from cmr_tools.importing.import_log import main
+from cmr_tools.importing.mapping import SHIPPED
 from scripts.score_real_data import DATA
 from tests.recordings.drives_in_pieces import Shape, drawn, recorded
 from tests.support.lanes import further

@@ -11,7 +11,7 @@ import pytest
 from tests.support.project import PROJECT
 
 SCRIPTS = PROJECT / "scripts"
-OURS = ("cmr", "robot_driver", "tests", "scripts")
+OURS = ("cmr", "cmr_tools", "robot_driver", "tests", "scripts")
 PYTHON = b"#!/usr/bin/env python"
 
 sys.path.insert(0, str(SCRIPTS))

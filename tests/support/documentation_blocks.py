@@ -27,7 +27,7 @@ class Block(NamedTuple):
 def pages() -> list[Path]:
     """Return README and every page of docs/ that somebody wrote, and the page beside the mappings."""
     written = [path for path in sorted(DOCS.rglob("*.md")) if not {"_build", "generated"} & {*path.parts}]
-    return [PROJECT / "README.md", *written, PROJECT / "cmr" / "tools" / "importing" / "mappings" / "README.md"]
+    return [PROJECT / "README.md", *written, PROJECT / "tools" / "cmr_tools" / "importing" / "mappings" / "README.md"]
 
 
 def blocks(*languages: str) -> list[Block]:

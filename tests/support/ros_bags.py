@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cmr.bus.messages import decode
-from cmr.tools.importing.import_log import main
+from cmr_tools.importing.import_log import main
 
 START = 1_769_860_800_000_000_000  # ns; 2026-01-31T12:00:00Z
 STEP = 50_000_000  # ns

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cmr.cli.errors import CommandError
 from cmr.distribution import how_to_install
 from cmr.recordings.events import Event, EventReader, event_bytes
-from cmr.tools.logs.main import main
+from cmr_tools.logs.main import main
 from tests.support.documented_keys import documented
 from tests.support.small_log import START, gyro_readings, small_log
 

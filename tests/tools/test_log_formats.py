@@ -16,9 +16,9 @@ from cmr.bus.fields import Field, fields_of
 from cmr.bus.messages import decode
 from cmr.bus.streams import STREAMS
 from cmr.recordings.events import Event, event_bytes
-from cmr.tools.importing.quantities import UNITS
-from cmr.tools.logs import tables as log_tables
-from cmr.tools.logs.main import main
+from cmr_tools.importing.quantities import UNITS
+from cmr_tools.logs import tables as log_tables
+from cmr_tools.logs.main import main
 from tests.support.small_log import START, gyro_readings, small_log
 
 WHOLE = small_log()

@@ -13,9 +13,9 @@ from cmr.cli.errors import CommandError
 from cmr.msg import motor_feedback_t, pose_xyt_t, waypoints_t, world_state_t
 from cmr.recordings.events import Event, EventReader
 from cmr.recordings.thinning import Rows, broken_at_gaps, thinned, thinned_path
-from cmr.tools.plot import main as plot
-from cmr.tools.plot.fields import Gathered, Values, against, near_names, parse_field
-from cmr.tools.plot.figure import Curve, Panel, figure_of
+from cmr_tools.plot import main as plot
+from cmr_tools.plot.fields import Gathered, Values, against, near_names, parse_field
+from cmr_tools.plot.figure import Curve, Panel, figure_of
 
 BEGIN = 1_700_000_000_000_000  # us
 LATE = 20_000  # us from measurement to logging

@@ -12,8 +12,8 @@ from cmr.bus.streams import STREAMS
 from cmr.bus.wire import offsets
 from cmr.msg import gyro_t, pose_xyt_t
 from cmr.recordings.events import Event, EventReader
-from cmr.tools.replay.changes import Changes, ChannelFilter, moved_to
-from cmr.tools.replay.tape import LogTape
+from cmr_tools.replay.changes import Changes, ChannelFilter, moved_to
+from cmr_tools.replay.tape import LogTape
 from tests.support.typed_messages import as_a
 
 SECOND = 1_000_000  # us

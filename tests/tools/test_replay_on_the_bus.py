@@ -18,10 +18,10 @@ from cmr.cli.progress import Progress
 from cmr.cli.stopping import Stopping, stopped_by_signals
 from cmr.msg import pose_xyt_t
 from cmr.recordings.events import Event, EventReader
-from cmr.tools.replay.main import main, play
-from cmr.tools.replay.player import Player
-from cmr.tools.replay.tape import LogTape
-from cmr.tools.replay.terminal import Keys, parse_keys
+from cmr_tools.replay.main import main, play
+from cmr_tools.replay.player import Player
+from cmr_tools.replay.tape import LogTape
+from cmr_tools.replay.terminal import Keys, parse_keys
 from tests.support.typed_messages import as_a
 
 pytestmark = pytest.mark.real_time

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cmr.recordings.events import Event
-from cmr.tools.replay.player import BATCH, LADDER, Player
+from cmr_tools.replay.player import BATCH, LADDER, Player
 
 
 class Clock:

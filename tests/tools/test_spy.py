@@ -15,9 +15,9 @@ import pytest
 from cmr.bus.messages import Received, decode, make
 from cmr.cli.errors import CommandError
 from cmr.msg import motor_feedback_t, pose_xyt_t, process_status_t, waypoints_t
-from cmr.tools.spy import main as spy
-from cmr.tools.spy.statistics import Statistics
-from cmr.tools.spy.view import ESCAPE, View, details, document, table
+from cmr_tools.spy import main as spy
+from cmr_tools.spy.statistics import Statistics
+from cmr_tools.spy.view import ESCAPE, View, details, document, table
 from tests.support.documented_keys import documented
 
 pytestmark = pytest.mark.waits
@@ -178,7 +178,7 @@ def test_only_what_is_shown_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
         decoded.append(channel)
         return decode(channel, data)
 
-    monkeypatch.setattr("cmr.tools.spy.view.decode", decode_and_note)
+    monkeypatch.setattr("cmr_tools.spy.view.decode", decode_and_note)
     statistics = Statistics()
     for robot_id in range(50):
         statistics.handle(NOW, f"POSE_{robot_id}", pose(robot_id))

@@ -9,7 +9,7 @@ import pytest
 
 from cmr.msg import gyro_t, motor_feedback_t, process_status_t
 from cmr.recordings.recording import Recording
-from cmr.tools.importing.import_log import main as import_log
+from cmr_tools.importing.import_log import main as import_log
 from tests.documentation.turtlebot_bag import write_turtlebot_bag
 from tests.robot_driver.ros2.test_process import PATIENCE, World
 

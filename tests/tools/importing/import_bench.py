@@ -8,7 +8,7 @@ import lcm
 import yaml
 
 from cmr.bus.messages import decode
-from cmr.tools.importing.import_log import main
+from cmr_tools.importing.import_log import main
 
 NOMINAL = {"wheel_radius": 0.05, "base_width": 0.2}
 START = 1_769_860_800_000_000  # us; 2026-01-31T12:00:00Z

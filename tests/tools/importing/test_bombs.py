@@ -16,11 +16,11 @@ from mcap.writer import CompressionType
 
 from cmr.cli.errors import CommandError
 from cmr.recordings.events import EventReader
-from cmr.tools.importing import unpacking
-from cmr.tools.importing.import_log import main
-from cmr.tools.importing.ros_files import opened
-from cmr.tools.importing.ros_records import BagError
-from cmr.tools.importing.unpacking import decompress
+from cmr_tools.importing import unpacking
+from cmr_tools.importing.import_log import main
+from cmr_tools.importing.ros_files import opened
+from cmr_tools.importing.ros_records import BagError
+from cmr_tools.importing.unpacking import decompress
 from tests.tools.importing.import_bench import CSV_HEAD, POSE, write_csv, write_mapping
 from tests.tools.importing.test_ros_damage import COUNT, write_mcap, write_ros1
 
@@ -87,7 +87,7 @@ def test_a_chunk_that_holds_too_much_is_passed_over_and_said(
         content = bag.read_bytes() + record
     bag.write_bytes(content)
     for module in ("ros_records", "ros_bag1", "ros_mcap"):
-        monkeypatch.setattr(f"cmr.tools.importing.{module}.LARGEST_RECORD", 1 << 20)
+        monkeypatch.setattr(f"cmr_tools.importing.{module}.LARGEST_RECORD", 1 << 20)
     with opened(bag, frozenset({"/imu"})) as reader:
         assert len(list(reader)) == COUNT
     assert "a record of more than 1 MB, which is the most that is read at once" in reader.sentence()

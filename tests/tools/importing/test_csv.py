@@ -10,8 +10,8 @@ import pytest
 
 from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
-from cmr.tools.importing.block import MappingError
-from cmr.tools.importing.mapping import load
+from cmr_tools.importing.block import MappingError
+from cmr_tools.importing.mapping import load
 from tests.tools.importing.import_bench import CSV_HEAD, NOMINAL, POSE, START, run, write_csv, write_mapping
 
 TIME = CSV_HEAD["time"]

@@ -7,8 +7,8 @@ import pytest
 
 from cmr.parameters.file import parse
 from cmr.recordings.recording import Recording
-from cmr.tools.importing.block import MappingError
-from cmr.tools.importing.mapping import load
+from cmr_tools.importing.block import MappingError
+from cmr_tools.importing.mapping import load
 from tests.tools.importing.import_bench import CSV_HEAD, NOMINAL, POSE, run, write_csv, write_mapping
 
 ROWS = "t,x,y,theta,a,b\n" + "".join(f"{0.1 * k:.1f},{k},0,0,{30.0 + k},-45.0\n" for k in range(5))

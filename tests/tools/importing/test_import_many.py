@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from cmr.cli.errors import CommandError
-from cmr.tools.importing.import_log import main
+from cmr_tools.importing.import_log import main
 from tests.tools.importing.import_bench import CSV_HEAD, POSE, messages_of, write_csv, write_mapping
 from tests.tools.importing.test_csv import SEVERAL, several_files
 

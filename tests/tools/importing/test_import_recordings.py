@@ -12,7 +12,7 @@ import pytest
 
 from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
-from cmr.tools.importing.import_log import main
+from cmr_tools.importing.import_log import main
 from tests.tools.importing.import_bench import CSV_HEAD, NOMINAL, POSE, START, run, write_csv, write_mapping
 
 FINGERPRINT = b"anything"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cmr.bus.messages import make
 from cmr.msg import motor_feedback_t, pose_xyt_t
-from cmr.tools.importing.layout import LayoutError, column_names, decode, message_bytes, parse_layout
+from cmr_tools.importing.layout import LayoutError, column_names, decode, message_bytes, parse_layout
 
 FINGERPRINT = b"\x01\x23\x45\x67\x89\xab\xcd\xef"
 # type: (struct code, values)

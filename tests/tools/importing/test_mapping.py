@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
-from cmr.tools.importing.block import MappingError
-from cmr.tools.importing.import_log import main
-from cmr.tools.importing.mapping import SHIPPED, load, shipped
+from cmr_tools.importing.block import MappingError
+from cmr_tools.importing.import_log import main
+from cmr_tools.importing.mapping import SHIPPED, load, shipped
 
 
 @pytest.mark.parametrize("name", [name for name in shipped() if name != "cmr_mcap"])

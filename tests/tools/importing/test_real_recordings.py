@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cmr.bus.messages import decode
-from cmr.tools.importing.import_log import main
-from cmr.tools.importing.mapping import load
+from cmr_tools.importing.import_log import main
+from cmr_tools.importing.mapping import load
 from tests.support.project import PROJECT
 
 pytestmark = pytest.mark.slow

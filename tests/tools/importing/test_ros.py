@@ -12,8 +12,8 @@ import pytest
 
 from cmr.cli.errors import CommandError
 from cmr.parameters.file import parse
-from cmr.tools.importing.import_log import main
-from cmr.tools.importing.ros_messages import decoder
+from cmr_tools.importing.import_log import main
+from cmr_tools.importing.ros_messages import decoder
 from tests.support.ros_bags import (
     COUNT,
     COUNTER,

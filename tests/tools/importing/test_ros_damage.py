@@ -16,9 +16,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from cmr.cli.errors import CommandError
-from cmr.tools.importing.mapping import load
-from cmr.tools.importing.ros_source import read_bag
-from cmr.tools.importing.sources import Source, SourceError
+from cmr_tools.importing.mapping import load
+from cmr_tools.importing.ros_source import read_bag
+from cmr_tools.importing.sources import Source, SourceError
 from tests.support.ros_bags import DELAY, GYRO, START, STEP, filled, header, mapping_of, run, typestore
 
 COUNT = 400

@@ -12,8 +12,8 @@ from mcap.writer import CompressionType, Writer
 from cmr.bus.messages import decode, make
 from cmr.bus.streams import GYRO, MOTOR_COMMAND, MOTOR_FEEDBACK, POSE
 from cmr.cli.errors import CommandError
-from cmr.tools.importing import import_log
-from cmr.tools.logs import main as log_main
+from cmr_tools.importing import import_log
+from cmr_tools.logs import main as log_main
 from tests.support.ros_bags import mapping_of, run
 
 START = 1_700_000_000_000_000  # us
