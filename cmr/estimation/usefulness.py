@@ -121,9 +121,18 @@ class _Judge:
         return gain.interval[1] < worse or any(ratio < MUCH_WORSE for ratio in gain.signals.values())
 
     def of_use(self, whole: Extended) -> Extended:
-        """Return the model without the effects that are too small to matter, the least useful first."""
+        """Return the model without the effects that are too small to matter, the least useful first.
+
+        If effects too small to be named are omitted, others compensate for them and may appear useless. Such an effect
+        is judged again beside them.
+        """
         while fitted := _fitted(whole.found):
-            use = self._use(whole, fitted)
+            use = self._use(whole, whole.final, fitted)
+            weak = [number for number, one in enumerate(use) if one.ratio < OF_USE and not one.vetoed]
+            beside = _beside_what_is_small(whole) if weak else None
+            again = self._use(whole, beside, [fitted[number] for number in weak]) if beside else []
+            for number, one in zip(weak, again, strict=False):
+                use[number] = one if one.vetoed or one.ratio >= OF_USE else use[number]
             worst = min(range(len(use)), key=lambda number: (not use[number].vetoed, use[number].ratio))
             if use[worst].ratio >= OF_USE and not use[worst].vetoed:
                 break
@@ -131,22 +140,8 @@ class _Judge:
             whole = _as_the_paper_if_alone(_without(whole, fitted[worst], why, use[worst].measure))
         return _as_the_paper_if_alone(whole)
 
-    def _use(self, whole: Extended, fitted: Sequence[SelectedEffect]) -> list[_Use]:
-        """Return the usefulness of each effect: which error grows most without it.
-
-        If effects too small to be named are omitted, others compensate for them and may appear useless. Such an effect
-        is judged again beside them.
-        """
-        use = self._use_in(whole, whole.final, fitted)
-        beside = _beside_what_is_small(whole)
-        weak = [n for n, one in enumerate(use) if beside and one.ratio < OF_USE and not one.vetoed]
-        if beside and weak:
-            for number, again in zip(weak, self._use_in(whole, beside, [fitted[n] for n in weak]), strict=True):
-                use[number] = again if again.vetoed or again.ratio >= OF_USE else use[number]
-        return use
-
-    def _use_in(self, whole: Extended, model: Fit, fitted: Sequence[SelectedEffect]) -> list[_Use]:
-        """Return the usefulness of each effect in a model."""
+    def _use(self, whole: Extended, model: Fit, fitted: Sequence[SelectedEffect]) -> list[_Use]:
+        """Return the usefulness of each effect in a model: which error grows most without it."""
         problem, chance = whole.found.problem, chance_of(whole.found)
         without_it = problem.without(model, [[one.candidate.effect] for one in fitted])
         gains = left_out_gains(problem, without_it, model, chance, self.segments, [])

@@ -176,8 +176,8 @@ class _Selection:
         chosen, self.others = next_effect(self.problem, self.current, screening, self.inflation)
         if chosen is not None and len(self.named) < MOST_EFFECTS:
             assert chosen.candidate.fit is not None
-            self.trace.note(*rows_of_added(chosen, self.others, self.inflation, self.problem.excitation))
-            return self._moved_to([*self.named, chosen], chosen.candidate.fit)
+            rows = rows_of_added(chosen, self.others, self.inflation, self.problem.excitation)
+            return self._exchanged(Exchange((), (chosen,), chosen.candidate.fit), list(rows))
         self.others = [
             (measured(self.problem, self.current, candidate, self.inflation, why), why)
             for candidate, why in self.others
@@ -201,18 +201,20 @@ class _Selection:
             self._afar = relinearised(self.problem, self.base, 1.0)[0]
         yield self._afar
 
-    def _exchanged(self, exchange: Exchange | None) -> bool:
-        """Make an exchange, if there is one; return whether it leads to a new model."""
+    def _exchanged(self, exchange: Exchange | None, added: Sequence[Row] = ()) -> bool:
+        """Make an exchange, if there is one, and remove what it makes redundant; return whether the model is new.
+
+        An addition is an exchange for nothing, with its own rows for the trace.
+        """
         if exchange is None:
             return False
-        drop = self.current.squares - exchange.fit.squares
-        self.trace.note(row_of_exchange(exchange, drop, self.inflation, self.problem.excitation))
-        self._exchanged_for.update(exchange.coming)
+        if not added:
+            self._exchanged_for.update(exchange.coming)
+            drop = self.current.squares - exchange.fit.squares
+            added = [row_of_exchange(exchange, drop, self.inflation, self.problem.excitation)]
+        self.trace.note(*added)
         stay = [one for one in self.named if one.candidate.effect.name not in exchange.leaving]
-        return self._moved_to([*stay, *exchange.selected], exchange.fit)
-
-    def _moved_to(self, named: list[SelectedEffect], fit: Fit) -> bool:
-        """Move to another model without its redundant effects; return whether it is new."""
+        named, fit = [*stay, *exchange.selected], exchange.fit
         if len(named) > 1:
             named, fit, redundant = pruned(self.problem, named, fit, self.inflation)
             self.trace.note(*(Row(REMOVED, [name], drop, least, REDUNDANT) for name, drop, least in redundant))
