@@ -22,7 +22,7 @@ from cmr.recordings.signal import Floats, Mask
 
 PRESENT = 0.3  # prior probability that an effect is present
 UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # log odds
-HALF = 0.5
+HALF = 0.5  # presence from which an effect with rivals counts as certain
 BELIEF = 0.65  # power of the likelihood: the errors are not exactly white, nor is the model exact
 # Usual number, and number if the linearisation is poor; each round starts from the previous one's likeliest values.
 ROUNDS, MOST_ROUNDS = 3, 6

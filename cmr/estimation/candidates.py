@@ -16,12 +16,12 @@ from cmr.model.parameters import ParameterDefinition, Quantity
 from cmr.parameters.file import MOTOR
 
 # The robot that typical sizes refer to; for other robots they are scaled by dimension.
-USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0  # rad/s^2, 1/s, m, rad/s
-USUAL_EXTENT = 1.0  # m
+USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0
+USUAL_EXTENT = 1.0  # m of its poses, from their origin
 USUAL_INTERVAL = 0.04  # s between poses
 OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # scale with the interval between poses
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tested
-THRESHOLDS = (0.4, 1.0, 1.8)
+THRESHOLDS = (0.4, 1.0, 1.8)  # multiples of the typical size at which a threshold is tested
 CHANGED = (0.4, 0.7, 0.9, 1.1, 1.4, 2.0)  # multiples of a known limit or threshold of the robot
 # A position measured as p (1 + k |p|^2) folds back where k |p|^2 is below -1/3. A fit cannot get there from other k:
 # with the fold in the wrong place, the model is worse than without it.

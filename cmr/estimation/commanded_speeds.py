@@ -24,7 +24,7 @@ from cmr.recordings.signal import Floats
 
 HEADROOM = 2.0  # an unknown top wheel speed, relative to the fastest command
 NEARLY_ALL = 0.999  # of the commands, so that one damaged number does not choose the unit
-DIGITS = 2
+DIGITS = 2  # significant ones, to which the speed of full duty is rounded
 GEOMETRY = ("wheel_radius", "base_width")
 MIXED = "Some of the recordings have duties (MOTOR_COMMAND_N), others commanded speeds: calibrate them apart."
 WITHOUT_WIDTH = (

@@ -14,8 +14,7 @@ from cmr.model.catalogue import definition
 from cmr.model.parameters import DEFINITIONS as PAPER
 
 INTERVAL = 1.96  # standard deviations on either side of a 95 % interval
-# Model-form uncertainty, as a share:
-OF_VALUE = 0.008
+OF_VALUE = 0.008  # model-form uncertainty, as a share of the value
 OF_TYPICAL = 0.012  # of the typical size: robots without an effect appear to have this much of it
 # Of the value, instead. The speed dependence of dry friction differs between motors, and static friction fades as the
 # wheel starts: depending on the Stribeck exponent, it appears up to 20 % smaller. Slip under acceleration is found

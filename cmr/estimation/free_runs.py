@@ -23,7 +23,7 @@ from cmr.model.catalogue import definition
 from cmr.model.observer.observer import RESTART, Innovations, Observations, Observer
 from cmr.recordings.signal import Floats
 
-WINDOW = 3.0  # s
+WINDOW = 3.0  # s of a free run
 OVERLAP = 2  # windows that cover each moment
 BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
 COMPLETE = 0.95  # share of a window that its poses must span

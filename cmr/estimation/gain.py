@@ -20,7 +20,7 @@ WINDOWS_IN_A_BLOCK = 2  # windows overlap, and disturbances outlast one; blocks 
 DRAWS = 2000  # more would change the interval by less than a hundredth of its width
 FEWEST_BLOCKS = 3  # fewer do not show how much they vary
 GAIN_SIGNALS = {"psi": WHEELS, "yaw_rate": ("yaw_rate",), "pose": ("position",)}
-FOLDS = 4
+FOLDS = 4  # of the drive, each left out of one fit
 JITTER = "command_jitter"
 
 

@@ -18,13 +18,13 @@ from cmr.recordings.signal import Floats, Mask
 T = TypeVar("T")
 Asking = Generator[Sequence[Mapping[str, float]], Floats, T]  # sets of values; their white errors (n, C); the result
 Linear = tuple[Floats, Floats]  # white errors (n,) and their slopes (n, p)
-MOST_STEPS = 7
+MOST_STEPS = 7  # of a fit
 SETTLED = 0.1  # of the sum of squares: steps with a smaller predicted reduction are not taken
 # Least share of the predicted reduction that must be achieved; and by the best of many shorter steps.
 KEPT, LEAST_KEPT = 0.5, 0.05
 WORTH_A_DETOUR = 5.0  # of the sum of squares: if a smaller predicted reduction fails, the sum is merely rough
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tested at once
-LONG_STRIDE = 6.0
+LONG_STRIDE = 6.0  # times the usual stride of the slopes, after a step that did not help
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,10 @@ SPANS = {
 }
 LARGEST_PAST = 1.0 / 6.0  # of the usual segment: errors are predicted from at most so long a past
 RIDGE = 1e-6  # of the variance: keeps the model of an error-free signal solvable
-LEAST_SIZE = 1e-9
+LEAST_SIZE = 1e-9  # of an error-free signal
 LONGEST_GAP = 10  # readings; beyond this, the error of a wheel does not grow further
 RARE = 0.01  # of errors: too few to estimate their size
-ROUNDS = 3
+ROUNDS = 3  # of reweighted least squares
 FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose before predict those of the pose
 PSI_LEFT, PSI_RIGHT, YAW_RATE = (MOTION.index(name) for name in ("psi_left", "psi_right", "yaw_rate"))
 STAMP = 1e-3  # s of uncertainty of a gyro's stamp

@@ -32,7 +32,7 @@ from cmr.model.parameters import Quantity
 from cmr.recordings.signal import Floats, Mask
 
 BLOCK = 1.5  # s; neighbouring blocks belong to different folds
-FOLDS = 5
+FOLDS = 5  # of the blocks, each left out of one fit
 LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
 SAME_POSE, NEARLY_SAME_POSE, MOST_ALIKE = 1e-6, 0.05, 0.8  # m and rad; share of the pieces

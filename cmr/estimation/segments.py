@@ -20,7 +20,7 @@ LONGEST_SILENCE = 1.0  # s; no prediction across a longer gap in commands or whe
 # so there is no prediction across the gap.
 LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS = 0.05, 5.0
 LONGEST_POSE_GAP = 1.0  # s; the path restarts at the next pose
-SHORTEST_PIECE = 1.0  # s
+SHORTEST_PIECE = 1.0  # s; a shorter stretch between gaps is left out
 # s of standstill used before and after motion: enough to determine the gyro's bias as well as its drift allows.
 LONGEST_STAND = 10.0
 EARLIER = 2.0  # s; commands of this age may still be in force, or delayed, when a segment begins

@@ -29,7 +29,7 @@ from cmr.recordings.signal import Floats, Mask
 MEMORY = 0.1  # s; time constant with which a free-running wheel angle follows its encoder, so that only speed matters
 STILL, TICKS = 0.5, 3.0  # s to either side in which a wheel that stands still turns by no more than so many ticks
 SMALLER = 2  # number of smaller start sizes tested per fit
-MOVING = 1e-3  # rad/s
+MOVING = 1e-3  # rad/s; a slower wheel stands still
 QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
 PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
 BURST = 3.0  # s; errors of one burst lie within a block, or two

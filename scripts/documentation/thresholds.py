@@ -1,6 +1,7 @@
-"""Generate docs/reference/thresholds.md, the thresholds of the search, from the constants of its modules."""
+"""Generate docs/reference/thresholds.md, the thresholds of the estimation, from the constants of its modules."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,11 @@ PAGE = PROJECT / "docs" / "reference" / "thresholds.md"
 ESTIMATION = PROJECT / "cmr" / "estimation"
 # The stages of a diagnosis in their order, each with its modules.
 STAGES = {
+    "Data": ("checks", "thinning", "segments", "signs", "commanded_speeds"),
+    "Preparation": ("initial_guess", "preparation", "gains", "noise"),
+    "Model runs": ("problem", "gauss_newton", "simulation_error", "free_runs", "smoothing"),
     "Criterion": ("criterion",),
+    "Candidates": ("candidates",),
     "Screening": ("search/screening", "search/inflation", "search/localisation", "search/linear"),
     "Fit": ("search/ranking", "search/placement", "search/profile"),
     "Judgement": ("search/criteria",),
@@ -25,8 +30,19 @@ STAGES = {
         "search/leap",
     ),
     "Effects of chance": ("search/chance", "search/command_timing"),
+    "Unexplained": (
+        "unexplained/bursts",
+        "unexplained/terms",
+        "unexplained/traces",
+        "unexplained/scores",
+        "unexplained/share",
+        "unexplained/generic",
+        "unexplained/remaining",
+        "unexplained/extending",
+    ),
     "Laws": (
         "laws/candidates",
+        "laws/linearised",
         "laws/local",
         "laws/scan",
         "laws/foreseen",
@@ -39,18 +55,29 @@ STAGES = {
         "laws/searching",
         "laws/rivals",
         "laws/proposing",
+        "laws/naming",
+        "laws/curves",
     ),
-    "Verdict": ("usefulness",),
+    "Averages": ("averaging", "sizes", "sampling", "estimates"),
+    "Verdict": ("gain", "usefulness", "estimation"),
 }
+# A comment begins with the unit of its value; where several values have several units, they are here.
+UNIT = re.compile(r"(rad/s|1/s\^2|1/s|duty|rad|Hz|m|s)[;:,]? ")
 UNITS = {
-    **dict.fromkeys(("REACH", "UNEVEN", "OUTLYING", "WINDOW", "SOMEWHAT", "leap.ASIDE"), "s"),
-    **dict.fromkeys(("CELL", "localisation.RADII", "REACHES", "SMALLEST"), "m"),
-    "LEAST_CHANGE": "duty",
-    **dict.fromkeys(("SLOW", "SINCE", "DECAYS"), "s"),
-    "WAYS": "m",
-    "STEADY": "s",
-    "SLOWEST, FASTEST": "Hz",
-    "command_timing.LEAST": "1/s^2",
+    "LEAST_CHANGE, SURELY": "s, -",
+    "FAST, FEWEST_FAST": "rad/s, -",
+    "SAME_POSE, NEARLY_SAME_POSE, MOST_ALIKE": "m and rad, the same, -",
+    "SEVERAL, COMING": "-, rad/s",
+    "LONGEST_UNREPORTED, LONGEST_UNREPORTED_PERIODS": "s, -",
+    "NOISY, LONGEST_MEAN": "-, s",
+    "STILL, TICKS": "s, -",
+    "FINEST": "rad, m or rad/s",
+    "SPACING, FEWEST, MOST": "m, -, -",
+    "SWINGS, FADING": "Hz, -",
+    "terms.NOTHING": "rad/s, m or s",
+    "USUAL_MOTOR": "s",
+    "USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN": "rad/s^2, 1/s, m, rad/s",
+    "GENTLE": "duty/s",
     "ASIDE, SHARE_ASIDE": "m, -",
     "MOMENTS, MOMENT_STEP, MOMENTS_APART": "-, s, s",
 }
@@ -74,6 +101,11 @@ SOURCES = {
     "WALKERS, STEPS, SETTLING": "walkers: one block of the compiled model",
     "JITTER": WALK,
     "JUMPS": WALK,
+    **dict.fromkeys(("INTERVAL", "COVERAGE"), "convention"),
+    "UNIFORM": "standard deviation of a uniform distribution",
+    **dict.fromkeys(("LEAST_SIZE", "scores.NOTHING", "share.NOTHING", "terms.NOTHING", "FINEST"), NUMERICAL),
+    **dict.fromkeys(("MOST_NUMBERS", "FEWEST_COLUMNS, MOST_COLUMNS", "ENOUGH", "MOST_READINGS"), EFFORT),
+    **dict.fromkeys(("QUICK_STEPS", "DRAWS", "gauss_newton.MOST_STEPS", "MOST_ON", "noise.SETTLING"), EFFORT),
     **dict.fromkeys(("RIDGE", "inflation.NOTHING", "localisation.NOTHING", "OWN", "command_timing.CLOSE"), NUMERICAL),
     **dict.fromkeys(("PROMISING", "FINALISTS", "BEST_PAIRS", "FITTED_INSTEAD", "MOST_STEPS", "MOST_SMALL"), EFFORT),
     **dict.fromkeys(("MOST_CELLS", "STARTS", "ROUNDS", "rivals.MOST", "SMALLEST_BLOCK", "AGES"), EFFORT),
@@ -82,9 +114,9 @@ HEAD = "| name | value | unit | meaning | origin | module |\n|---|---|---|---|--
 INTRODUCTION = """\
 # Thresholds of the diagnosis
 
-This page lists the thresholds by which the search decides, in the order of its stages. It is generated from the modules
-(`scripts/write_thresholds`), and a test compares the two. A drop is a likelihood-ratio statistic: the decrease of the
-sum of squared whitened errors, which is twice the increase of the log-likelihood. The unit "-" stands for a pure
+This page lists the numbers by which the estimation decides, in the order of its stages. It is generated from the
+modules (`scripts/write_thresholds`), and a test compares the two. A drop is a likelihood-ratio statistic: the decrease
+of the sum of squared whitened errors, which is twice the increase of the log-likelihood. The unit "-" stands for a pure
 number: a drop, a share, a factor or a count.
 
 The column "origin" names the source of a value. "By hand, on the study" means that the value gave the best results in
@@ -121,13 +153,13 @@ def thresholds(module: str) -> Iterator[Threshold]:
         if not isinstance(node, ast.Assign) or not _is_a_number(node.value):
             continue
         names = ast.unparse(node.targets[0]).strip("()")
-        units, sources = (_of(table, short, names) for table in (UNITS, SOURCES))
         values = ast.unparse(node.value).replace("|", "\\|")
         values = values.strip("()") if isinstance(node.value, ast.Tuple) else values
         meaning = _comment(lines, node.lineno - 1).replace("|", "\\|").replace("*", "\\*")
-        if units and meaning.startswith(units):
-            meaning = meaning.removeprefix(units).lstrip(";, ")
-        yield Threshold(names, values, units or "-", meaning.rstrip(","), sources or BY_HAND)
+        begins = UNIT.match(meaning)
+        meaning = meaning[begins.end() :] if begins else meaning
+        unit = _of(UNITS, short, names) or (begins.group(1) if begins else "-")
+        yield Threshold(names, values, unit, meaning.rstrip(","), _of(SOURCES, short, names) or BY_HAND)
 
 
 def _is_a_number(value: ast.expr) -> bool:

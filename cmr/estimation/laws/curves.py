@@ -18,10 +18,10 @@ from cmr.model.laws.law import Law
 from cmr.model.laws.words import VARIABLES
 from cmr.recordings.signal import Floats, Mask
 
-BINS = 13
+BINS = 13  # of a law's variable, in the report's figure
 EDGE = 0.01  # quantile of the variable beyond which a bin is open
 FEWEST = 50  # white errors squared that a bin's trace must have
-RIDGE = 1e-6
+RIDGE = 1e-6  # of the variance: keeps bins that look alike solvable
 
 
 def curve_of(fit: Polished, number: int, law: Law, tried: Polished | None, rows: Mask | None) -> Curve:

@@ -8,7 +8,7 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.model.catalogue import LAWS
 from cmr.model.laws.law import LONGEST_NAME, PREFIX, Law
 
-ROOM = 4  # characters reserved for a number after the name
+FOR_A_NUMBER = 4  # characters reserved for a number after the name
 PLAIN = {"**": " to ", "*": " ", "/": " per ", "+": " plus ", "-": " minus "}
 
 
@@ -20,7 +20,7 @@ def law_of(candidate: Candidate) -> Law:
     side = candidate.side if candidate.side not in ("", "both") else ""
     parts = re.findall(r"[a-z0-9]+", f"{candidate.place} {side} {words}")
     name = PREFIX + "_".join(parts)
-    while len(name) > LONGEST_NAME - ROOM:
+    while len(name) > LONGEST_NAME - FOR_A_NUMBER:
         name = name.rpartition("_")[0]
     law = Law(
         name=name,

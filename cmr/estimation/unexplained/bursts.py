@@ -10,7 +10,7 @@ import numpy as np
 from cmr.estimation.prediction import SIGNALS
 from cmr.estimation.unexplained.scores import Remainder
 
-SPAN = 0.5  # s
+SPAN = 0.5  # s over which squared errors are summed
 LOUD = 8.0  # standard deviations of the sum over a span of noise
 FEWEST_SAMPLES = 5  # in a span
 

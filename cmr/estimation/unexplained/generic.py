@@ -24,7 +24,7 @@ from cmr.model.effects.generic import BODY
 from cmr.model.parameters import ParameterDefinition
 from cmr.recordings.signal import Floats
 
-MOST_PRODUCTS = 4
+MOST_PRODUCTS = 4  # of a generic term
 LEAST = 20.0  # drop of the sum of squared white errors on left-out folds that a product must bring,
 LEAST_SHARE = 0.05  # and share of what the term then brings in all
 LARGEST_LOSS = 0.99  # no signal's free runs may get worse by more,

@@ -16,17 +16,17 @@ from cmr.recordings.signal import Floats
 SPACING, FEWEST, MOST = 0.4, 3, 10  # m between the knots of what depends on the place; how many knots
 MOMENTS = 7  # knots of functions of time
 RIPPLES = (1, 2, 3, 4, 6, 8)  # in a turn of a wheel
-STILL = 0.03  # of the top speed; well above it a robot moves
+STILL = 0.03  # of the top speed; a robot that is clearly faster moves
 FRICTION = (0.02, 0.1)  # of the top speed; where friction may set in
-IDLE = 0.01  # duty
+IDLE = 0.01  # duty below which a motor is not driven
 MEMORIES = (0.1, 1.0)  # s for which a command may be remembered
 REVERSED = 0.02  # of the top speed, beyond which a direction counts
-SINCE_REVERSAL = ((0.0, 0.15), (0.15, 0.3), (0.3, 0.5), (0.5, 1.0))  # s
+SINCE_REVERSAL = ((0.0, 0.15), (0.15, 0.3), (0.3, 0.5), (0.5, 1.0))  # s since a wheel reversed: edges of the terms
 SPEEDS = 5  # knots of what an encoder may miss at speed
 # Hz at which something on the robot may swing, three to an octave, and how its swings fade, as a share of critical.
 SWINGS, FADING = (0.5, 0.63, 0.79, 1.0, 1.26, 1.59, 2.0, 2.52, 3.17, 4.0), 0.1
 FADED = 6.0  # times the time in which a swing fades to 1/e, after which it has no part in what follows
-NOTHING = 1e-6  # rad/s; m; s
+NOTHING = 1e-6  # the least range of a quantity
 ACCELERATION = "acceleration"  # a regressor
 
 Column = tuple[Mapping[str, float], Floats]

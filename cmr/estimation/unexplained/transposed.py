@@ -56,7 +56,7 @@ from cmr.model.compiled import compiled, inlined
 from cmr.model.observer.observer import Gains
 from cmr.recordings.signal import Floats
 
-X, Y = 0, 1
+X, Y = range(2)
 
 
 def pulls(
