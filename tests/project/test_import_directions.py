@@ -1,5 +1,6 @@
 """Imports run one way, as ARCHITECTURE.md says: who is below does not know who is above."""
 
+import ast
 import re
 import sys
 from collections import defaultdict
@@ -11,7 +12,19 @@ import pytest
 from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
-from documentation.imports import LATE, TOP, TYPING, Import, cycles, folder_of, imports, modules, package_of
+from documentation.imports import (
+    GENERATED,
+    LATE,
+    TOP,
+    TYPING,
+    Import,
+    cycles,
+    folder_of,
+    imported_by,
+    imports,
+    modules,
+    package_of,
+)
 from documentation.layers import PICTURE, picture
 
 BUS = {"cmr.msg", "cmr.cli", "cmr.bus", "cmr.plain_text"}
@@ -131,6 +144,17 @@ AGAINST_THE_ORDER = {
     ("cmr.model.motion", "cmr.model.fleet"): "drive() imports Numba, for which who never simulates does not wait",
     ("cmr.world.behaviours.paths", "cmr.world.behaviours.path_following"): "compiled loops, which import Numba",
 }
+# Modules that import by a name that is not written in the call, and where the name comes from.
+BY_COMPUTED_NAME = {
+    "cmr": "the table of what `import cmr` offers",
+    "cmr.cli.start": "the command's own entry, which names a module",
+    "cmr.commands.completion": "the table of commands",
+    "cmr.commands.first_use": "packages whose compiled functions are compiled ahead",
+    "cmr.world.behaviours.making": "behaviours, also those of a user",
+    "cmr.world.lazy_module": "the module's own user, which names it as a constant",
+    "robot_driver.acceptance.command": "a constant of the module: the page, which needs a library",
+    "robot_driver.ros2.node": "messages of ROS 2",
+}
 MOST_FILES = 25  # of a package; a reader can have that many names in view
 
 
@@ -205,6 +229,26 @@ def test_the_driver_knows_neither_world_nor_model(sources: dict[str, Path], foun
     known = {one.imported for one in found if package_of(one.importer, sources) in OF_DRIVER}
     # Of the model only the ramp, plain arithmetic: the driver works where neither NumPy nor Numba is.
     assert {name for name in known if name.startswith(("cmr.world", "cmr.model"))} == {"cmr.model.duty_ramp"}
+
+
+def test_no_module_imports_tests_or_scripts(sources: dict[str, Path]) -> None:
+    found = {
+        (module, name.partition(".")[0])
+        for module, path in sources.items()
+        if module != GENERATED
+        for name, _ in imported_by(ast.parse(path.read_text(encoding="utf-8")))
+    }
+    assert {pair for pair in found if pair[1] in ("tests", "scripts", "tools")} == set()
+
+
+def test_only_known_modules_import_by_a_computed_name(sources: dict[str, Path]) -> None:
+    computed = set()
+    for module, path in sources.items():
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if module != GENERATED else ():
+            if isinstance(call, ast.Call) and ast.unparse(call.func).split(".")[-1] in ("import_module", "__import__"):
+                known = len(call.args) == 1 and isinstance(call.args[0], ast.Constant)
+                computed |= set() if known else {module}
+    assert computed == set(BY_COMPUTED_NAME)
 
 
 def test_a_package_is_small_enough_to_be_read(sources: dict[str, Path]) -> None:
