@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterable, Iterator, Mapping, Set
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,12 +40,18 @@ def imports(sources: Mapping[str, Path]) -> list[Import]:
     for module, path in sources.items():
         if module == GENERATED:
             continue
-        for name, kind in imported_by(ast.parse(path.read_text(encoding="utf-8"))):
+        for name, kind in imported_by(parsed(path)):
             imported = _known(name, sources)
             if imported and imported != module:
                 kinds = {kind, found.get((module, imported), kind)}
                 found[module, imported] = next(each for each in (TOP, LATE, TYPING) if each in kinds)
     return [Import(*pair, kind) for pair, kind in found.items()]
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Return the syntax tree of a source, which callers do not change."""
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def imported_by(node: ast.AST, kind: str = TOP) -> Iterator[tuple[str, str]]:

@@ -23,6 +23,8 @@ from robot_driver.controllers import CONTROLLERS
 from robot_driver.gyros import GYROS
 from tests.support.project import PROJECT
 
+pytestmark = pytest.mark.slow
+
 COMPLETE = """
 source "$1"; shift
 COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1))

@@ -33,6 +33,8 @@ from tests.reference_plant import NEUTRAL, packets, recording
 from tests.reference_plant.manoeuvres import RICH_DRIVE_SECONDS, rich_drive
 from tests.support.lanes import further
 
+pytestmark = pytest.mark.slow
+
 ROBOT = {name: getattr(NEUTRAL, name) for name in ("wheel_radius", "k2_over_k3", "k1", "base_width")}
 GAINS = Gains(0.2, 1.0, 0.15, 0.15)
 FREE = ("k2_over_k3", "k1", "base_width")
@@ -117,7 +119,6 @@ def test_a_law_leaves_the_traces_of_the_effect_that_does_the_same(effect: str) -
         assert np.linalg.norm(off) <= 0.1 * np.linalg.norm(real), signal
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_alone_gives_no_law(seed: int) -> None:
     about = simulated(None, 0.0, seed)
@@ -126,7 +127,6 @@ def test_noise_alone_gives_no_law(seed: int) -> None:
     assert further.inflation() < 1.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [*list(HIDDEN)[:1], *further(*list(HIDDEN)[1:])])
 def test_a_hidden_law_comes_first_and_is_fitted_as_it_is(hidden: str) -> None:
     law, size = HIDDEN[hidden]

@@ -16,6 +16,8 @@ from cmr.recordings.signal import Floats
 from tests.hidden_effects import hidden_recording
 from tests.reference_plant import REALISTIC, Commands, drive
 
+pytestmark = pytest.mark.slow
+
 READINGS, FOLDS = 40, 5
 TRUTH = {"k1": 0.054, "base_width": 0.161}  # of the plant, where nothing else is said
 

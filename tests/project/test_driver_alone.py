@@ -1,6 +1,5 @@
 """What is installed on a robot's own computer is complete, and needs three libraries alone."""
 
-import ast
 import sys
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from tests.support.project import PROJECT
 
 sys.path.insert(0, str(PROJECT / "scripts"))
-from documentation.imports import GENERATED, TYPING, imported_by, modules
+from documentation.imports import GENERATED, TYPING, imported_by, modules, parsed
 from shipping.contents import LIBRARIES, OPTIONAL_IMPORTS, driver_files, driver_modules
 
 pytestmark = pytest.mark.slow
@@ -26,7 +25,7 @@ def test_it_imports_nothing_but_its_three_libraries_and_python_s_own() -> None:
         (module, name.partition(".")[0])
         for module in driver_modules()
         if module != GENERATED
-        for name, kind in imported_by(ast.parse(sources[module].read_text(encoding="utf-8")))
+        for name, kind in imported_by(parsed(sources[module]))
         if kind != TYPING and name.partition(".")[0] not in {*sys.stdlib_module_names, *OURS}
     }
     assert needed - OPTIONAL_IMPORTS.keys() <= {

@@ -24,6 +24,7 @@ from documentation.imports import (
     imports,
     modules,
     package_of,
+    parsed,
 )
 from documentation.layers import PICTURE, picture
 
@@ -236,7 +237,7 @@ def test_no_module_imports_tests_or_scripts(sources: dict[str, Path]) -> None:
         (module, name.partition(".")[0])
         for module, path in sources.items()
         if module != GENERATED
-        for name, _ in imported_by(ast.parse(path.read_text(encoding="utf-8")))
+        for name, _ in imported_by(parsed(path))
     }
     assert {pair for pair in found if pair[1] in ("tests", "scripts", "tools")} == set()
 
@@ -244,7 +245,7 @@ def test_no_module_imports_tests_or_scripts(sources: dict[str, Path]) -> None:
 def test_only_known_modules_import_by_a_computed_name(sources: dict[str, Path]) -> None:
     computed = set()
     for module, path in sources.items():
-        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if module != GENERATED else ():
+        for call in ast.walk(parsed(path)) if module != GENERATED else ():
             if isinstance(call, ast.Call) and ast.unparse(call.func).split(".")[-1] in ("import_module", "__import__"):
                 known = len(call.args) == 1 and isinstance(call.args[0], ast.Constant)
                 computed |= set() if known else {module}

@@ -28,6 +28,8 @@ from tests.support.faulty_drive import (
     set_aside,
 )
 
+pytestmark = pytest.mark.slow
+
 # What finds nothing in a drive without faults.
 FAULTS = {
     "pose_outliers",
@@ -61,7 +63,6 @@ FAULTS = {
 }
 
 
-@pytest.mark.slow
 def test_drives_without_faults_stay_as_they_are() -> None:
     for duties, seed in itertools.product((figure_eight, lively, circle), (1, 2)):
         whole = recording(duties, seed)
@@ -264,7 +265,6 @@ def signal_of_a_kind(rng: np.random.Generator, kept: Kept) -> Signal:
     return Signal(utime, {name: values_of_a_kind(rng, count) for name in kept.fields}, rng.permutation(count))
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_sensors_broken_in_any_way_neither_stop_the_checks_nor_make_them_overflow() -> None:
     for seed in range(150):
@@ -282,7 +282,6 @@ def test_sensors_broken_in_any_way_neither_stop_the_checks_nor_make_them_overflo
         findings.cleaned(whole)
 
 
-@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(messages=MESSAGES, spacing=st.sampled_from([0, 1, 10_000, 100_000, 2_000_000]))
 def test_no_recording_is_so_odd_that_it_cannot_be_checked(

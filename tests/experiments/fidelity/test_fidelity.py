@@ -27,6 +27,8 @@ from tests.support.documented_keys import documented
 from tests.support.lanes import further
 from tests.support.small_teams import BELIEVED, LINE, line_of_three
 
+pytestmark = pytest.mark.slow
+
 SEEDS = 20
 PATIENCE = 120.0  # s for processes to start and to end on a busy machine
 RANDOM = np.random.default_rng(7)
@@ -54,7 +56,6 @@ def test_the_distance_is_how_far_values_must_be_moved() -> None:
     assert found.p_value < 0.01
 
 
-@pytest.mark.slow
 def test_two_sets_that_differ_by_chance_are_told_so() -> None:
     assert sum(distance(around(0.0), around(0.0), seed).p_value <= 0.05 for seed in range(10)) <= 3
 
@@ -116,7 +117,6 @@ def test_metrics_that_mean_nothing_for_a_team_are_left_out() -> None:
     assert [finding.metric for finding in findings(1.0, 0.1)] == ["time_to_goal"]
 
 
-@pytest.mark.slow
 def test_what_was_found_is_written_as_table_document_and_figure(tmp_path: Path) -> None:
     found = findings(1.0, 0.1)
     scores = {name: [{"time_to_goal": v} for v in values.tolist()] for name, values in found[0].values.items()}
@@ -175,7 +175,6 @@ def time_to_goal(study: Study, group: str, laboratories: Sequence[int] = (0, 1))
     return float(np.mean([perform(study, Task(group, number))["time_to_goal"] for number in laboratories]))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("laboratory", [0, *further(1)])
 def test_where_robots_are_as_believed_all_teams_are_alike(laboratory: int, tmp_path: Path) -> None:
     study = study_of(tmp_path, 0.0)
@@ -185,7 +184,6 @@ def test_where_robots_are_as_believed_all_teams_are_alike(laboratory: int, tmp_p
 
 
 @pytest.mark.further  # scripts measure it; robots with a velocity controller are calibrated below
-@pytest.mark.slow
 def test_where_robots_have_no_other_imperfections_calibration_closes_the_gap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,7 +194,6 @@ def test_where_robots_have_no_other_imperfections_calibration_closes_the_gap(
     assert abs(after - real) < 0.3 * abs(before - real)
 
 
-@pytest.mark.slow
 def test_a_robot_that_cannot_be_calibrated_is_taken_to_be_as_believed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,7 +203,6 @@ def test_a_robot_that_cannot_be_calibrated_is_taken_to_be_as_believed(
     assert failed == {**without, PREPARED: 0.0}
 
 
-@pytest.mark.slow
 @pytest.mark.further  # sweeps go on in the same way
 def test_the_command_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line_of_three(tmp_path)
@@ -244,7 +240,6 @@ def of_process(pid: int, name: str) -> bytes:
     return Path(f"/proc/{pid}/{name}").read_bytes()
 
 
-@pytest.mark.slow
 def test_a_team_that_only_the_live_command_can_end_is_refused(tmp_path: Path) -> None:
     line_of_three(tmp_path)
     text = LINE.format(duration=1.0)
@@ -254,7 +249,6 @@ def test_a_team_that_only_the_live_command_can_end_is_refused(tmp_path: Path) ->
         main([str(tmp_path / "team.yaml"), "--out", str(tmp_path / "out")])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, *further(signal.SIGKILL)])
 def test_a_study_that_is_stopped_leaves_nobody_behind(tmp_path: Path, number: signal.Signals) -> None:
     line_of_three(tmp_path)
@@ -281,7 +275,6 @@ def wait_until(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.slow
 def test_robots_with_a_velocity_controller_hide_another_one_than_is_believed_which_calibration_finds() -> None:
     known = {"wheel_radius": 0.04, "base_width": 0.19, "response_time": 0.15, "top_wheel_speed": 20.0}
     believed = ParameterFile(0, {name: Value(value) for name, value in known.items()})
