@@ -59,11 +59,9 @@ def steer(
     confirmed = Event()
     signal.signal(signal.SIGUSR1, lambda _number, _frame: confirmed.set())
     with Process(program, options.lcm_url) as process:
-        _listen(process, pilot.robot_id)
         claim = Claim(program, pilot.robot_id, lambda: process.bus.sender, options.take_over)
         beginning = Beginning(begin_with)
-        if not beginning.begun:
-            process.subscribe(PROCESS_STATUS, every=True)
+        _listen(process, pilot.robot_id, beginning)
         for utime in process.loop(rate_hz=RATE):
             pilot.turn(utime)
             for received in process.received():
@@ -72,8 +70,6 @@ def steer(
             pilot.begun = beginning.begun
             pilot.parameters.poll()
             _confirm(pilot, confirmed)
-            if claim.lost_to:
-                raise CommandError(f"{claim.lost_to} took over robot {pilot.robot_id}.")
             waiting_for = _command(process, pilot, claim, utime)
             process.publish_all((stream, pilot.robot_id, message) for stream, message in pilot.tell(utime))
             process.parameters_sha256 = pilot.parameters_sha256
@@ -87,13 +83,15 @@ def steer(
 
 
 def _hand_over(received: Received, *handlers: Callable[[int, str, Message], object]) -> None:
-    """Return a handler that passes a message to all its handlers."""
+    """Pass a message to all its handlers."""
     for handle in handlers:
         handle(received.message.utime, received.channel, received.message)
 
 
-def _listen(process: Process, robot: int) -> None:
-    """Subscribe to the inputs of the pilot and its claim."""
+def _listen(process: Process, robot: int, beginning: Beginning) -> None:
+    """Subscribe to the inputs of the pilot, its claim, and its beginning."""
+    if not beginning.begun:
+        process.subscribe(PROCESS_STATUS, every=True)
     process.subscribe(WORLD_STATE, every=True)
     process.subscribe(ESTOP, every=True)
     process.subscribe(ESTOP_LATCH, robot)
@@ -121,7 +119,12 @@ def _end(process: Process, pilot: Pilot, claim: Claim) -> None:
 
 
 def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
-    """Command the robot, unless another process does; return what it waits for."""
+    """Command the robot, unless another process does; return what it waits for.
+
+    Raises CommandError if another process took over.
+    """
+    if claim.lost_to:
+        raise CommandError(f"{claim.lost_to} took over robot {pilot.robot_id}.")
     claimed = claim.message(utime)
     if claimed is not None:
         process.publish(COMMAND_CLAIM, claimed, pilot.robot_id)
