@@ -68,30 +68,30 @@ def _by_one_step(ready: Ready, say: Callable[[str], None]) -> Search | None:
     """
     assert ready.problem is not None
     assert ready.base is not None
+    controlled = ready.problem.excitation.controlled
     seconds = sum(predictor.segment.observations.seconds for predictor in ready.problem.predictors)
-    if ready.problem.excitation.controlled and seconds > LONG:
+    if controlled and seconds > LONG:
         say(f"Trying {TRIAL:.0f} s of the recording ...")
         if _by_one_step(ready.part(TRIAL), say) is None:
             return None
     try:
-        found = _searched(ready, say)
+        of_use = partial(trusted, ready=ready)
+        found = _of_controlled(ready, say) if controlled else search(ready.problem, ready.base, say, of_use)
     except _AstrayError:
         return None
     return found if trusted(found, ready) else None
 
 
-def _searched(ready: Ready, say: Callable[[str], None]) -> Search:
-    """Search by one-step errors, again if the model found requires different observer gains; return the result.
+def _of_controlled(ready: Ready, say: Callable[[str], None]) -> Search:
+    """Search a robot with a velocity controller, again if the model found requires different observer gains.
 
     Gains are first chosen with the paper's model. If the limits of a velocity controller act all the time, a model
     without them is so wrong that the observer has to follow the encoders closely, and quantisation then looks like an
-    effect. Raises _AstrayError where free runs of a velocity controller get worse.
+    effect. Raises _AstrayError where free runs get worse.
     """
     assert ready.problem is not None
     assert ready.base is not None
     problem, base, of_use = ready.problem, ready.base, partial(trusted, ready=ready)
-    if not problem.excitation.controlled:
-        return search(problem, base, say, of_use)
     found = search(problem, base, say, of_use, _Watch(problem, base))
     gains = choose_gains(found.problem.predictors, found.final.values)
     if np.allclose(np.array(gains, np.float64), np.array(problem.gains, np.float64), rtol=SAME):

@@ -14,7 +14,6 @@ MOST = 25  # functions of control, for one hidden effect
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.further  # it says how readable the search is, not whether it is right
 def test_control_passes_through_few_functions_from_a_log_to_its_named_effect(tmp_path: Path) -> None:
     log = tmp_path / "run.lcm"
     hide("coulomb_friction", manoeuvre="rich", seed=3, path=log)
