@@ -74,12 +74,10 @@ def _is_known(
     Random effects, and those read off the data, are not part of a fit, and so are found again whatever the file says.
     So is the mean delay of jitter if its spread cannot be distinguished from a delay.
     """
-    names = {other.name for other in named}
-    rivals = {
-        name for name in one.indistinguishable_from if one.name in CATALOGUE[name].on_average and name not in names
-    }
-    if rivals:
-        given = with_mean_of_chance(given, {name: given.get(name, 0.0) for name in rivals})
+    rivals = {*one.indistinguishable_from} - {other.name for other in named}
+    by_chance = [name for name, effect in CATALOGUE.items() if name in rivals and one.name in effect.on_average]
+    if by_chance:
+        given = with_mean_of_chance(given, {name: given.get(name, 0.0) for name in by_chance})
     elif CATALOGUE[one.name].is_fitted:
         return False
     return all(name in given and _is_as_given(name, of, given[name], excitation) for name, of in one.estimates.items())

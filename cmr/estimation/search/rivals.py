@@ -68,8 +68,8 @@ def rivals_of(
         for effect, start in starts.items()
     ]
     before, *fits = problem.fits([(without.values, without.names), *models], current.noise)
-    close = name in AS_THE_RADIUS
-    limits = [BETTER if CATALOGUE[effect].in_data_sheets and not close else margin for effect in starts]
+    equivalent = name in AS_THE_RADIUS
+    limits = [BETTER if CATALOGUE[effect].in_data_sheets and not equivalent else margin for effect in starts]
     rivals = [
         Rival(effect, fit.squares - current.squares, limit, fit)
         for effect, fit, limit in zip(starts, fits, limits, strict=True)
