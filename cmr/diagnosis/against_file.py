@@ -14,15 +14,14 @@ from cmr.diagnosis.result import (
     Diagnosis,
     NamedEffect,
 )
-from cmr.estimation.candidates import RANDOM, SENSED, SMALLEST, SURE, Excitation, size
+from cmr.estimation.candidates import SMALLEST, SURE, Excitation, size
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.estimation import Estimation
-from cmr.estimation.gain import JITTER, Gain
+from cmr.estimation.gain import Gain, with_mean_of_chance
 from cmr.estimation.search.measures import with_unit
-from cmr.model.catalogue import definition
+from cmr.model.catalogue import CATALOGUE, definition
 from cmr.parameters.file import ParameterFile
 
-DELAY = "command_delay"
 # Share of a value by which a parameter must differ to be reported. Motor response is less well known.
 LEAST_SHARE = 0.02
 LEAST_SHARES = {"k2_over_k3": 0.05, "response_time": 0.05}
@@ -75,9 +74,11 @@ def _is_known(
     Random effects, and those read off the data, are not part of a fit, and so are found again whatever the file says.
     So is the mean delay of jitter if its spread cannot be distinguished from a delay.
     """
-    if one.name == DELAY and JITTER in one.indistinguishable_from and JITTER not in {other.name for other in named}:
-        given = {**given, DELAY: given.get(DELAY, 0.0) + 0.5 * given.get(JITTER, 0.0)}
-    elif one.name not in (*RANDOM, *SENSED):
+    rivals = {*one.indistinguishable_from} - {other.name for other in named}
+    by_chance = [name for name, effect in CATALOGUE.items() if name in rivals and one.name in effect.on_average]
+    if by_chance:
+        given = with_mean_of_chance(given, {name: given.get(name, 0.0) for name in by_chance})
+    elif CATALOGUE[one.name].is_fitted:
         return False
     return all(name in given and _is_as_given(name, of, given[name], excitation) for name, of in one.estimates.items())
 

@@ -320,7 +320,7 @@ def _fitted_in(fit: Fit, tested: CandidateEffect) -> bool:
 def _named(one: SelectedEffect, moved_by: Mapping[str, float], estimation: Estimation, driver: Driver) -> NamedEffect:
     effect, found = one.candidate.effect, estimation.found
     names = [parameter.name for parameter in effect.parameters]
-    same = found.problem.as_the_delay if effect.name == "command_delay" else ()  # no drive distinguishes them
+    same = found.problem.same_as(effect.name)  # no drive distinguishes them
     estimates = {name: estimation.estimate(name) for name in names}
     return NamedEffect(
         name=effect.name,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import NEVER_AHEAD, can_be_small, rarity
+from cmr.estimation.candidates import DELAYS, can_be_small, rarity
 from cmr.estimation.gauss_newton import Fit, moves_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
@@ -233,7 +233,7 @@ def averaged(
     Named effects that are more likely present than not are kept, and so are those `undisputed`, which no other effect
     explains as well: a name and its size must agree. The average is over further, undetected effects.
     """
-    ahead = [name for name in NEVER_AHEAD if name in named and fit.values[name] < 0.0]
+    ahead = [name for name in DELAYS if name in named and fit.values.get(name, 0.0) < 0.0]
     averaging, found = relinearised(problem, fit, inflation, ahead)
     certain = [name for name in named if name in undisputed or found.presence.get(name, 0.0) > HALF]
     return replace(averaging.posterior(steps=steps, certain=certain), certain=tuple(certain))

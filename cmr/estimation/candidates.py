@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from cmr.model.catalogue import CATALOGUE, LAWS, definition
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS, LAWS, definition
 from cmr.model.effect import Effect
 from cmr.model.extended.statements import changed_by
 from cmr.model.parameters import ParameterDefinition, Quantity
@@ -19,7 +19,6 @@ from cmr.parameters.file import MOTOR
 USUAL_ACCELERATION, USUAL_RATE, USUAL_WIDTH, USUAL_TURN = 118.0, 118.0 * 0.054, 0.16, 2.0
 USUAL_EXTENT = 1.0  # m of its poses, from their origin
 USUAL_INTERVAL = 0.04  # s between poses
-OF_POSE_STAMPS = ("pose_latency", "clock_skew")  # scale with the interval between poses
 LIMITS = (0.35, 0.55, 0.75, 1.0, 1.3, 1.8, 2.6)  # multiples of the typical size at which a limit is tested
 THRESHOLDS = (0.4, 1.0, 1.8)  # multiples of the typical size at which a threshold is tested
 CHANGED = (0.4, 0.7, 0.9, 1.1, 1.4, 2.0)  # multiples of a known limit or threshold of the robot
@@ -29,16 +28,14 @@ FOLDS = (0.5, 0.55, 0.6, 0.66, 0.72, 0.79, 0.87, 0.95, 1.05, 1.15, 1.26, 1.4)  #
 TURNS = tuple(eighth * math.pi / 4.0 for eighth in (-3, -2, -1, 1, 2, 3, 4))  # rad
 # A gyro that lags by a whole period of the commands resembles the response to the previous command, so smaller
 # latencies are tested.
-LATE, PORTION_OF_LATENCY = frozenset(("gyro_time",)), 0.4
+PORTION_OF_LATENCY = 0.4
 # Poses that lag by this many typical sizes or more show little of the motion at their stamps: a fit started at 0 does
 # not reach the true latency, so larger ones are tested directly.
-LATE_POSES, FAR = "pose_latency", 2.0
+FAR = 2.0
 EVERYWHERE = 1e3  # m, radius of a region that contains everything
 # Velocity controllers accelerate more gently than motors can: to the top wheel speed in about a second. [duty/s]
-GENTLE = {"slew_limit": 1.0, "current_limit": 1.0}
-RANDOM = tuple(name for name, effect in CATALOGUE.items() if effect.by_chance)
-NEVER_AHEAD = ("gyro_latency", "pose_latency")  # a sensor cannot report ahead of time
-SENSED = ("encoder_quantisation", "wheel_speed_latency")  # read off the ticks, or from gyro and wheels together
+GENTLE = 1.0
+DELAYS = tuple(name for name, parameter in DEFINITIONS.items() if parameter.kind == "delay")
 # Stages of the model's step that end with the wheel speeds; they are irrelevant if these are given.
 DRIVING = frozenset(
     (
@@ -48,13 +45,8 @@ DRIVING = frozenset(
 )
 OF_WHEELS = (*DRIVING, "place", "encoder_time", "encoder")
 OF_PLACE = frozenset(("x", "y", "theta", "cosine", "sine"))  # a robot's position and heading, as named in statements
-# act through the motors' accelerations, which do not exist for given wheel speeds
-OF_ACCELERATIONS = ("longitudinal_slip",)
-OF_ONE_FRAME = tuple(name for name, effect in CATALOGUE.items() if effect.of_one_frame)
-# Only wheel readings or a gyro distinguish these from late commands.
-AS_THE_DELAY = ("longitudinal_slip", "pose_latency")
-SLIP, SEEM_LATE = "longitudinal_slip", frozenset(("gyro_latency", "pose_latency"))
-AS_THE_RADIUS = ("wheel_radius_scale", "encoder_scale")  # only commands distinguish these from the wheel radius itself
+# Only commands distinguish these from the wheel radius itself.
+AS_THE_RADIUS = tuple(name for name, effect in CATALOGUE.items() if "wheel_radius" in effect.same_without)
 # Prior standard deviation of sizes, as a multiple of the typical size. Larger sizes must explain more.
 SPREAD, SPREAD_OF_RARE = 5.0, 1.0
 SURE = 3.0  # standard deviations
@@ -135,10 +127,10 @@ def size(parameter: ParameterDefinition, excitation: Excitation) -> float:
         "duty/s": rate / USUAL_RATE,
         "1/m^2": min(1.0, (USUAL_EXTENT / max(excitation.extent, 1e-6)) ** 2),
     }
-    if excitation.controlled and parameter.name in GENTLE:
-        return GENTLE[parameter.name] / (rate if parameter.unit == "duty" else 1.0)
+    if excitation.controlled and parameter.kind == "acceleration":
+        return GENTLE / (rate if parameter.unit == "duty" else 1.0)
     factor = factors.get(parameter.unit, 1.0)
-    if parameter.name in OF_POSE_STAMPS:
+    if parameter.grows_with_interval:
         factor = max(1.0, excitation.interval / USUAL_INTERVAL)
     if parameter.unit == "m" and parameter.switches:
         factor = excitation.parameters["base_width"] / USUAL_WIDTH
@@ -149,32 +141,34 @@ def trials(excitation: Excitation, effects: Iterable[Effect] = CATALOGUE.values(
     """Return all trials, those of one effect side by side."""
     result = []
     for effect in effects:
-        if effect.name in RANDOM or effect.name in SENSED:
+        if not effect.is_fitted:
             continue
         if excitation.gives(effect):
             result += _changes(effect, excitation)
             continue
-        local = locality(effect)
+        portion = _portion(effect)
         for others in _others(effect):
-            sizes = _sizes(effect, excitation)
-            portion = PORTION_OF_LATENCY if set(effect.equations) <= LATE else 1.0
             result += [
-                Trial(effect.name, values | others, threshold, local, portion=portion) for values, threshold in sizes
+                Trial(effect.name, values | others, threshold, effect.locality, portion=portion)
+                for values, threshold in _sizes(effect, excitation)
             ]
-        result += [*_folds(effect), *_turned(effect)]
-        if effect.name == LATE_POSES and excitation.poses_late > FAR * size(effect.parameters[0], excitation):
-            result.append(Trial(effect.name, {LATE_POSES: excitation.poses_late}, threshold=True, spare=True))
+        result += [*_folds(effect), *_turned(effect), *_far(effect, excitation)]
     return result
+
+
+def _portion(effect: Effect) -> float:
+    """Return the share of its typical size at which an effect is tested."""
+    return PORTION_OF_LATENCY if effect.lateness_of == "gyro" else 1.0
 
 
 def _changes(effect: Effect, excitation: Excitation) -> list[Trial]:
     """Return trials of a known effect of the robot: each size larger, and limits also smaller."""
     origin = {parameter.name: excitation.neutral(parameter.name) for parameter in effect.parameters}
-    portion = PORTION_OF_LATENCY if set(effect.equations) <= LATE else 1.0
+    portion = _portion(effect)
     result = []
     for parameter in (one for one in effect.parameters if one.switches):
         at = origin[parameter.name]
-        if is_limit(parameter) or parameter.unit == "duty":
+        if parameter.is_limit or parameter.kind == "threshold":
             changed, threshold = [at * share for share in CHANGED if math.isfinite(at)], True
         else:
             change = portion * size(parameter, excitation)
@@ -194,12 +188,12 @@ def _sizes(effect: Effect, excitation: Excitation) -> list[tuple[dict[str, float
     result = []
     for parameter in switches:
         usual = size(parameter, excitation)
-        if is_limit(parameter):
+        if parameter.is_limit:
             sizes, threshold = [usual * share for share in LIMITS], True
-        elif parameter.unit == "duty":
+        elif parameter.kind == "threshold":
             sizes, threshold = [usual * share for share in THRESHOLDS], True
         else:
-            sizes, threshold = [usual * (PORTION_OF_LATENCY if set(effect.equations) <= LATE else 1.0)], False
+            sizes, threshold = [usual * _portion(effect)], False
         result += [(neutral | {parameter.name: value}, threshold) for value in sizes if parameter.allows(value)]
     return result
 
@@ -209,7 +203,7 @@ def _folds(effect: Effect) -> list[Trial]:
     return [
         Trial(effect.name, {parameter.name: -share * float(parameter.typical or 0.0)}, threshold=True, spare=True)
         for parameter in effect.parameters
-        if parameter.unit == "1/m^2"
+        if parameter.kind == "stretch"
         for share in FOLDS
     ]
 
@@ -219,8 +213,18 @@ def _turned(effect: Effect) -> list[Trial]:
     return [
         Trial(effect.name, {parameter.name: turn}, threshold=True, spare=True)
         for parameter in effect.parameters
-        if parameter.unit == "rad" and effect.is_sensor
+        if parameter.kind == "angle" and parameter.switches
         for turn in TURNS
+    ]
+
+
+def _far(effect: Effect, excitation: Excitation) -> list[Trial]:
+    """Return the trial of poses that are as late as they seem, if that is far from 0."""
+    return [
+        Trial(effect.name, {parameter.name: excitation.poses_late}, threshold=True, spare=True)
+        for parameter in effect.parameters
+        if effect.lateness_of == "poses" and parameter.kind == "delay"
+        if excitation.poses_late > FAR * size(parameter, excitation)
     ]
 
 
@@ -262,20 +266,18 @@ def effects_of_rolling(laws: Collection[str] = ()) -> tuple[Effect, ...]:
     """Return the effects that can be seen in a robot driven by its measured wheel speeds, without commands; `laws`
     lists the laws included.
     """
-    hidden = (*OF_ACCELERATIONS, *AS_THE_RADIUS, *(name for name in LAWS if name not in laws))
-    return tuple(e for e in CATALOGUE.values() if set(e.equations) - DRIVING and e.name not in hidden)
+    effects = (e for e in CATALOGUE.values() if set(e.equations) - DRIVING)
+    return tuple(e for e in effects if (e.name in laws if e.name in LAWS else not _acts_by_accelerations(e)))
 
 
-def is_limit(parameter: ParameterDefinition) -> bool:
-    """Return whether a parameter limits something, so that its effect begins below the largest value."""
-    return parameter.neutral is not None and (math.isinf(parameter.neutral) or parameter.neutral == parameter.upper)
+def _acts_by_accelerations(effect: Effect) -> bool:
+    """Return whether an effect acts through the wheels' accelerations, which do not exist for given wheel speeds."""
+    return any(_speaks_of(lines, "domega") for stage, lines in effect.equations.items() if stage not in DRIVING)
 
 
 def can_be_small(effect: Effect) -> bool:
     """Return whether an effect has sizes about 0: not a limit, not tied to a time or place, not random."""
-    if effect.name in RANDOM or effect.name in SENSED or locality(effect):
-        return False
-    return not any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
+    return effect.is_fitted and not effect.locality and not _has_kinks(effect)
 
 
 def is_rough(effect: Effect) -> bool:
@@ -284,16 +286,12 @@ def is_rough(effect: Effect) -> bool:
     Sticking wheels start a little earlier or not at all, limits and gaps are reached or not, and a time or place
     includes one reading more or less.
     """
-    kinks = any(is_limit(one) or one.unit == "duty" or not one.switches for one in effect.parameters)
-    return kinks or "wheel" in effect.equations or "break_away" in changed_by(effect, "acceleration")
+    return _has_kinks(effect) or "wheel" in effect.equations or "break_away" in changed_by(effect, "acceleration")
 
 
-def locality(effect: Effect) -> str:
-    """Return whether an effect belongs to a time, to a place, or to neither ("")."""
-    names = {parameter.name for parameter in effect.parameters if not parameter.switches}
-    if {f"{effect.name}_{quantity}" for quantity in ("x", "y", "radius")} <= names:
-        return "place"
-    return "time" if f"{effect.name}_time" in names else ""
+def _has_kinks(effect: Effect) -> bool:
+    """Return whether an effect has a limit, a threshold, or a parameter such as a time, that does not switch it on."""
+    return any(one.is_limit or one.kind == "threshold" or not one.switches for one in effect.parameters)
 
 
 def _others(effect: Effect) -> list[dict[str, float]]:
@@ -305,11 +303,11 @@ def _others(effect: Effect) -> list[dict[str, float]]:
 def _choices(parameter: ParameterDefinition) -> list[float]:
     if parameter.switches:
         return []
-    if parameter.unit == "rad":
+    if parameter.kind == "angle":
         return [0.0, math.pi / 2.0, math.pi, -math.pi / 2.0]
-    if parameter.name.endswith("_radius"):
+    if parameter.kind == "radius":
         return [EVERYWHERE]
-    return [0.0] if parameter.unit in ("s", "m", "-") else [float(parameter.typical or 0.0)]
+    return [0.0] if parameter.kind in ("time", "x", "y") else [float(parameter.typical or 0.0)]
 
 
 def lanes_of(sets: Sequence[Mapping[str, float]]) -> dict[str, Quantity]:
@@ -334,7 +332,7 @@ def step_of(name: str, value: float, excitation: Excitation) -> float:
     if not parameter.switches:
         return {"s": 0.2, "m": 0.03, "rad": 0.1}.get(parameter.unit, 0.01)
     usual = size(parameter, excitation)
-    return 0.01 * abs(value) if is_limit(parameter) else 0.05 * usual
+    return 0.01 * abs(value) if parameter.is_limit else 0.05 * usual
 
 
 def rarity(effect: str) -> float:
@@ -373,15 +371,12 @@ def worth_naming(
 
 def least_worth_naming(parameter: ParameterDefinition, excitation: Excitation) -> float:
     """Return the smallest size of a parameter that matters, or the smallest change of a given one; 0 for a limit."""
-    if is_limit(parameter):
+    if parameter.is_limit:
         given = excitation.given.get(parameter.name, math.inf)
         return SMALLEST_OF_A_LIMIT * given if math.isfinite(given) else 0.0
     return SMALLEST * size(parameter, excitation)
 
 
-def seen_later(values: Mapping[str, float], seconds: float) -> dict[str, float]:
-    """Return the values with gyro and poses delayed by some seconds, which is nearly the effect of slip on them.
-
-    Wheels that slip by k times their acceleration move the robot as if it followed them k later.
-    """
-    return {**values, **{name: values.get(name, 0.0) + seconds for name in SEEM_LATE}}
+def seen_later(values: Mapping[str, float], effect: Effect, seconds: float) -> dict[str, float]:
+    """Return the values with the latencies that an effect seems like longer by some seconds, instead of its size."""
+    return {**values, **{name: values.get(name, 0.0) + seconds for name in effect.seems_like}}

@@ -13,6 +13,7 @@ from cmr.estimation.free_runs import BLOCK, Errors, Fold, alternating_spans, err
 from cmr.estimation.prediction import WHEELS
 from cmr.estimation.problem import Problem
 from cmr.estimation.segments import Segment
+from cmr.model.catalogue import CATALOGUE
 from cmr.recordings.signal import Floats, Mask
 
 COVERAGE = 0.95  # of the interval
@@ -21,7 +22,6 @@ DRAWS = 2000  # more would change the interval by less than a hundredth of its w
 FEWEST_BLOCKS = 3  # fewer do not show how much they vary
 GAIN_SIGNALS = {"psi": WHEELS, "yaw_rate": ("yaw_rate",), "pose": ("position",)}
 FOLDS = 4  # of the drive, each left out of one fit
-JITTER = "command_jitter"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,10 +214,11 @@ class Running(NamedTuple):
 
 
 def with_mean_of_chance(values: Mapping[str, float], chance: Mapping[str, float]) -> dict[str, float]:
-    """Return the values of a model with the mean command delay of its random effects."""
+    """Return the values of a model with what its random effects do on average."""
     running = dict(values)
-    if JITTER in chance:
-        running["command_delay"] = running.get("command_delay", 0.0) + 0.5 * chance[JITTER]
+    for effect in (one for name, one in CATALOGUE.items() if name in chance):
+        for name, share in effect.on_average.items():
+            running[name] = running.get(name, 0.0) + share * chance[effect.name]
     return running
 
 

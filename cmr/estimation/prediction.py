@@ -228,6 +228,14 @@ def _told_once(errors: Errors, gains: Gains, rests_on: Mapping[str, Indices]) ->
     return replace(errors, of=of, followed=gains)
 
 
+def recorded(predictors: Sequence[Predictor]) -> set[str]:
+    """Return which of commands, wheels and gyro some predictors have; wheel speeds may be given without commands."""
+    given = [len(predictor.segment.observations.given) > 0 for predictor in predictors]
+    read = {name for predictor in predictors for name in predictor.times}
+    there = {"commands": not all(given), "wheels": any(given) or read & {*WHEELS}, "gyro": "yaw_rate" in read}
+    return {name for name in there if there[name]}
+
+
 def predictors(segments: Sequence[Segment]) -> list[Predictor]:
     """Return a predictor for each segment."""
     return [Predictor(segment) for segment in segments]

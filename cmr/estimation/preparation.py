@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import RANDOM, SENSED, USUAL_INTERVAL, Excitation
+from cmr.estimation.candidates import USUAL_INTERVAL, Excitation
 from cmr.estimation.checks import SHORTEST, Checked, findings_of, notes_of, refusal
 from cmr.estimation.gains import choose_gains
 from cmr.estimation.gauss_newton import Fit
@@ -25,7 +25,7 @@ from cmr.recordings.faults.findings import Finding
 THINNED = "More was recorded than the estimate needs; it uses {shares}."
 GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in effect.given)
 # Parameters of effects that are never fitted: they are estimated from the residuals, whether given or not.
-ACTING_BY_CHANCE = tuple(parameter.name for name in (*RANDOM, *SENSED) for parameter in CATALOGUE[name].parameters)
+ACTING_BY_CHANCE = tuple(one.name for effect in CATALOGUE.values() if not effect.is_fitted for one in effect.parameters)
 TURNING = 0.05  # rad/s above which a robot turns
 FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cmr.estimation.candidates import AS_THE_DELAY, OF_ONE_FRAME, Excitation, effects_of_rolling, lanes_of
+from cmr.estimation.candidates import Excitation, effects_of_rolling, lanes_of
 from cmr.estimation.gauss_newton import (
     DAMPINGS,
     Asking,
@@ -23,7 +23,7 @@ from cmr.estimation.gauss_newton import (
     sums_of_squares,
 )
 from cmr.estimation.noise import Noise
-from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor
+from cmr.estimation.prediction import WHEELS, Batch, Errors, Predictor, recorded
 from cmr.model.catalogue import CATALOGUE, LAWS, definition
 from cmr.model.compiled import compiled
 from cmr.model.effect import Effect
@@ -115,18 +115,14 @@ class Problem:
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         """The effects that can be detected: without commands, not those of the motors."""
-        rolls = all(len(predictor.segment.observations.given) for predictor in self.predictors)
-        effects = effects_of_rolling(self.excitation.laws) if rolls else self.possible
-        hidden = (*self.as_the_delay, *(OF_ONE_FRAME if self._set_to_one_pose else ()))
-        return tuple(effect for effect in effects if effect.name not in hidden)
+        read, framed = recorded(self.predictors), self._set_to_one_pose
+        effects = self.possible if "commands" in read else effects_of_rolling(self.excitation.laws)
+        return tuple(one for one in effects if not one.same_with(read) and not (one.of_one_frame and framed))
 
-    @cached_property
-    def as_the_delay(self) -> tuple[str, ...]:
-        """The effects that these sensors cannot distinguish from command_delay, because wheels or gyro are missing."""
-        read = {name for predictor in self.predictors for name in predictor.times}
-        if any(len(predictor.segment.observations.given) for predictor in self.predictors) or read & {*WHEELS}:
-            return ()
-        return AS_THE_DELAY[:1] if "yaw_rate" in read else AS_THE_DELAY
+    def same_as(self, name: str) -> tuple[str, ...]:
+        """Return the effects that these recordings cannot distinguish from another one."""
+        read = recorded(self.predictors)
+        return tuple(effect.name for effect in CATALOGUE.values() if name in effect.same_with(read))
 
     @cached_property
     def _set_to_one_pose(self) -> bool:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmr.estimation.candidates import NEVER_AHEAD, Excitation, size
+from cmr.estimation.candidates import Excitation, size
 from cmr.estimation.sampling import walk
 from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats, Mask
@@ -34,17 +34,17 @@ class SizePosterior(NamedTuple):
 class Sizes:
     """The sizes (p,) of some effects (e,), in their units, on a robot and a drive.
 
-    Latencies are not negative, except for parameters `ahead`, whose clocks are known to be ahead.
+    Delays are not negative, except for parameters `ahead`, whose clocks are known to be ahead.
     """
 
     def __init__(self, effects: Sequence[Effect], excitation: Excitation, ahead: Collection[str] = ()) -> None:
         parameters = [parameter for effect in effects for parameter in effect.parameters if parameter.switches]
         self.parameters = parameters
         self.usual = np.array([size(parameter, excitation) for parameter in parameters])
-        behind = [name for name in NEVER_AHEAD if name not in ahead]
         self._one_sided = np.array(
             [
-                (one.lower == one.neutral or one.name in behind) and one.name not in excitation.given
+                (one.lower == one.neutral or (one.kind == "delay" and one.name not in ahead))
+                and one.name not in excitation.given
                 for one in parameters
             ],
             np.bool_,

@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
-from cmr.estimation.candidates import Trial, is_limit, is_rough, lanes_of, locality, size, trials
+from cmr.estimation.candidates import AS_THE_RADIUS, Trial, is_rough, lanes_of, size, trials
 from cmr.estimation.gauss_newton import moves_of
 from cmr.estimation.problem import LARGE, temper
 from cmr.estimation.search.screening import changes_of
@@ -30,7 +31,7 @@ DISGUISED = 1e-4  # of the same: what the robot's own parameters leave less of i
 QUIET = 0.75  # of the effects: so many must have shown before only the others are driven for
 UNHURRIED = 1.5  # s of a movement at least while only these are driven for: a decision is not urgent then
 EVIDENT = 6.0  # evidence from which on an explanation counts as seen
-SAME = frozenset({frozenset({"wheel_radius_scale", "encoder_scale"})})  # the same mathematics: k1 makes up for it
+SAME = frozenset(map(frozenset, combinations(AS_THE_RADIUS, 2)))  # the same mathematics: k1 makes up for it
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
 def _is_one_sided(effect: Effect) -> bool:
     """Return whether an effect has one sign only."""
     switches = [parameter for parameter in effect.parameters if parameter.switches]
-    return all(is_limit(parameter) or parameter.lower == parameter.neutral for parameter in switches)
+    return all(parameter.is_limit or parameter.lower == parameter.neutral for parameter in switches)
 
 
 def only(known: Told, names: Sequence[str]) -> Told:
@@ -261,7 +262,7 @@ def _is_quiet(judgement: Judgement, known: Told) -> bool:
 
 def _may_show(known: Told) -> list[str]:
     """Return the effects that would not have shown yet, and still may; one that begins at a time may always come."""
-    names = [name for name in known.columns.names if locality(CATALOGUE[name]) != "time"]
+    names = [name for name in known.columns.names if CATALOGUE[name].locality != "time"]
     return [name for name in names if name not in known.shown and name not in known.hopeless]
 
 
@@ -312,7 +313,7 @@ def _is_settled(judgement: Judgement, name: str) -> bool:
     """
     one = judgement.of(name)
     if one is None or one.evidence <= EVIDENT:
-        return locality(CATALOGUE[name]) == "time"
+        return CATALOGUE[name].locality == "time"
     return not judgement.is_large(name, one.values)
 
 
@@ -345,7 +346,7 @@ def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, floa
     for effect in problem.effects:
         if effect.name in judgement.named or effect.beside:
             continue
-        if effect.name in left and (is_rough(effect) or locality(effect)):
+        if effect.name in left and (is_rough(effect) or effect.locality):
             own: list[Mapping[str, float]] = [_own(effect, left[effect.name].values)]
         else:
             own = [trial.values for trial in _usual_trials(judgement, effect, time)]
@@ -377,6 +378,8 @@ def _usual_trials(judgement: Judgement, effect: Effect, time: float) -> list[Tri
         if trial.spare or not np.allclose(usual, sizes, rtol=1e-6):
             continue
         if trial.local == "time":
-            trial = Trial(trial.effect, {**trial.values, f"{effect.name}_time": time}, trial.threshold, trial.local)
+            trial = Trial(
+                trial.effect, {**trial.values, effect.parameter_of("time"): time}, trial.threshold, trial.local
+            )
         result.append(trial)
     return result

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cmr.estimation.candidates import locality
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.investigation.beyond import unexplained_by
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated, settled
@@ -227,7 +226,7 @@ class Investigation:
     def not_shown(self, known: Told) -> list[str]:
         """Return the effects that would not have shown yet; one that begins at a time may always come."""
         names = known.columns.names
-        return [name for name in names if name not in known.shown and locality(CATALOGUE[name]) != "time"]
+        return [name for name in names if name not in known.shown and CATALOGUE[name].locality != "time"]
 
     def _note(self, judgement: Judgement, choice: Choice) -> None:
         likely = {name: share for name, share in judgement.probabilities.items() if share > 1.0 / ODDS}

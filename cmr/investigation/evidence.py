@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cmr.estimation.candidates import Excitation, is_limit, size
+from cmr.estimation.candidates import Excitation, size
 from cmr.estimation.gains import USUAL_ANGLE, USUAL_POSE, gains_at, interval_of
 from cmr.estimation.noise import Noise
 from cmr.estimation.prediction import Errors, Predictor, predictors
@@ -110,13 +110,11 @@ def prior_of_effects(excitation: Excitation, extent: float) -> dict[str, tuple[f
     prior: dict[str, tuple[float, float]] = {}
     for effect in CATALOGUE.values():
         for parameter in effect.parameters:
-            if parameter.switches and not is_limit(parameter):
+            if parameter.switches and not parameter.is_limit:
                 prior[parameter.name] = (float(parameter.neutral or 0.0), SIZES * size(parameter, excitation))
-    return prior | {
-        "surface_patch_x": (0.0, extent),
-        "surface_patch_y": (0.0, extent),
-        "surface_patch_radius": (PATCH_RADIUS, PATCH_DOUBT),
-    }
+    of_a_place = {"x": (0.0, extent), "y": (0.0, extent), "radius": (PATCH_RADIUS, PATCH_DOUBT)}
+    parameters = (parameter for effect in CATALOGUE.values() for parameter in effect.parameters)
+    return prior | {one.name: of_a_place[one.kind] for one in parameters if one.kind in of_a_place}
 
 
 def beliefs_of(

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmr.estimation.candidates import SMALLEST, is_limit, is_rough, lanes_of, locality, rarity, size, worth_naming
+from cmr.estimation.candidates import SMALLEST, is_rough, lanes_of, rarity, size, worth_naming
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.search.screening import Score, Screening, screen, start_of
@@ -91,7 +91,7 @@ class Judgement:
         """Return whether an effect with these values is large enough to matter; a limit may be out of reach."""
         effect, excitation = CATALOGUE[name], self.problem.excitation
         own = {parameter.name: values[parameter.name] for parameter in effect.parameters}
-        limits = [parameter for parameter in effect.parameters if is_limit(parameter)]
+        limits = [parameter for parameter in effect.parameters if parameter.is_limit]
         if limits and all(own[one.name] > size(one, excitation) / SMALLEST for one in limits):
             return False
         return worth_naming(own, {}, excitation)
@@ -273,7 +273,7 @@ def _unstuck(problem: Beliefs, base: Fit, fits: Mapping[str, Fit]) -> dict[str, 
 
 
 def _may_be_stuck(name: str) -> bool:
-    return is_rough(CATALOGUE[name]) and not locality(CATALOGUE[name])
+    return is_rough(CATALOGUE[name]) and not CATALOGUE[name].locality
 
 
 def _resized(name: str, values: Mapping[str, float], factor: float) -> dict[str, float]:
@@ -292,5 +292,5 @@ def _starts(
     if before is not None:
         yield dict(before[1])
     score = scored.get(name)
-    if score is not None and (before is None or score.drop > before[0] + BETTER_START or locality(CATALOGUE[name])):
+    if score is not None and (before is None or score.drop > before[0] + BETTER_START or CATALOGUE[name].locality):
         yield {**base.values, **start_of(score)}

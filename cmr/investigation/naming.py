@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cmr.estimation.candidates import locality
 from cmr.estimation.gains import COARSE
-from cmr.estimation.search.chance import tick_of
+from cmr.estimation.search.chance import TICKS, tick_of
 from cmr.investigation.choosing import SAME
 from cmr.investigation.evidence import Beliefs
 from cmr.investigation.exchanging import evidence_beside, revision
@@ -15,7 +14,6 @@ from cmr.model.catalogue import CATALOGUE
 # Evidence that the data after the first suspicion must have of their own, as a share of the margin then, within bounds.
 CONFIRMED_SHARE, CONFIRMED = 0.1, (4.0, NAMED)
 LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters
-COARSE_TICKS = "encoder_quantisation"
 TOO_SMALL = "too small to matter"
 NOT_APART = "{rival} explains nearly as much"
 NOT_CONFIRMED = "later data must confirm it"
@@ -70,7 +68,7 @@ class Naming:
         return NOT_CONFIRMED if margin(judgement) >= NAMED else ""
 
     def _matters(self, name: str) -> bool:
-        if name == COARSE_TICKS or self.judgement is None:
+        if name == TICKS or self.judgement is None:
             return True
         return self.judgement.is_large(name, self.judgement.base.values)
 
@@ -81,8 +79,8 @@ class Naming:
         last = before.base.values if before else {}
         start = {**problem.excitation.parameters, **{name: last[name] for name in usable if name in last}}
         judgement = judge(problem, _fitted(self.found), start, before)
-        if tick_of(problem) > COARSE and COARSE_TICKS not in self.found:
-            self.found = (*self.found, COARSE_TICKS)
+        if tick_of(problem) > COARSE and TICKS not in self.found:
+            self.found = (*self.found, TICKS)
         while (name := self._confirmed(judgement)) != NOTHING:
             self.found = (*self.found, name)
             self._suspect = None
@@ -160,9 +158,9 @@ def _rivals(judgement: Judgement) -> list[Explanation]:
 
 
 def _is_local(one: Explanation) -> bool:
-    return bool(one.name and locality(CATALOGUE[one.name]))
+    return bool(one.name and CATALOGUE[one.name].locality)
 
 
 def _fitted(named: Sequence[str]) -> tuple[str, ...]:
     """Return the named effects that fits have."""
-    return tuple(name for name in named if name != COARSE_TICKS)
+    return tuple(name for name in named if name != TICKS)

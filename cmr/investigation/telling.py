@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from cmr.estimation.candidates import locality
 from cmr.investigation.calibrating import settled
 from cmr.investigation.choosing import Told
 from cmr.investigation.driving import Driving
@@ -159,7 +158,7 @@ def excluded(driving: Driving) -> list[str]:
         return []
     hidden = out_of_reach(driving)
     left = {one.name for one in driving.decision.judgement.left if one.evidence > 0.0}
-    names = [name for name in driving.decision.known.columns.names if locality(CATALOGUE[name]) != "time"]
+    names = [name for name in driving.decision.known.columns.names if CATALOGUE[name].locality != "time"]
     return [name for name in names if name not in hidden and name not in left]
 
 

@@ -4,11 +4,11 @@ The equation in an entry is the code: Python statements for the stages of `cmr.m
 composed of the statements of all entries, and the documentation prints them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
-from cmr.model.command_kinds import KINDS
-from cmr.model.parameters import ParameterDefinition
+from cmr.model.command_kinds import KINDS as COMMAND_KINDS
+from cmr.model.parameters import KINDS, ParameterDefinition
 from cmr.model.stages import STAGES
 
 GROUPS = ("battery and electronics", "motors and gearing", "wheels and ground", "sensors")
@@ -43,9 +43,14 @@ class Effect:
     commanded speeds it may have another sentence, `cause_of_speed`, in which a duty is a wheel speed in rad/s, and
     `{parameter_acceleration}` the acceleration from rest in rad/s^2. An effect with `lateness_of` a sensor, "poses" or
     "gyro", has one parameter: the additional age of readings [s]. `rarity` is how much more it must reduce the sum of
-    squares to be preferred to another effect; to be named at all, twice that. An effect `by_chance` is visible in the
-    spread of readings, not in their mean. One `of_one_frame` depends on positions or headings in one world frame: it is
-    not detectable if each piece of a recording has its own frame.
+    squares to be preferred to another effect; to be named at all, twice that. One that is `in_data_sheets` is hardly
+    ever wrong: it must explain clearly more than the effect it replaces. An effect `by_chance` is visible in the spread
+    of readings, not in their mean, and has on average the effect of the parameters in `on_average`, each times its own
+    size. One `read_off` the data is not fitted either. One `of_one_frame` depends on positions or headings in one world
+    frame: it is not detectable if each piece of a recording has its own frame. `same_without` maps the names of other
+    effects, or of the paper's parameters, to readings ("commands", "wheels", "gyro"): where none of these was recorded,
+    nothing distinguishes it from the other. `seems_like` lists latencies: with an effect of some seconds, robots move
+    nearly as if each of these were so much longer.
     """
 
     name: str
@@ -59,12 +64,17 @@ class Effect:
     memory: tuple[Memory, ...] = ()
     given: tuple[ParameterDefinition, ...] = ()
     beside: str = ""
-    with_commands: tuple[str, ...] = KINDS
+    with_commands: tuple[str, ...] = COMMAND_KINDS
     cause_of_speed: str = ""
     lateness_of: str = ""
     rarity: float = 0.0
+    in_data_sheets: bool = False
     by_chance: bool = False
+    on_average: Mapping[str, float] = field(default_factory=dict)
+    read_off: bool = False
     of_one_frame: bool = False
+    same_without: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    seems_like: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         groups = (*GROUPS, GENERIC, LAWS)
@@ -76,6 +86,10 @@ class Effect:
         for parameter in self.all_parameters:
             if parameter.name != self.name and not parameter.name.startswith(f"{self.name}_"):
                 raise ValueError(f"effect {self.name}: parameter {parameter.name} must be called {self.name}_...")
+            if parameter.kind not in KINDS:
+                raise ValueError(
+                    f"effect {self.name}: kind {parameter.kind!r} of {parameter.name} is none of {', '.join(KINDS)}"
+                )
 
     @property
     def all_parameters(self) -> tuple[ParameterDefinition, ...]:
@@ -86,6 +100,25 @@ class Effect:
     def is_sensor(self) -> bool:
         """Whether the effect changes sensor readings but not the motion."""
         return all(STAGES[stage].of_sensors for stage in self.equations)
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether its parameters are fitted, neither estimated by the spread of readings nor read off them."""
+        return not (self.by_chance or self.read_off)
+
+    @property
+    def locality(self) -> str:
+        """Whether it belongs to a "time", to a "place", or to neither ("")."""
+        kinds = {parameter.kind for parameter in self.parameters}
+        return "place" if {"x", "y", "radius"} <= kinds else "time" if "time" in kinds else ""
+
+    def parameter_of(self, kind: str) -> str:
+        """Return the name of its first parameter of a kind."""
+        return next(parameter.name for parameter in self.parameters if parameter.kind == kind)
+
+    def same_with(self, recorded: Collection[str]) -> list[str]:
+        """Return what nothing distinguishes it from, by name, with only these readings; see `same_without`."""
+        return [name for name, readings in self.same_without.items() if not {*readings} & {*recorded}]
 
     def is_on(self, values: Mapping[str, object]) -> bool:
         """Return whether any of these values, by parameter name, switches the effect on."""

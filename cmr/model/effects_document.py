@@ -100,7 +100,7 @@ def caption(shown: Showcase) -> str:
     )
     if shown.factor == 1.0:
         return f"Drawn at its typical size: {sizes}."
-    is_limit = any(parameter.neutral == parameter.upper for parameter in shown.effect.parameters)
+    is_limit = any(parameter.is_limit for parameter in shown.effect.parameters)
     return f"Drawn {shown.factor:g} times as {'tight' if is_limit else 'strong'} as typical: {sizes}."
 
 

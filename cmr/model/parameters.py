@@ -1,5 +1,6 @@
 """The parameters of the robot model: names, units, meanings and valid ranges."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
@@ -12,6 +13,21 @@ Quantity: TypeAlias = "float | NDArray[np.float64]"  # a number, or one for each
 Numeric: TypeAlias = Any  # either of them; a union would need type checks in every caller
 Number = TypeVar("Number", float, "NDArray[np.float64]")  # the same, with the result of the same kind as the argument
 
+# What a parameter of an effect is, on which the diagnosis decides how to look for it.
+KINDS: Mapping[str, str] = {
+    "size": "what the effect does is nearly proportional to it",
+    "threshold": "the effect is there on one side of it only",
+    "delay": "time [s] by which commands or readings are late; hardly any are early",
+    "angle": "an angle [rad] that may have any value",
+    "stretch": "share by which positions are stretched, per squared distance [1/m^2]",
+    "acceleration": "a limit of the wheels' acceleration, in duty/s, or in duty if it is one of currents",
+    "yaw_rate": "a limit of the yaw rate [rad/s]: the robot was never seen to turn faster",
+    "time": "when the effect begins [s]",
+    "x": "centre of the disc within which the effect is there [m]",
+    "y": "centre of the disc [m]",
+    "radius": "radius of the disc [m]",
+}
+
 
 @dataclass(frozen=True)
 class ParameterDefinition:
@@ -19,7 +35,10 @@ class ParameterDefinition:
 
     `neutral` is the value without the effect (None: the paper's own parameters, which must be given), `typical` the
     typical size on a robot with a wheel radius of 4 cm. Parameters that do not switch their effect on and off
-    (`switches`), such as a time or a place, have no meaning while the others are neutral.
+    (`switches`), such as a time or a place, have no meaning while the others are neutral. `kind` is one of KINDS. A
+    typical size that `grows_with_interval` is for 0.04 s between poses. `inexactness` is the relative standard
+    deviation of an estimate because the model is not exact, and `taken_for` the paper's parameter, in the same unit,
+    that is as uncertain, because it explains a part of the effect.
     """
 
     name: str
@@ -30,6 +49,15 @@ class ParameterDefinition:
     neutral: float | None = None
     typical: float | None = None
     switches: bool = True
+    kind: str = "size"
+    grows_with_interval: bool = False
+    inexactness: float = 0.008
+    taken_for: str = ""
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether it limits something: its effect begins below the largest value, which is neutral."""
+        return self.neutral in (math.inf, self.upper)
 
     def is_neutral(self, value: object) -> bool:
         """Return whether the value, or each of an array of values, is the neutral one."""
@@ -45,10 +73,21 @@ class ParameterDefinition:
 
 
 PARAMETER_DEFINITIONS = (
-    ParameterDefinition("wheel_radius", "m", "effective radius of the wheels", 1e-3, 2.0),
-    ParameterDefinition("k2_over_k3", "rad/s^2", "wheel acceleration at full duty from rest", 1e-2, 1e5),
-    ParameterDefinition("k1", "s/rad", "back-EMF constant: one over the wheel speed at full duty", 1e-5, 1e2),
-    ParameterDefinition("base_width", "m", "distance between left and right wheels that explains the turns", 1e-3, 1e2),
+    ParameterDefinition("wheel_radius", "m", "effective radius of the wheels", 1e-3, 2.0, inexactness=0.0),
+    ParameterDefinition(
+        "k2_over_k3", "rad/s^2", "wheel acceleration at full duty from rest", 1e-2, 1e5, inexactness=0.0016
+    ),
+    ParameterDefinition(
+        "k1", "s/rad", "back-EMF constant: one over the wheel speed at full duty", 1e-5, 1e2, inexactness=0.0013
+    ),
+    ParameterDefinition(
+        "base_width",
+        "m",
+        "distance between left and right wheels that explains the turns",
+        1e-3,
+        1e2,
+        inexactness=0.0005,
+    ),
 )
 DEFINITIONS = {definition.name: definition for definition in PARAMETER_DEFINITIONS}
 

@@ -67,10 +67,10 @@ def _sizes(effect: Effect, factor: float) -> dict[str, float]:
     """Return the parameters at a multiple of their typical size, limits at a fraction; times are halfway."""
     values = typical(effect)
     for parameter in effect.parameters:
-        if parameter.name.endswith("_time"):
+        if parameter.kind == "time":
             values[parameter.name] = LAP / 2.0
         elif parameter.switches:
-            values[parameter.name] *= 1.0 / factor if parameter.neutral == parameter.upper else factor
+            values[parameter.name] *= 1.0 / factor if parameter.is_limit else factor
     return values
 
 

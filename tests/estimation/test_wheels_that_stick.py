@@ -9,12 +9,13 @@ import pytest
 
 from cmr.estimation.candidates import Excitation
 from cmr.estimation.checks import looked_at
-from cmr.estimation.estimates import INTERVAL, OF_EFFECT, OF_PAPER, inexactness
+from cmr.estimation.estimates import INTERVAL, inexactness
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.preparation import prepare
 from cmr.estimation.simulation_error import SimulationErrorProblem
 from cmr.estimation.usefulness import as_the_paper_has_it
+from cmr.model.catalogue import definition
 from cmr.parameters.file import ParameterFile, Value
 from cmr.plant.sensors import REALISTIC
 from tests.hidden_effects.messy import pursuit, sensors_at
@@ -78,5 +79,6 @@ def test_how_strong_motors_are_is_known_no_better_than_what_holds_their_wheels(h
     strength = ROBOT["k2_over_k3"]
     robot = {**ROBOT, "static_friction": held * strength}
     share = inexactness("k2_over_k3", robot, Excitation(robot, 1.0)) / strength
-    assert share == pytest.approx(np.hypot(OF_PAPER["k2_over_k3"], held * OF_EFFECT["static_friction"]), rel=1e-12)
-    assert inexactness("k1", robot, Excitation(robot, 1.0)) == OF_PAPER["k1"] * ROBOT["k1"]
+    own, taken_over = definition("k2_over_k3").inexactness, held * definition("static_friction").inexactness
+    assert share == pytest.approx(np.hypot(own, taken_over), rel=1e-12)
+    assert inexactness("k1", robot, Excitation(robot, 1.0)) == definition("k1").inexactness * ROBOT["k1"]

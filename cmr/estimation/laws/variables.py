@@ -7,6 +7,7 @@ from enum import Enum
 import numpy as np
 
 from cmr.estimation.prediction import Errors, Indices, Predictor
+from cmr.estimation.search.command_timing import DELAY
 from cmr.estimation.segments import Segment
 from cmr.model.laws.words import TURNING
 from cmr.model.observer.observer import MOTION
@@ -115,7 +116,7 @@ def _of_segment(predictor: Predictor, motion: Floats, values: Mapping[str, float
     observations = predictor.segment.observations
     column = dict(zip(MOTION, (0.5 * (motion[1:] + motion[:-1])).T, strict=True))
     dt, k1 = np.full(observations.steps, observations.dt), values["k1"]
-    duty = _delayed(observations.duty, values.get("command_delay", 0.0) / observations.dt)
+    duty = _delayed(observations.duty, values.get(DELAY, 0.0) / observations.dt)
     psi = [column[f"psi_{side}"] for side in SIDES]
     domega = [np.diff(motion[:, MOTION.index(f"psi_{side}")]) / observations.dt for side in SIDES]
     load = sum(np.maximum(0.0, u * (u - BACK_EMF_OF_LOAD * k1 * of)) for u, of in zip(duty.T, psi, strict=True))

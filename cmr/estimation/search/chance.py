@@ -35,6 +35,7 @@ STD_OF_JITTER = 0.05  # of its size: the distribution of delays is not known
 ELECTRONICS = 1.5e-3  # s of the mean delay that may be one of all commands, by wires and electronics, and not jitter
 SURE_LOSS = 8.0  # drop from which commands are lost
 PERHAPS = 2.0  # standard deviations by which the counted share may be too small, given that commands are certainly lost
+TICKS = "encoder_quantisation"
 READ_OFF = 1e-3  # relative standard deviation of values read off the data
 
 
@@ -161,7 +162,7 @@ def coarse_ticks(problem: Problem, final: Fit) -> SelectedEffect | None:
     readings = sum(int(np.sum(predictor.segment.observations.wheel_use)) for predictor in problem.predictors)
     # Each reading that lies exactly on a tick is evidence, since those of a fine encoder would lie anywhere.
     drop = 2.0 * readings * float(np.log(tick / COARSE) + 1.0)
-    return read_off("encoder_quantisation", Estimate(value, value * READ_OFF), drop, (), final)
+    return read_off(TICKS, Estimate(value, value * READ_OFF), drop, (), final)
 
 
 def tick_of(problem: Problem) -> float:

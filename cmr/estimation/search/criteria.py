@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import USUAL_RATE, Excitation, locality, rarity, unlikelihood, worth_naming
+from cmr.estimation.candidates import USUAL_RATE, Excitation, rarity, unlikelihood, worth_naming
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.prediction import POSE_SIGNALS, SIGNALS
@@ -160,7 +160,7 @@ def _objections(
     lost = _lost_readings(problem, before, candidate)
     if lost > least * inflated:
         yield "It makes the readings of its own sensor less likely.", readings_lost(lost, least * inflated)
-    if locality(candidate.effect) and drop - (at_once := _at_once(problem, before, candidate)) < least * inflated:
+    if candidate.effect.locality and drop - (at_once := _at_once(problem, before, candidate)) < least * inflated:
         yield IN_ONE_MOMENT, of_one_moment(drop - at_once, least * inflated, AT_ONCE)
     stds = _stds(candidate)
     yield from _impossible(problem, before, candidate, stds)
@@ -209,15 +209,16 @@ def _impossible(
 ) -> Iterator[tuple[str, Measure]]:
     """Yield objections to impossible or undetermined values of an effect, or of the paper's parameters beside it."""
     values, names = candidate.values, [parameter.name for parameter in candidate.effect.parameters]
-    moment = values.get(f"{candidate.effect.name}_time")
-    if moment is not None and not problem.moving[0] < moment < problem.moving[1]:
-        at_an_end = moment_at_an_end(f"{candidate.effect.name}_time", moment, problem.moving)
-        yield "It would begin where the drive begins or ends.", at_an_end
-    if locality(candidate.effect) == "place":
-        x, y, radius = (values[f"{candidate.effect.name}_{quantity}"] for quantity in ("x", "y", "radius"))
-        reach, extent = radius - math.hypot(x, y), FARTHEST * problem.excitation.extent
+    if candidate.effect.locality == "time":
+        time = candidate.effect.parameter_of("time")
+        if not problem.moving[0] < values[time] < problem.moving[1]:
+            at_an_end = moment_at_an_end(time, values[time], problem.moving)
+            yield "It would begin where the drive begins or ends.", at_an_end
+    if candidate.effect.locality == "place":
+        x, y, radius = (candidate.effect.parameter_of(kind) for kind in ("x", "y", "radius"))
+        reach, extent = values[radius] - math.hypot(values[x], values[y]), FARTHEST * problem.excitation.extent
         if reach > extent:
-            everywhere = place_everywhere(f"{candidate.effect.name}_radius", reach, extent)
+            everywhere = place_everywhere(radius, reach, extent)
             yield "It would be everywhere, not at a place.", everywhere
     own = {name: values[name] for name in names}
     seen = as_seen(own, problem.excitation)
@@ -227,7 +228,7 @@ def _impossible(
         name, factor = _most_changed(before, values)
         change = implausible_change(name, factor, ABSURD)
         yield "It would need implausible values of the paper's parameters.", change
-    for name in (name for name in names if definition(name).unit == "1/m^2"):
+    for name in (name for name in names if definition(name).kind == "stretch"):
         stretch = abs(values[name]) * problem.excitation.extent**2
         if stretch > LARGEST_STRETCH:
             yield "It would need implausible values of its own parameters.", at_the_end(name, values[name])
@@ -268,7 +269,7 @@ def at_its_end(parameter: ParameterDefinition, value: float) -> bool:
 
 def needed(effect: Effect) -> float:
     """Return the drop of the sum of squares below which an effect may be chance; rare effects need more."""
-    chosen = OF_A_PLACE if locality(effect) == "place" else 0.0
+    chosen = OF_A_PLACE if effect.locality == "place" else 0.0
     return THRESHOLD + PER_PARAMETER * (len(effect.parameters) - 1) + chosen + rarity(effect.name)
 
 

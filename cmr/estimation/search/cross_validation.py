@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmr.estimation.candidates import Excitation, is_limit, lanes_of
+from cmr.estimation.candidates import Excitation, lanes_of
 from cmr.estimation.free_runs import SIGNALS, Errors, Fold, alternating_spans, errors_of
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
@@ -175,9 +175,6 @@ def contradicted(values: Mapping[str, float], excitation: Excitation) -> bool:
 
 def as_seen(values: Mapping[str, float], excitation: Excitation) -> dict[str, float]:
     """Return the values with yaw-rate limits raised to the fastest measured rotation."""
-    exceeded = {name for name in values if _limits_turns(name) and values[name] < SEEN * excitation.fastest}
+    limits = {name for name in values if definition(name).kind == "yaw_rate"}
+    exceeded = {name for name in limits if values[name] < SEEN * excitation.fastest}
     return {name: excitation.fastest if name in exceeded else value for name, value in values.items()}
-
-
-def _limits_turns(name: str) -> bool:
-    return definition(name).unit == "rad/s" and is_limit(definition(name))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmr.estimation.candidates import SEEM_LATE, SLIP, rarity, seen_later
+from cmr.estimation.candidates import rarity, seen_later
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import (
@@ -141,7 +141,8 @@ def _beside(problem: Problem, one: SelectedEffect, before: Fit, final: Fit) -> S
 
 def _is_clear(problem: Problem, one: SelectedEffect, fit: Fit, drop: float, inflation: Inflation) -> bool:
     """Return whether the first-order `drop` alone shows that an effect is needed, without a fit."""
-    others_do = one.candidate.effect.name == SLIP and {*fit.names} >= SEEM_LATE
+    seems_like = one.candidate.effect.seems_like
+    others_do = seems_like and {*fit.names} >= {*seems_like}
     return problem.one_step and not others_do and drop > CLEARLY * _least(one, inflation)
 
 
@@ -219,10 +220,11 @@ def pruned(
 def without(problem: Problem, fit: Fit, effects: Sequence[SelectedEffect]) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return the values and free parameters of a fit without some effects.
 
-    The delay caused by slip is moved to gyro and pose latency if both are free.
+    The delay caused by one that seems like latencies is moved to these if all are free.
     """
     own = {parameter.name for one in effects for parameter in one.candidate.effect.parameters}
     values = problem.excitation.without(fit.values, own)
-    if SLIP in own and {*fit.names} - own >= SEEM_LATE:
-        values = seen_later(values, fit.values[SLIP] - values.get(SLIP, 0.0))
+    for effect in (one.candidate.effect for one in effects):
+        if effect.seems_like and {*fit.names} - own >= {*effect.seems_like}:
+            values = seen_later(values, effect, fit.values[effect.name] - values.get(effect.name, 0.0))
     return values, tuple(name for name in fit.names if name not in own)

@@ -47,8 +47,7 @@ WORSE_BY_ONE, FITTED_BY_ONE = 60.0, 6  # of exchanges in which one effect comes
 WORSE_BY_TWO, FITTED_BY_TWO = 10.0, 3  # in which two come
 FITTED_INSTEAD = 2  # of exchanges in which one effect comes for one that is known from data sheets
 WORSE_QUICKLY = 15.0  # by how much a quick fit may be worse
-IN_DATA_SHEETS = ("encoder_scale", "encoder_asymmetry")
-SURELY_MORE = 0.02  # of what such an effect explains, the exchange for which it comes must explain
+SURELY_MORE = 0.02  # of what an effect that is in data sheets explains, the exchange for which it comes must explain
 BETTER = 2.0  # by which the score must fall; less is a tie
 
 
@@ -120,7 +119,7 @@ def too_rare(current: Fit, fit: Fit, leaving: Sequence[str], candidates: Sequenc
     It may replace several effects that it makes redundant.
     """
     gained = current.squares - fit.squares
-    rare = [one for one in candidates if one.effect.name in IN_DATA_SHEETS]
+    rare = [one for one in candidates if one.effect.in_data_sheets]
     return bool(leaving) and len(candidates) >= len(leaving) and any(gained < SURELY_MORE * one.drop for one in rare)
 
 
@@ -263,7 +262,7 @@ def _proposals(screening: Screening, current: Fit, selected: Sequence[str], infl
     # An encoder scale error is exactly equivalent to a different wheel size, which is more likely; but if it explains
     # much, first order is off by thousands.
     instead = [one for one in ranked if len(one.trials) == 1 and len(one.leaving) == 1 and one not in by_one]
-    rare = [one for one in instead if one.leaving[0] in IN_DATA_SHEETS]
+    rare = [one for one in instead if CATALOGUE[one.leaving[0]].in_data_sheets]
     return [*by_one[:FITTED_BY_ONE], *rare[:FITTED_INSTEAD], *by_two[:FITTED_BY_TWO]]
 
 

@@ -11,9 +11,10 @@ from itertools import chain
 import numpy as np
 
 from cmr.estimation.averaging import Averaging
-from cmr.estimation.candidates import SLIP, can_be_small, seen_later
+from cmr.estimation.candidates import DELAYS, can_be_small, seen_later
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
+from cmr.estimation.search.command_timing import DELAY
 from cmr.estimation.search.criteria import SelectedEffect, needed
 from cmr.estimation.search.exchange import (
     BETTER,
@@ -28,7 +29,6 @@ from cmr.estimation.search.inflation import Inflation
 from cmr.estimation.search.profile import along
 from cmr.model.catalogue import CATALOGUE
 
-DELAYS = ("command_delay", "gyro_latency", "pose_latency")
 ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
 SOMEWHAT = 0.03  # s; least command delay when a slew limit is replaced by a current limit
 BY_ITS_SIZE = 8.0  # of the required drop, this much is already implied by the walk's prior on sizes (Occam factor)
@@ -59,19 +59,19 @@ def best_leap(
 def _alike(values: Mapping[str, float]) -> Iterator[dict[str, float]]:
     """Yield values with nearly the same motion that are too far away for the linearisation.
 
-    Slip and sensor latency are such a pair (`seen_later`), and so are an acceleration limit and a slew limit with some
-    delay.
+    An effect and the latencies that it seems like are such a pair, and so are an acceleration limit and a slew limit
+    with some delay.
     """
-    gyro, pose, slip = (values.get(name, 0.0) for name in ("gyro_latency", "pose_latency", SLIP))
-    both = min(gyro, pose)
-    if both > 0.0 and slip == 0.0:
-        yield {**seen_later(values, -both), SLIP: both}
-    if slip > 0.0:
-        yield {**seen_later(values, slip), SLIP: 0.0}
+    for effect in (one for one in CATALOGUE.values() if one.seems_like):
+        seconds, late = values.get(effect.name, 0.0), min(values.get(name, 0.0) for name in effect.seems_like)
+        if late > 0.0 and seconds == 0.0:
+            yield {**seen_later(values, effect, -late), effect.name: late}
+        if seconds > 0.0:
+            yield {**seen_later(values, effect, seconds), effect.name: 0.0}
     slew, current = (values.get(name, np.inf) for name in ("slew_limit", "current_limit"))
-    motor, late = values["k1"] * values["k2_over_k3"], max(values.get("command_delay", 0.0), SOMEWHAT)
+    motor, late = values["k1"] * values["k2_over_k3"], max(values.get(DELAY, 0.0), SOMEWHAT)
     if slew < np.inf and current == np.inf:
-        yield {**values, "slew_limit": np.inf, "current_limit": slew / motor, "command_delay": late}
+        yield {**values, "slew_limit": np.inf, "current_limit": slew / motor, DELAY: late}
     if current < np.inf and slew == np.inf:
         yield {**values, "current_limit": np.inf, "slew_limit": current * motor}
 

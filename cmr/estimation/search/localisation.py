@@ -21,7 +21,7 @@ NOTHING = 1e-6  # white errors squared; a smaller trace has no effect
 
 @dataclass(frozen=True)
 class Local:
-    """Where an effect explains most: its drop of the sum of squares, and the values of its time or place."""
+    """Where an effect explains most: its drop of the sum of squares, and its time or place, by kinds of parameters."""
 
     drop: float
     values: dict[str, float]

@@ -10,7 +10,6 @@ from itertools import product
 
 import numpy as np
 
-from cmr.estimation.candidates import locality
 from cmr.estimation.gauss_newton import Fit, moved
 from cmr.estimation.noise import Noise
 from cmr.estimation.problem import Problem
@@ -31,10 +30,10 @@ WARMTH = 2.0  # temperature, since the noise is not exactly as assumed
 
 def placed(problem: Problem, effect: Effect, values: Mapping[str, float], noise: Noise) -> Mapping[str, float]:
     """Return the values from which a fit with an effect begins: with its best place, if it has one."""
-    if locality(effect) != "place":
+    if effect.locality != "place":
         return values
     best = dict(values)
-    x, y, radius = (f"{effect.name}_{quantity}" for quantity in ("x", "y", "radius"))
+    x, y, radius = (effect.parameter_of(kind) for kind in ("x", "y", "radius"))
     for reach in REACHES:
         tested = [best]
         for east, north, larger in product(SIDES, SIDES, RADII):

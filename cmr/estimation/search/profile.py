@@ -6,7 +6,7 @@ has steps. Slopes miss them; a scan does not. The uncertainty due to the steps i
 
 import numpy as np
 
-from cmr.estimation.candidates import is_rough, locality
+from cmr.estimation.candidates import is_rough
 from cmr.estimation.gauss_newton import Fit, moved
 from cmr.estimation.problem import Problem
 from cmr.estimation.search.placement import explored
@@ -30,11 +30,11 @@ NEAR = 0.25  # of the scan's reach: least distance between starts
 def made_sure(problem: Problem, fit: Fit, effect: Effect) -> tuple[Fit, dict[str, float]]:
     """Return the best fit near a fit, and the additional standard deviations of an effect's parameters."""
     names, doubts = [parameter.name for parameter in effect.parameters], {}
-    if locality(effect) == "place":
+    if effect.locality == "place":
         return explored(problem, fit, names)
     for name in names if is_rough(effect) else ():
         left_open = 0.0
-        if is_moment(name):
+        if definition(name).kind == "time":
             fit, left_open = _at_the_best_moment(problem, fit, name)
         offsets, squares = scan(problem, fit, name)
         _, scatter = parabola(offsets, squares)
@@ -44,12 +44,6 @@ def made_sure(problem: Problem, fit: Fit, effect: Effect) -> tuple[Fit, dict[str
             offsets, squares = scan(problem, fit, name)
         doubts[name] = max(parabola(offsets, squares)[0], left_open)
     return fit, doubts
-
-
-def is_moment(name: str) -> bool:
-    """Return whether a parameter is an effect's start time [s]."""
-    known = definition(name)
-    return known.unit == "s" and not known.switches
 
 
 def _at_the_best_moment(problem: Problem, fit: Fit, name: str) -> tuple[Fit, float]:

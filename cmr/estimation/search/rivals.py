@@ -12,7 +12,6 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import TOO_SMALL, CandidateEffect, SelectedEffect, held_out_gain, why_not
 from cmr.estimation.search.exchange import (
     BETTER,
-    IN_DATA_SHEETS,
     Exchange,
     candidates_of,
     penalty_of,
@@ -69,7 +68,8 @@ def rivals_of(
         for effect, start in starts.items()
     ]
     before, *fits = problem.fits([(without.values, without.names), *models], current.noise)
-    limits = [BETTER if effect in IN_DATA_SHEETS and name not in AS_THE_RADIUS else margin for effect in starts]
+    equivalent = name in AS_THE_RADIUS
+    limits = [BETTER if CATALOGUE[effect].in_data_sheets and not equivalent else margin for effect in starts]
     rivals = [
         Rival(effect, fit.squares - current.squares, limit, fit)
         for effect, fit, limit in zip(starts, fits, limits, strict=True)
@@ -92,7 +92,7 @@ def _proposed(current: Fit, screening: Screening, one: SelectedEffect, margin: f
     starts: dict[str, dict[str, float]] = {}
     for number in np.argsort(-drops):
         trial, share = screening.trials[number], float(shares[number])
-        near = trial.effect in IN_DATA_SHEETS or trial.effect in one.rivals
+        near = CATALOGUE[trial.effect].in_data_sheets or trial.effect in one.rivals
         least = min((FIRST_ORDER if near else NEARLY_ALL) * lost, lost - margin)
         if drops[number] > least and possible(screening, number, share) and len(starts) < MOST:
             starts.setdefault(trial.effect, start_of(Score(trial, 0.0, share)))
@@ -127,4 +127,4 @@ def is_possible_instead(problem: Problem, before: Fit, candidate: CandidateEffec
     data sheets rule small errors of theirs out, and they imitate most.
     """
     why = why_not(problem, before, candidate, inflation)
-    return not why or (why == TOO_SMALL and candidate.effect.name not in IN_DATA_SHEETS)
+    return not why or (why == TOO_SMALL and not candidate.effect.in_data_sheets)

@@ -181,7 +181,7 @@ def _localised(
         if local is not None:
             if local.drop <= 0.0:
                 continue
-            where = {f"{trial.effect}_{quantity}": value for quantity, value in local.values.items()}
+            where = {CATALOGUE[trial.effect].parameter_of(kind): value for kind, value in local.values.items()}
             trial, masks[len(columns)] = replace(trial, values={**trial.values, **where}), local.inside
         kept.append(trial)
         columns.append(number + free + 1)

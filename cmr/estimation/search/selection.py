@@ -114,7 +114,9 @@ def search(
     coarse = coarse_ticks(problem, found.final)
     if coarse:
         ticks = coarse_tick(tick_of(problem), COARSE)
-        trace.note(Row(ADDED, ["encoder_quantisation"], coarse.candidate.drop, reason=ticks.sentence, measures=[ticks]))
+        trace.note(
+            Row(ADDED, [coarse.candidate.effect.name], coarse.candidate.drop, reason=ticks.sentence, measures=[ticks])
+        )
         named = [*named, coarse]
     named = sorted(named, key=lambda one: -one.candidate.drop)
     return replace(found, named=named, decisions=tuple(trace.decisions))

@@ -13,7 +13,9 @@ from math import cos, exp, sin
 import numpy as np
 
 from cmr.estimation.prediction import POSE_SIGNALS, SIGNALS, Errors, Predictor
+from cmr.model.catalogue import CATALOGUE
 from cmr.model.compiled import compiled, inlined
+from cmr.model.extended.statements import changed_with
 from cmr.model.observer.observer import MOTION, Gains
 from cmr.recordings.signal import Floats
 
@@ -60,7 +62,12 @@ SEEN_IN: Mapping[str, tuple[str, ...]] = {
 }
 PSI_LEFT, PSI_RIGHT, THETA = (MOTION.index(name) for name in ("psi_left", "psi_right", "theta"))
 OF_WHEELS = [LEFT, RIGHT, LEFT_ENCODER, RIGHT_ENCODER]
-HOLDING = ("coulomb_friction", "static_friction", "surface_patch_friction")
+HOLDING = tuple(  # friction that a wheel must overcome to start
+    parameter.name
+    for effect in CATALOGUE.values()
+    for parameter in effect.parameters
+    if parameter.name in changed_with(effect, "acceleration", "break_away")
+)
 EARLY = 1e-3  # of a step, by which a gyro reading may seem to come early; as in the observer
 
 

@@ -13,7 +13,11 @@ COMMAND_DELAY = Effect(
     group=GROUP,
     cause="Commands take effect {command_delay:.3f} s late.",
     equations={"packet": "delay = delay + command_delay"},
-    parameters=(ParameterDefinition("command_delay", "s", "time from a command to its effect", 0.0, 0.5, 0.0, 0.03),),
+    parameters=(
+        ParameterDefinition(
+            "command_delay", "s", "time from a command to its effect", 0.0, 0.5, 0.0, 0.03, kind="delay"
+        ),
+    ),
     needs="commands that change often",
     shows_in="wheel speeds after every change of the command",
     confused_with={
@@ -35,6 +39,7 @@ COMMAND_JITTER = Effect(
     shows_in="the spread of wheel speeds after changes of the command, not their mean alone",
     confused_with={"command_delay": "multisine: a delay leaves no spread", "command_loss": "multisine"},
     by_chance=True,
+    on_average={"command_delay": 0.5},
 )
 
 COMMAND_LOSS = Effect(
@@ -62,7 +67,11 @@ TURN_RATE_LIMIT = Effect(
             duty_right = duty_right - excess * k1 * counted_width / (2.0 * wheel_radius)
         """
     },
-    parameters=(ParameterDefinition("turn_rate_limit", "rad/s", "largest commanded yaw rate", 0.01, inf, inf, 1.0),),
+    parameters=(
+        ParameterDefinition(
+            "turn_rate_limit", "rad/s", "largest commanded yaw rate", 0.01, inf, inf, 1.0, kind="yaw_rate"
+        ),
+    ),
     # Software that converts (v, omega) to wheel speeds may use a different width than the effective one.
     given=(
         ParameterDefinition(
@@ -116,7 +125,11 @@ DEADBAND = Effect(
     cause="Duties smaller than {deadband:.3f} do nothing.",
     with_commands=(DUTY,),
     equations={"actuator": "duty = duty if abs(duty) >= deadband else 0.0"},
-    parameters=(ParameterDefinition("deadband", "duty", "smallest duty that has an effect", 0.0, 0.9, 0.0, 0.08),),
+    parameters=(
+        ParameterDefinition(
+            "deadband", "duty", "smallest duty that has an effect", 0.0, 0.9, 0.0, 0.08, kind="threshold"
+        ),
+    ),
     needs="slow ramps of the duty through zero",
     shows_in="wheel speeds near zero duty",
     confused_with={"static_friction": "slow ramps through zero", "encoder_quantisation": "a finer encoder"},
@@ -139,7 +152,9 @@ SLEW_LIMIT = Effect(
         """,
     },
     parameters=(
-        ParameterDefinition("slew_limit", "duty/s", "largest rate of change of the voltage", 0.05, inf, inf, 5.4),
+        ParameterDefinition(
+            "slew_limit", "duty/s", "largest rate of change of the voltage", 0.05, inf, inf, 5.4, kind="acceleration"
+        ),
     ),
     memory=(Memory("slewed", "duty", "voltage at the end of the step", per_side=True),),
     needs="steps and reversals of the command",
@@ -235,7 +250,11 @@ CURRENT_LIMIT = Effect(
     cause_of_speed="Wheels accelerate by at most {current_limit_acceleration:.2f} rad/s^2, as where they lag their "
     "command by {current_limit:.2f} rad/s.",
     equations={"current": "current = min(max(current, -current_limit), current_limit)"},
-    parameters=(ParameterDefinition("current_limit", "duty", "largest motor current", 0.01, inf, inf, 0.34),),
+    parameters=(
+        ParameterDefinition(
+            "current_limit", "duty", "largest motor current", 0.01, inf, inf, 0.34, kind="acceleration"
+        ),
+    ),
     needs="starts and reversals at high duty",
     shows_in="wheel accelerations at starts and reversals",
     confused_with={"saturation": "big steps", "slew_limit": "big steps"},

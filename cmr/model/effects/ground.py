@@ -36,6 +36,7 @@ WHEEL_RADIUS_SCALE = Effect(
         "encoder_scale": "none: the same mathematics, unless commands were recorded",
         "pose_distortion": "a larger area",
     },
+    same_without={"wheel_radius": ("commands",)},
 )
 
 WHEEL_RADIUS_ASYMMETRY = Effect(
@@ -76,6 +77,7 @@ WHEEL_WOBBLE = Effect(
             0.0,
             0.7,
             switches=False,
+            kind="angle",
         ),
     ),
     needs="slow driving, poses or gyro several times per wheel turn",
@@ -87,10 +89,24 @@ LONGITUDINAL_SLIP = Effect(
     group=GROUP,
     cause="Wheels slip while they accelerate: the ground speed lags by {longitudinal_slip:.3f} s.",
     equations={"ground": "rolling = rolling - longitudinal_slip * domega"},
-    parameters=(ParameterDefinition("longitudinal_slip", "s", "slip per wheel acceleration", 0.0, 0.5, 0.0, 0.02),),
+    parameters=(
+        ParameterDefinition(
+            "longitudinal_slip",
+            "s",
+            "slip per wheel acceleration",
+            0.0,
+            0.5,
+            0.0,
+            0.02,
+            inexactness=0.05,  # where motors run unevenly
+        ),
+    ),
     needs="big steps",
     shows_in="the pose at accelerations",
     confused_with={"gyro_latency": "big steps", "backlash": "spins both ways"},
+    same_without={"command_delay": ("wheels",)},
+    # Wheels that slip by k times their acceleration move the robot as if it followed them k later.
+    seems_like=("gyro_latency", "pose_latency"),
 )
 
 TURN_ASYMMETRY = Effect(
@@ -131,7 +147,9 @@ SURFACE_CHANGE = Effect(
         ParameterDefinition(
             "surface_change_base_width", "-", "share by which the base width grows", -0.9, 5.0, 0.0, 0.05
         ),
-        ParameterDefinition("surface_change_time", "s", "time of the change", 0.0, 1e6, 0.0, 60.0, switches=False),
+        ParameterDefinition(
+            "surface_change_time", "s", "time of the change", 0.0, 1e6, 0.0, 60.0, switches=False, kind="time"
+        ),
     ),
     needs="the same loop before and after",
     shows_in="everything, from that time on",
@@ -160,13 +178,21 @@ SURFACE_PATCH = Effect(
         "width": "width = width * (1.0 + surface_patch_base_width * inside)",
     },
     parameters=(
-        ParameterDefinition("surface_patch_friction", "rad/s^2", "friction inside", 0.0, 1e4, 0.0, 4.0),
+        ParameterDefinition(
+            "surface_patch_friction", "rad/s^2", "friction inside", 0.0, 1e4, 0.0, 4.0, inexactness=0.07
+        ),
         ParameterDefinition(
             "surface_patch_base_width", "-", "share by which the base width grows inside", -0.9, 1.0, 0.0, 0.06
         ),
-        ParameterDefinition("surface_patch_x", "m", "centre of the disc", -1e6, 1e6, 0.0, 1.0, switches=False),
-        ParameterDefinition("surface_patch_y", "m", "centre of the disc", -1e6, 1e6, 0.0, 0.5, switches=False),
-        ParameterDefinition("surface_patch_radius", "m", "radius of the disc", 0.0, 1e3, 0.0, 0.4, switches=False),
+        ParameterDefinition(
+            "surface_patch_x", "m", "centre of the disc", -1e6, 1e6, 0.0, 1.0, switches=False, kind="x"
+        ),
+        ParameterDefinition(
+            "surface_patch_y", "m", "centre of the disc", -1e6, 1e6, 0.0, 0.5, switches=False, kind="y"
+        ),
+        ParameterDefinition(
+            "surface_patch_radius", "m", "radius of the disc", 0.0, 1e3, 0.0, 0.4, switches=False, kind="radius"
+        ),
     ),
     needs="crossing the place from several sides",
     shows_in="wheel speeds and yaw at one place",

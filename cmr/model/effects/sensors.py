@@ -20,7 +20,9 @@ ENCODER_SCALE = Effect(
     needs="any motion, and commands or a pose from outside",
     shows_in="encoders against commands and pose",
     confused_with={"wheel_radius_scale": "none: the same mathematics, unless commands were recorded"},
+    same_without={"wheel_radius": ("commands",)},
     rarity=20.0,  # encoder ticks are on a data sheet; unequal wheels are more common
+    in_data_sheets=True,
 )
 
 ENCODER_ASYMMETRY = Effect(
@@ -49,6 +51,7 @@ ENCODER_ASYMMETRY = Effect(
     },
     # Encoder ticks are on a data sheet. Unequal motors together with unequal wheels look the same.
     rarity=20.0,
+    in_data_sheets=True,
 )
 
 ENCODER_QUANTISATION = Effect(
@@ -67,6 +70,7 @@ ENCODER_QUANTISATION = Effect(
     needs="any motion",
     shows_in="noise of the wheel speeds",
     confused_with={"deadband": "a finer encoder", "static_friction": "a finer encoder"},
+    read_off=True,
 )
 
 # The common latency of all sensors is unknown: it counts as command_delay. If the gyro is ahead of the wheels, the
@@ -85,11 +89,13 @@ WHEEL_SPEED_LATENCY = Effect(
             1.0,
             0.0,
             0.1,
+            kind="delay",
         ),
     ),
     needs="turns that begin and end, and a gyro",
     shows_in="the gyro, which is ahead of the wheels",
     confused_with={"command_delay": "a gyro: it shows how late the readings of the wheels are"},
+    read_off=True,
 )
 
 GYRO_BIAS = Effect(
@@ -133,7 +139,9 @@ GYRO_LATENCY = Effect(
     cause="The gyro is {gyro_latency:.3f} s {gyro_latency:late/early}.",
     equations={"gyro_time": "moment = moment - gyro_latency"},
     lateness_of="gyro",
-    parameters=(ParameterDefinition("gyro_latency", "s", "age of a reading at its stamp", -0.5, 0.5, 0.0, 0.02),),
+    parameters=(
+        ParameterDefinition("gyro_latency", "s", "age of a reading at its stamp", -0.5, 0.5, 0.0, 0.02, kind="delay"),
+    ),
     needs="sudden turns",
     shows_in="the gyro where turns begin and end",
     confused_with={"longitudinal_slip": "spins"},
@@ -146,7 +154,16 @@ CLOCK_SKEW = Effect(
     cause="The clock of the pose runs {clock_skew:.3%} {clock_skew:fast/slow}.",
     equations={"pose_time": "moment = moment / (1.0 + clock_skew)"},
     parameters=(
-        ParameterDefinition("clock_skew", "-", "share by which the pose's clock runs fast", -0.1, 0.1, 0.0, 5e-4),
+        ParameterDefinition(
+            "clock_skew",
+            "-",
+            "share by which the pose's clock runs fast",
+            -0.1,
+            0.1,
+            0.0,
+            5e-4,
+            grows_with_interval=True,
+        ),
     ),
     needs="a long drive",
     shows_in="the pose along the motion, growing with time",
@@ -161,12 +178,21 @@ POSE_LATENCY = Effect(
     lateness_of="poses",
     parameters=(
         ParameterDefinition(
-            "pose_latency", "s", "age of a pose at its stamp; 0.2 from a slow lidar", -1.0, 1.0, 0.0, 0.04
+            "pose_latency",
+            "s",
+            "age of a pose at its stamp; 0.2 from a slow lidar",
+            -1.0,
+            1.0,
+            0.0,
+            0.04,
+            kind="delay",
+            grows_with_interval=True,
         ),
     ),
     needs="changes of speed, and encoders",
     shows_in="the pose along the motion; it looks like a slow motor, but encoders against pose show it alone",
     confused_with={"electrical_lag": "compare encoders with pose", "clock_skew": "a longer run"},
+    same_without={"command_delay": ("wheels", "gyro")},
 )
 
 POSE_SMOOTHING = Effect(
@@ -243,7 +269,14 @@ POSE_HEADING_OFFSET = Effect(
     equations={"pose": "theta = theta + pose_heading_offset"},
     parameters=(
         ParameterDefinition(
-            "pose_heading_offset", "rad", "measured heading less the true one", -2.0 * pi, 2.0 * pi, 0.0, 0.05
+            "pose_heading_offset",
+            "rad",
+            "measured heading less the true one",
+            -2.0 * pi,
+            2.0 * pi,
+            0.0,
+            0.05,
+            kind="angle",
         ),
     ),
     needs="straight runs",
@@ -263,7 +296,11 @@ POSE_DISTORTION = Effect(
             y = y * stretch
         """
     },
-    parameters=(ParameterDefinition("pose_distortion", "1/m^2", "stretch per squared distance", -1.0, 1.0, 0.0, 0.02),),
+    parameters=(
+        ParameterDefinition(
+            "pose_distortion", "1/m^2", "stretch per squared distance", -1.0, 1.0, 0.0, 0.02, kind="stretch"
+        ),
+    ),
     needs="a large area",
     shows_in="the pose against place",
     confused_with={"wheel_radius_scale": "a larger area"},

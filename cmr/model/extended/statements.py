@@ -79,6 +79,16 @@ def changed_by(effect: Effect, stage: str) -> set[str]:
     return _stored(effect, stage) & {*STAGES[stage].changes}
 
 
+def changed_with(effect: Effect, stage: str, variable: str) -> set[str]:
+    """Return the names read by the statements of an effect that change a variable of a stage."""
+    changes = [
+        node
+        for node in (_parsed(effect, stage).body if stage in effect.equations else ())
+        if isinstance(node, ast.Assign) and variable in map(ast.unparse, node.targets)
+    ]
+    return {name.id for node in changes for name in ast.walk(node.value) if isinstance(name, ast.Name)}
+
+
 def read_by(effect: Effect, stage: str) -> set[str]:
     """Return the names read by an effect's statements in a stage."""
     if stage not in effect.equations:

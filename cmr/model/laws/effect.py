@@ -52,6 +52,7 @@ def law_effect(law: Law, estimates: Mapping[str, float] | None = None) -> Effect
             LARGEST,
             0.0,
             sizes.get(name, USUAL),
+            kind=_kind(law, units[name]),
         )
         for name, text in zip(law.coefficients, law.formulas, strict=True)
     )
@@ -68,6 +69,13 @@ def law_effect(law: Law, estimates: Mapping[str, float] | None = None) -> Effect
         given=tuple(_given(law, name, units[law.parameter_of(name)]) for name in law.constants),
         with_commands=(DUTY,) if law.place in ("wheel_acceleration", "wheel_voltage") else KINDS,
     )
+
+
+def _kind(law: Law, unit: str) -> str:
+    """Return the kind of a coefficient, by its unit."""
+    if unit == "1/m^2":
+        return "stretch"
+    return "angle" if unit == "rad" and law.at.of_sensors else "size"
 
 
 def _given(law: Law, constant: str, unit: str) -> ParameterDefinition:
