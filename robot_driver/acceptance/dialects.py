@@ -68,15 +68,15 @@ class Dialect(ABC):
 
     @abstractmethod
     def saying_counts(self, counts: Pair) -> bytes:
-        """Return a reply that says these counts."""
+        """Return a reply that reports these counts."""
 
     @abstractmethod
     def saying_watchdog(self, seconds: float) -> bytes:
-        """Return a reply that says this watchdog."""
+        """Return a reply that reports this watchdog timeout [s]."""
 
     @abstractmethod
     def saying_voltage(self, volt: float) -> bytes:
-        """Return a reply that says this voltage of the battery."""
+        """Return a reply that reports this battery voltage."""
 
 
 class RoboClawDialect(Dialect):
@@ -133,15 +133,15 @@ class RoboClawDialect(Dialect):
         return request[2] * claw.WATCHDOG_STEP
 
     def saying_counts(self, counts: Pair) -> bytes:
-        """Return a reply that says these counts."""
+        """Return a reply that reports these counts."""
         return _saying(claw.READ_ENCODERS, struct.pack(">II", *counts))
 
     def saying_watchdog(self, seconds: float) -> bytes:
-        """Return a reply that says this watchdog."""
+        """Return a reply that reports this watchdog timeout [s]."""
         return _saying(claw.READ_WATCHDOG, bytes((round(seconds / claw.WATCHDOG_STEP),)))
 
     def saying_voltage(self, volt: float) -> bytes:
-        """Return a reply that says this voltage."""
+        """Return a reply that reports this battery voltage."""
         return _saying(claw.READ_BATTERY, struct.pack(">H", round(10 * volt)))
 
 

@@ -109,7 +109,7 @@ def _second(run: Run, port: str) -> None:
 
 
 def _kernel_lock(port: str) -> Finding:
-    """Judge that the kernel refuses the port, too: by opening it, which only root may, who then sees the lock."""
+    """Judge whether the kernel refuses the port, too: only root may open it; opening it as root reveals the lock."""
     if os.path.realpath(port).startswith(PSEUDO_TERMINALS):
         return Finding(12, "TIOCEXCL", None, "a pseudo-terminal: there the kernel's lock would outlive the driver")
     try:
