@@ -64,7 +64,7 @@ SMALLEST_OF_A_LIMIT = 0.1  # nor is a limit that changed by less than this share
 
 @dataclass(frozen=True)
 class Excitation:
-    """What is known about a drive before the search.
+    """The known properties of a drive before the search.
 
     These are the robot's parameters, a usual yaw rate `turning` [rad/s], its usual distance from the origin of the
     poses `extent` [m], a yaw rate that it exceeded at times `fastest` [rad/s], and the usual time between poses

@@ -13,7 +13,7 @@ def shifts(found: Search) -> list[Moved]:
     """Return the shift of the baseline parameters with each named effect added, in order.
 
     The models are nested: the paper's, with the first effect, with the first two, and so on to the final one. So the
-    shifts add up to what lies between the first and the last.
+    shifts add up to the difference between the first and the last.
     """
     return [moved(before, after, found.base.names) for before, after in pairwise(_nested(found))]
 
