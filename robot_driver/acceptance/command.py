@@ -46,9 +46,9 @@ class _Page(Protocol):
 
 
 def main(arguments: list[str]) -> int:
-    """Run the protocol; return 0 if all that was tried held, else 1.
+    """Run the protocol; return 0 if all tested promises held, else 1.
 
-    Raises CommandError when it is ended, or a port cannot be used.
+    Raises CommandError if it is ended, or a port cannot be used.
     """
     options, settings = _options(arguments)
     check_writable(options.out)
