@@ -92,7 +92,7 @@ class Excitation:
         return effect.is_on(self.given)
 
     def departs(self, effect: Effect, values: Mapping[str, float]) -> bool:
-        """Return whether values change an effect from what is given, or switch it on if it is not given."""
+        """Return whether values change an effect from the given ones, or switch it on if it is not given."""
         if not self.gives(effect):
             return effect.is_on(values)
         own = [one.name for one in effect.parameters if one.switches and one.name in values]

@@ -72,7 +72,7 @@ class Estimation:
 
     @property
     def found(self) -> Search:
-        """What the search found."""
+        """The result of the search."""
         assert self.whole is not None
         return self.whole.extended.found
 

@@ -256,7 +256,7 @@ def _with_what_is_small(whole: Extended) -> Fit:
 
 
 def _as_the_paper_if_alone(whole: Extended) -> Extended:
-    """Return the paper's model if nothing extends it any more."""
+    """Return the paper's model if nothing extends it."""
     alone = whole.term is None and not whole.found.named
     return replace(whole, found=as_the_paper_has_it(whole.found)) if alone else whole
 

@@ -17,8 +17,8 @@ from cmr.report.table import table
 
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
-IMITATED = "out of reach here: what is named imitates it, whatever is driven"
-DISGUISED = "out of reach here: to these sensors it is another {parameter}, whatever is driven"
+IMITATED = "out of reach here: the named effects imitate it in any drive"
+DISGUISED = "out of reach here: to these sensors it looks like another {parameter} in any drive"
 REMAINS = "Something remains that no effect explains: errors of {signal} depend on {goes_with}."
 SUSPECTED = "{name} is the likeliest further effect ({odds}), but not named: {why}."
 MOST_IN_A_LINE = 3  # explanations

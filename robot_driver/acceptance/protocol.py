@@ -113,5 +113,5 @@ def not_tried(run: Run) -> list[Finding]:
     """Return the requested promises that were not tried, with reasons."""
     result = [Finding(number, check, None, why) for number, (check, why) in LEFT_OUT.items() if run.wants(number)]
     tried = {finding.promise for finding in run.findings}
-    why = NO_DIALECT if run.bench.setup.dialect is None else "it was not come to"
+    why = NO_DIALECT if run.bench.setup.dialect is None else "the protocol did not reach it"
     return result + [Finding(number, "", None, why) for number in PROMISES if run.wants(number) and number not in tried]

@@ -233,7 +233,7 @@ def _sizes(model: Linearised, noise: Noise) -> Floats:
 
 
 def score_of(before: Polished, after: Polished, inflation: float = 1.0) -> float:
-    """Return the improvement by additional laws, minus what a search of this size finds by chance."""
+    """Return the improvement by additional laws, minus the expected chance gain of a search of this size."""
     samples = int(np.count_nonzero(after.mask))
     more = sum(penalty(law, samples) for law in after.laws) - sum(penalty(law, samples) for law in before.laws)
     return (before.quality() - after.quality()) / inflation - more

@@ -41,7 +41,7 @@ from cmr.model.catalogue import LAWS
 from cmr.model.laws.law import Law
 from cmr.model.laws.places import PLACES
 
-WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
+WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was searched for."
 LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law is harmful,
 LEAST_GAIN = 1.05  # and that at least one signal must reach: a law without visible effect is none
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
@@ -49,7 +49,7 @@ BUT_HOLDS = (
     "From moment to moment it holds there: what disturbs the robot may matter more in free runs than the formula."
 )
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
-DOUBTFUL = "Nothing else seems left, and on data left out of the fit the best formula is not beyond doubt."
+DOUBTFUL = "No other structure seems to remain, and on data left out of the fit the best formula is uncertain."
 UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
 SURE = 3.0  # standard deviations from 0 required of at least one coefficient of each law
 LAST_THIRD = (
@@ -59,7 +59,7 @@ LAST_THIRD = (
 MISFIT = "Its coefficients change along its own variables: the formula is not quite the right one."
 UNSURE = "Other constants explain the errors as well but imply other forces: this drive does not determine them."
 SERIES = "Two terms of the same variables stand for one formula that is not known."
-STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
+STRUCTURE_LEFT = "Structure remains beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
 UNSEEN = 25.0  # first-order score from which a law is fitted if nothing seems to remain; a fit takes seconds
 CROSSING = "crossing the place from several sides"

@@ -47,7 +47,7 @@ MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speed
 # Relative spread of the speed (0.05 on figure-eights, 0.9 on the rich drive), and of the share of turning in the
 # wheels' motion, from 0 to 1: with less, the drive has one speed, or one radius.
 ONE_SPEED, ONE_RADIUS = 0.25, 0.05
-NARROW = "This drive has one speed or one radius, at which formulas cannot be distinguished: no law was looked for."
+NARROW = "This drive has one speed or one radius, at which formulas cannot be distinguished: no law was searched for."
 IDENTICAL = 0.99  # share of a law's own trace that another reproduces if both are mathematically the same
 RESCORED = 400  # best laws that are rescored with the noise of the best one
 SHOWN = 40  # best scores that are compared with the catalogue
@@ -121,7 +121,7 @@ def offered_of(
     if isinstance(found, Offer) and found.left > ANOTHER:
         found = _with_second(first.data, found, first.selected)
     if isinstance(found, Offer) and found.left > found.score:
-        return Refused("What is left beside the best formula is more than what it explains.", before, seen=found.after)
+        return Refused("More structure remains beside the best formula than it explains.", before, seen=found.after)
     return found
 
 
@@ -133,7 +133,7 @@ def _fits(first: Scanned, worth: float) -> list[Polished] | Refused:
     data, model, rest, known = first.data, first.before.model, first.rest, first.catalogue
     promising = _promising(first.scores, known)
     if not promising:
-        return Refused("What formulas explain here, effects of the catalogue do as well.")
+        return Refused("Effects of the catalogue explain as much here as formulas.")
     fits = _polished_all(rest, [one.candidate for one in promising[:BEST]], data, known)
     if not fits:
         return Refused("No formula could be fitted together with the model's parameters.")
@@ -254,13 +254,13 @@ def _judged(
     at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     if score >= least and _is_of_one_moment(after):
-        return Refused("What the best formula explains happened in one moment.", before)
+        return Refused("The best formula explains only one moment.", before)
     held_out = data.held_out(before, after)
     seen = after if score >= least and gain >= OF_NAMES * named and is_seen(before, after, data) else None
     if score < least or gain < OF_NAMES * named:
-        return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
+        return Refused("The best formula explains no more than errors of the model do.", before)
     if held_out < max(LEAST, HOLDS * gain * data.share_tried):
-        return Refused("The best formula does not hold on data that it was not fitted on.", before, seen=seen)
+        return Refused("The best formula does not hold on data that it was not fitted to.", before, seen=seen)
     alike, tied = _alike(data, best, fits, gain)
     if len(tied) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."

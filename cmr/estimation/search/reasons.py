@@ -12,7 +12,7 @@ from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, R
 
 LARGEST = "It has the largest likelihood ratio."
 TOGETHER = "The likelihood ratio of these effects together is above the threshold."
-STAYS = "What is too small stays in the model only during the search, so that it hides no other effect."
+STAYS = "Effects that are too small stay in the model only during the search, to hide no other effect."
 NOTED = 4  # rejected effects per step kept in the trace
 
 

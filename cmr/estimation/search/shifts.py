@@ -1,4 +1,4 @@
-"""Shifts of the paper's parameters with each effect: parameters absorb what a model lacks."""
+"""Shifts of the paper's parameters with each effect: parameters absorb missing physics of the model."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -8,7 +8,7 @@ A sparse regression chooses the products: the one that predicts left-out folds b
 is removed when the others make it redundant (stepwise regression with cross-validation; T. Hastie, R. Tibshirani and J.
 Friedman, The Elements of Statistical Learning, 2nd ed., 2009, sections 3.3 and 7.10). The coefficients are then fitted
 together with the model's other parameters, and the term is accepted only if free runs improve on blocks of time that it
-was not fitted on.
+was not fitted to.
 """
 
 from collections.abc import Mapping, Sequence

@@ -82,7 +82,7 @@ class TeamWatch:
                 keep(self.statuses_elsewhere, (usable.host, usable.pid), usable)
 
     def missing(self) -> list[int]:
-        """Return the robots that are not in the world (any more)."""
+        """Return the robots that are not in the world."""
         gone = (self.seen == 0) | (self.utime - self.seen > OLDEST)
         return [int(robot_id) for robot_id in self.ids[gone]]
 
