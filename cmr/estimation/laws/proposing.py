@@ -57,7 +57,7 @@ LAST_THIRD = (
     "say more."
 )
 MISFIT = "Its coefficients change along its own variables: the formula is not quite the right one."
-UNSURE = "Other constants explain the errors as well but imply other forces: this drive does not determine them."
+UNSURE = "Other constants fit as well but give other values elsewhere: this drive does not determine them."
 SERIES = "Two terms of the same variables stand for one formula that is not known."
 STRUCTURE_LEFT = "Structure remains beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"

@@ -67,7 +67,7 @@ AT_ONCE = 1.0  # s; an effect of one such moment may be a bump, or a command wit
 AT_ITS_END = 1e-3  # of a bound; nearer values count as being at it
 READINGS = {"gyro": ("yaw_rate",), "pose": POSE_SIGNALS}  # of sensors that do not affect the motion, by their stage
 TOO_SMALL = "It is too small to matter."
-MAY_BE_CHANCE = "Its gain may be chance."
+MAY_BE_CHANCE = "Its improvement of the fit may be chance."
 IN_ONE_MOMENT = "It explains only one moment."
 TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
 
