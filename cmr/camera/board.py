@@ -103,7 +103,7 @@ def _page(
     axes.set_xlim(0.0, wide)
     axes.set_ylim(0.0, high)
     left, top = (wide - columns * cell) / 2.0, (high + rows * cell) / 2.0
-    for row, column in np.argwhere(cells == 0):  # vectors: a printer shall not smooth them
+    for row, column in np.argwhere(cells == 0):  # vector graphics, so that printers keep the edges sharp
         x, y = left + column * cell, top - (row + 1) * cell
         axes.fill(
             [x, x + cell, x + cell, x], [y, y, y + cell, y + cell], color="black", linewidth=0.0, antialiased=False

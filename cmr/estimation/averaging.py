@@ -23,7 +23,7 @@ from cmr.recordings.signal import Floats, Mask
 PRESENT = 0.3  # prior probability that an effect is present
 UNCERTAIN, CERTAIN = float(np.log(PRESENT / (1.0 - PRESENT))), 1e3  # log odds
 HALF = 0.5  # presence from which an effect with rivals counts as certain
-BELIEF = 0.65  # power of the likelihood: the errors are not exactly white, nor is the model exact
+BELIEF = 0.65  # power of the likelihood: the errors are not exactly white, and the model is not exact
 # Usual number, and number if the linearisation is poor; each round starts from the previous one's likeliest values.
 ROUNDS, MOST_ROUNDS = 3, 6
 # Steps of the random walk: for the final estimates, so that sampling noise is below a tenth of a standard deviation; to
@@ -37,8 +37,8 @@ NEAR = 0.5  # standard deviations within which the linearisation holds
 # If more than a share of the white errors change by more than this while a slope is computed, its step is reduced.
 # Large errors are tempered, so a slope over too large a step would be too small.
 CHANGING, MOST, SHORTEST = 1.0, 0.998, 1e-4
-# Relative error of slopes. The residual of a column after projection on nearly parallel ones is not known better, and
-# must not cause large steps.
+# Relative error of slopes. After projection on nearly parallel columns, the residual of a column is no more accurate,
+# and must not cause large steps.
 INEXACT = 1e-2
 LIKELY, SURE = 0.8, 3.0  # probability, or standard deviations from 0, above which an effect counts as present
 RIDGE = 1e-9  # share of a column's square; keeps parameters without data where they are
@@ -209,9 +209,9 @@ class Averaging:
     def _slabs(self, normal: Floats, seen: Floats) -> Floats:
         """Return the standard deviations (p,) of the sizes of present effects, given the `seen` sizes (p,).
 
-        They are larger where larger sizes are seen, and for an effect that would need a larger size to explain alone
-        what the found effects explain: otherwise, of two effects that are hard to distinguish, the one found first
-        would stay.
+        They are larger if larger sizes are seen, and for an effect that would need a larger size to explain alone as
+        much as the found effects do: otherwise, of two effects that are hard to distinguish, the one found first would
+        stay.
         """
         does, squares = normal @ seen, float(seen @ normal @ seen)
         own = np.maximum(np.diag(normal), 1e-300)
@@ -231,7 +231,7 @@ def averaged(
     """Return the posterior about a fit with effects `named`, from a walk of `steps` steps.
 
     Named effects that are more likely present than not are kept, and so are those `undisputed`, which no other effect
-    explains as well: a name and its size must agree. The average is over further, undetected effects.
+    explains as well, so that a name and its size agree. The average is over further, undetected effects.
     """
     ahead = [name for name in DELAYS if name in named and fit.values.get(name, 0.0) < 0.0]
     averaging, found = relinearised(problem, fit, inflation, ahead)
@@ -240,7 +240,7 @@ def averaged(
 
 
 def averaged_about(problem: Problem, fit: Fit, inflation: float, named: Collection[str]) -> Posterior:
-    """Return a rough posterior from slopes at the fit itself, where those at better values do not hold."""
+    """Return a rough posterior from slopes at the fit itself, for use if those at better values are invalid."""
     return Averaging(problem, fit, inflation, named).posterior(steps=FEW_STEPS, certain=named)
 
 
@@ -267,7 +267,7 @@ def _inverse(normal: Floats) -> Floats:
 
 
 def _on(problem: Problem, values: Mapping[str, float]) -> list[str]:
-    """Return the effects that some values switch on, or change from what is given."""
+    """Return the effects that some values switch on, or change from the given ones."""
     return [effect.name for effect in problem.effects if problem.excitation.departs(effect, values)]
 
 

@@ -56,7 +56,7 @@ SMALLEST_OF_A_LIMIT = 0.1  # nor is a limit that changed by less than this share
 
 @dataclass(frozen=True)
 class Excitation:
-    """What is known about a drive before the search.
+    """The known properties of a drive before the search.
 
     These are the robot's parameters, a usual yaw rate `turning` [rad/s], its usual distance from the origin of the
     poses `extent` [m], a yaw rate that it exceeded at times `fastest` [rad/s], and the usual time between poses
@@ -84,7 +84,7 @@ class Excitation:
         return effect.is_on(self.given)
 
     def departs(self, effect: Effect, values: Mapping[str, float]) -> bool:
-        """Return whether values change an effect from what is given, or switch it on if it is not given."""
+        """Return whether values change an effect from the given ones, or switch it on if it is not given."""
         if not self.gives(effect):
             return effect.is_on(values)
         own = [one.name for one in effect.parameters if one.switches and one.name in values]

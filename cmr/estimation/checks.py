@@ -30,9 +30,9 @@ MOVED = (
     "The commands' times were moved {by:.2f} s {where}, so that the wheels follow them after the usual {usual:.1f} s."
 )
 SIGNALS = {"wheels": "readings of the wheels", "poses": "poses"}
-REPEATS = ("poses_held", "stale_poses")  # checks that set aside what is true, but older than its time stamp
-FEWEST = 2  # readings of a sensor from which on it shows a motion
-SHORTEST = 5.0  # s; what is named from less is chance
+REPEATS = ("poses_held", "stale_poses")  # checks that set aside true readings that are older than their time stamps
+FEWEST = 2  # readings of a sensor required to show a motion
+SHORTEST = 5.0  # s; a name from less is chance
 DRIVE = "Drive a figure-eight, or cmr-pilot's short_drive, and record it."
 LONG_ENOUGH = f"A diagnosis takes {SHORTEST:.0f} s of driving at least; a minute of cmr-pilot's short_drive shows most."
 WITHOUT_WHEELS = "Neither wheels (MOTOR_FEEDBACK_N) nor commands (MOTOR_COMMAND_N) were recorded: what drove the robot?"
@@ -50,9 +50,9 @@ PATH, TURN = "a path (POSE_N)", "a turn (POSE_N or GYRO_N)"
 class Checked:
     """A checked recording: impossible samples removed, clock offsets corrected.
 
-    `name` is for messages. `findings` are those of the original recording, `note` is a sentence on what was changed.
-    `segments` are the parts between gaps that show motion. `useless` is a sentence on why nothing can be concluded from
-    it, empty if something can.
+    `name` is for messages. `findings` are those of the original recording, `note` is a sentence on the changes.
+    `segments` are the parts between gaps that show motion. `useless` is a sentence on why no conclusion is possible,
+    empty if one is.
     """
 
     name: str
@@ -177,7 +177,7 @@ def _untrue(recording: Recording, findings: Findings) -> str:
         lost, total = _set_aside(findings, name, others) + empty, len(signal) - repeated + empty
         if lost > MOST_SET_ASIDE * total:
             why = "cannot be true" + (f" ({empty} are not numbers)" if empty else "")
-            return f"Of the {words}, {lost} of {total} {why}: see to the sensor first. Nothing is concluded."
+            return f"Of the {words}, {lost} of {total} {why}: check the sensor first. No result is given."
     return ""
 
 
@@ -307,7 +307,7 @@ def findings_of(looked: Sequence[Checked]) -> tuple[Finding, ...]:
 
 
 def notes_of(looked: Sequence[Checked]) -> tuple[str, ...]:
-    """Return sentences on what was changed in recordings, and on those that were set aside."""
+    """Return sentences on the changes to recordings, and on those that were set aside."""
     if len(looked) == 1:
         return (looked[0].note,) if looked[0].note else ()
     set_aside = [f"{one.name} is set aside. {one.useless}" for one in looked if one.useless]

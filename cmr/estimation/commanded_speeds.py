@@ -23,8 +23,8 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats
 
 HEADROOM = 2.0  # an unknown top wheel speed, relative to the fastest command
-NEARLY_ALL = 0.999  # of the commands, so that one damaged number does not choose the unit
-DIGITS = 2  # significant ones, to which the speed of full duty is rounded
+NEARLY_ALL = 0.999  # share of the commands, so that one damaged number does not choose the unit
+DIGITS = 2  # significant digits to which the speed of full duty is rounded
 GEOMETRY = ("wheel_radius", "base_width")
 MIXED = "Some of the recordings have duties (MOTOR_COMMAND_N), others commanded speeds: calibrate them apart."
 WITHOUT_WIDTH = (
@@ -36,8 +36,8 @@ WITHOUT_WIDTH = (
 def controller_of(recordings: Sequence[Recording], nominal: ParameterFile) -> VelocityController | None:
     """Return the velocity controller of the recorded robot; None if it takes duties.
 
-    The kind of recorded commands decides; without any commands, the `nominal` parameters do. Raises EstimationError
-    where kinds of commands are mixed, or a base width is needed and not known.
+    The kind of recorded commands decides; without any commands, the `nominal` parameters do. Raises EstimationError if
+    kinds of commands are mixed, or if a base width is needed and not known.
     """
     kinds = {recording.command_kind for recording in recordings if _commanded(recording)}
     if DUTY in kinds and len(kinds) > 1:

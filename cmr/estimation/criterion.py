@@ -45,7 +45,7 @@ FURTHER = 1.5  # ratio to the errors of the paper's model, or of an earlier one,
 
 
 def look(ready: Ready, say: Callable[[str], None]) -> Search:
-    """Choose the criterion and search recordings that were not refused; return what was found."""
+    """Choose the criterion, and search the accepted recordings with it; return the result."""
     assert ready.problem is not None
     assert ready.base is not None
     if not ready.rolling:
@@ -87,7 +87,7 @@ def _of_controlled(ready: Ready, say: Callable[[str], None]) -> Search:
 
     Gains are first chosen with the paper's model. If the limits of a velocity controller act all the time, a model
     without them is so wrong that the observer has to follow the encoders closely, and quantisation then looks like an
-    effect. Raises _AstrayError where free runs get worse.
+    effect. Raises _AstrayError if free runs get worse.
     """
     assert ready.problem is not None
     assert ready.base is not None
@@ -96,7 +96,7 @@ def _of_controlled(ready: Ready, say: Callable[[str], None]) -> Search:
     gains = choose_gains(found.problem.predictors, found.final.values)
     if np.allclose(np.array(gains, np.float64), np.array(problem.gains, np.float64), rtol=SAME):
         return found
-    say("The model found calls for another observer: searching again ...")
+    say("The fitted model needs other observer gains: searching again ...")
     problem, base = ready.with_gains(gains)
     return search(problem, base, say, of_use, _Watch(problem, base))
 
@@ -134,7 +134,7 @@ def trusted(found: Search, ready: Ready) -> bool:
     v are the speeds of the wheels [rad/s], v_free those that run freely with the model. With coarse ticks, deviations
     of the wheels cannot be measured; then the paper's parameters must be near those of free runs. If the body of a
     robot with a velocity controller deviates further than with the paper's model, the search has explained one-step
-    errors by effects that do not exist. With duties, what makes it deviate may still be found as a law.
+    errors by effects that do not exist. With duties, the cause of the deviation may still be found as a law.
     """
     segments = [predictor.segment for predictor in found.problem.predictors]
     fold = Fold((dict(found.base.values), dict(found.final.values)))

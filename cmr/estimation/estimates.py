@@ -21,7 +21,7 @@ OF_SLOW_CONTROLLERS = {"k2_over_k3": 0.025, "k1": 0.025}
 
 
 class EstimationError(Exception):
-    """Nothing can be estimated from these data; the text says why and what to do."""
+    """Nothing can be estimated from these data; the text gives the reason and the remedy."""
 
 
 @dataclass(frozen=True)

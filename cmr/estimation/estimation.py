@@ -58,7 +58,7 @@ class Estimation:
 
     `ready` are the prepared recordings, or the reason for their refusal; then all else is None. `nominal`, the robot as
     given, is also None if it was not requested, or if parameters needed for a simulation are missing. `controller` is
-    the robot's velocity controller, None if it takes duties. `against` says that the baseline is the robot as given,
+    the robot's velocity controller, None if it takes duties. `against` means that the baseline is the robot as given,
     including effects.
     """
 
@@ -72,7 +72,7 @@ class Estimation:
 
     @property
     def found(self) -> Search:
-        """What the search found."""
+        """The result of the search."""
         assert self.whole is not None
         return self.whole.extended.found
 
@@ -161,12 +161,12 @@ def estimate(
     departing: bool = False,
     progress: Callable[[str], None] = lambda _sentence: None,
 ) -> Estimation:
-    """Estimate one robot's parameters from one or more of its recordings; `ready` reports what is wrong with data.
+    """Estimate one robot's parameters from one or more of its recordings; `ready` reports problems of the data.
 
     `nominal` gives at least wheel_radius. On `held_out` the gain is measured, and nothing is fitted. `sources` and
     `held_out_sources` name the recordings. With `against_nominal` the robot as given is measured, too. With
     `departing`, `nominal` is a complete robot, including effects, and the search is for deviations from it. `progress`
-    receives sentences on the current step. Raises EstimationError where nothing can be fitted for a reason other than
+    receives sentences on the current step. Raises EstimationError if nothing can be fitted for a reason other than
     bad data.
     """
     # OpenBLAS threads spin on matrices as small as these: a fit of 4 s would take 40 s on two processors.
@@ -180,11 +180,11 @@ def estimate(
         unseen = looked_at(held_out, held_out_sources, "held-out recording", late or IN_TIME)
         ready = _with_held_out(ready, looked, unseen)
         found = with_late_wheels(look(ready, progress), late)
-        progress("Looking at what remains ...")
+        progress("Analysing the residuals ...")
         segments = [predictor.segment for predictor in problem.predictors]
         others = [segment for one in unseen for segment in one.segments]
         whole = extended(problem if found.problem.one_step else found.problem, found, others)
-        progress("Averaging over what these drives may hide ...")
+        progress("Averaging over undetected effects ...")
         delivered, measured = that_holds(whole, segments, others)
         given = _nominal_values(nominal, ready, departing) if against_nominal else {}
         nominal_measured = measure_nominal(problem, given, measured, segments, others, delivered.model.values)

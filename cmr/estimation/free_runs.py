@@ -28,7 +28,7 @@ OVERLAP = 2  # windows that cover each moment
 BLOCK = 4.0 * WINDOW  # s; seven of eight windows lie within such blocks
 COMPLETE = 0.95  # share of a window that its poses must span
 LEAST = 0.5  # of a window; shorter stretches are skipped
-SPAN = 0.1  # s over which speeds are averaged: which makes quantisation errors small
+SPAN = 0.1  # s over which speeds are averaged, so that quantisation errors are small
 SIGNALS = ("position", "heading", *WHEELS, "yaw_rate")
 
 Indices = NDArray[np.int64]

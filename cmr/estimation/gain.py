@@ -19,7 +19,7 @@ from cmr.recordings.signal import Floats, Mask
 COVERAGE = 0.95  # of the interval
 WINDOWS_IN_A_BLOCK = 2  # windows overlap, and disturbances outlast one; blocks this long are nearly independent
 DRAWS = 2000  # more would change the interval by less than a hundredth of its width
-FEWEST_BLOCKS = 3  # fewer do not show how much they vary
+FEWEST_BLOCKS = 3  # fewer do not show their variation
 GAIN_SIGNALS = {"psi": WHEELS, "yaw_rate": ("yaw_rate",), "pose": ("position",)}
 FOLDS = 4  # of the drive, each left out of one fit
 

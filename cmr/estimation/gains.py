@@ -50,7 +50,7 @@ def interval_of(predictors: Sequence[Predictor]) -> float:
 
 
 def _sizes(names: Sequence[str], batch: Batch, errors: Errors, lanes: Sequence[int]) -> Floats:
-    """Return the mean log size of the errors after subtracting what their past predicts, per lane."""
+    """Return the mean log size of the errors after subtracting their prediction from the past, per lane."""
     there = [name for name in names if name in batch.signals]
     if not there:
         return np.zeros(0)

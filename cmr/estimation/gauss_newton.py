@@ -120,8 +120,8 @@ def linear(
     """Return white errors (n,) at some values, and their slopes (n, p) by the parameters `names`.
 
     Slopes are finite differences over `stride` times the usual step, a number or one per parameter (p,). Those by
-    parameters in seconds are central ones: where speeds have a kink, as at a command, errors bend at the true latency.
-    Where the model is valid on one side only, that side counts.
+    parameters in seconds are central ones: if speeds have a kink, as at a command, errors bend at the true latency.
+    If the model is valid on one side only, that side counts.
     """
     moves = moves_of(values, names, excitation, stride)
     both = two_sided(values, names, moves)
@@ -204,7 +204,7 @@ def _step_within(normal: Floats, right: Floats, room: Floats) -> Floats:
 
 
 def room(values: Mapping[str, float], names: Sequence[str]) -> Floats:
-    """Return how far each parameter may be moved down and up within its bounds, shape (p, 2)."""
+    """Return the largest moves of each parameter down and up within its bounds, shape (p, 2)."""
     known = [definition(name) for name in names]
     return np.array([(one.lower - values[one.name], one.upper - values[one.name]) for one in known])
 

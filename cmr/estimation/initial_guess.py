@@ -37,7 +37,7 @@ def guess_base_width(predictors: Sequence[Predictor], wheel_radius: float) -> Wi
     """Estimate the base width from the wheels' difference and the rotation; None if the robot never turned.
 
     If the fit is poor, poses may be late: then the latency with the best fit is used. Poses may also be too rare to
-    follow a robot that turns fast: where they leave the base width unknown, the gyro may know it.
+    follow a robot that turns fast: if they leave the base width unknown, the gyro may determine it.
     """
     width = _width(predictors, wheel_radius)
     if width is not None and width.doubt < GOOD:

@@ -35,7 +35,7 @@ FOREIGN = ("psi_left", "psi_right", "yaw_rate")  # whose errors since the pose b
 PSI_LEFT, PSI_RIGHT, YAW_RATE = (MOTION.index(name) for name in ("psi_left", "psi_right", "yaw_rate"))
 STAMP = 1e-3  # s of uncertainty of a gyro's stamp
 LARGE = 2.5  # standard deviations from which an error counts less than in full (Huber, Ann. Math. Statist. 35, 1964)
-# The mean square of normal errors of size one, where larger ones count as LARGE.
+# The mean square of normal errors of size one, with larger ones counted as LARGE.
 CUT_OFF = 1.0 - math.sqrt(2.0 / math.pi) * LARGE * math.exp(-0.5 * LARGE**2)
 CUT_OFF += (LARGE**2 - 1.0) * math.erfc(LARGE / math.sqrt(2.0))
 SETTLING = 20  # rounds in which the size of cut-off errors settles
@@ -144,7 +144,7 @@ class Noise:
 
 
 def _size_of_most(white: Floats) -> float:
-    """Return the standard deviation of white errors (n,), large ones cut off; those that have no past are 0."""
+    """Return the standard deviation of white errors (n,), large ones cut off; errors without a past are 0."""
     squares = white[white != 0.0] ** 2
     size = 1.0
     for _ in range(SETTLING if len(squares) else 0):
@@ -184,7 +184,7 @@ def _by_segment(rows: Floats, ends: Indices) -> tuple[Floats, ...]:
 
 
 def predicted(name: str, errors: Floats, ends: Indices) -> Floats:
-    """Return a signal's errors (n,), whose segments end at the rows `ends`, minus what their own past predicts.
+    """Return a signal's errors (n,), whose segments end at the rows `ends`, minus their prediction from the past.
 
     Errors at the beginning of a segment, which have no past, are omitted.
     """
@@ -198,7 +198,7 @@ def predicted(name: str, errors: Floats, ends: Indices) -> Floats:
 
 
 def _long_enough(ends: Indices, order: int) -> tuple[Indices, Indices]:
-    """Return the rows in segments that are more than twice as long as the past, and where these then end."""
+    """Return the rows in segments that are more than twice as long as the past, and the new ends of the segments."""
     counts = np.diff(ends)
     enough = counts > 2 * order
     return np.flatnonzero(np.repeat(enough, counts)), ends_of(counts[enough])
@@ -254,7 +254,7 @@ def size_found(rest: Floats, sizes: Floats) -> Floats:
 
 
 def nonnegative(normal: Floats, right: Floats) -> Floats:
-    """Return the x (n,) of x >= 0 for which x N x / 2 - x r is least; N (n, n) is positive definite, r (n,).
+    """Return the x >= 0 (n,) that minimises x N x / 2 - x r; N (n, n) is positive definite, r (n,).
 
     All subsets of zero unknowns are tried at once, for two or three unknowns. SciPy's `nnls` handles many, but
     importing it takes longer than a typical fit.
@@ -301,7 +301,7 @@ def growth_in_gaps(name: str, batch: Batch, errors: Errors) -> Floats:
 
     It is 1 without a gap, and for other signals. A wheel that rolls to a stop passes its last ticks ever more slowly,
     and no reading corrects its speed meanwhile. The error after a gap of some readings is estimated from stretches
-    without a gap, by adding up the corrections that so many readings made.
+    without a gap, by adding up the corrections of so many readings.
     """
     ends = batch.ends[name]
     counts, own = np.diff(ends), errors.of[name][:, 0]

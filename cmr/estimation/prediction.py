@@ -115,7 +115,7 @@ class Batch:
         """Return the errors, counting the position of a resting wheel once.
 
         All readings during one rest repeat the same position. With these gains, the observer corrects a part of the
-        error at each reading, so the rest of it appears in the next one's. That part is subtracted there: what remains
+        error at each reading, so the rest of it appears in the next one's. That part is subtracted there: the remainder
         is the motion that the model predicted since the reading before.
         """
         return _told_once(errors, gains, self._rests_on)

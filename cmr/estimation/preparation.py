@@ -27,7 +27,7 @@ GIVEN = tuple(parameter.name for effect in CATALOGUE.values() for parameter in e
 # Parameters of effects that are never fitted: they are estimated from the residuals, whether given or not.
 ACTING_BY_CHANCE = tuple(one.name for effect in CATALOGUE.values() if not effect.is_fitted for one in effect.parameters)
 TURNING = 0.05  # rad/s above which a robot turns
-FASTEST = 0.98  # of the time a robot turns more slowly than its fastest turns
+FASTEST = 0.98  # share of the time in which a robot turns more slowly than its fastest turns
 X, Y = MOTION.index("x"), MOTION.index("y")
 NEVER_TURNED = "The robot never turned while its wheels and its pose were recorded."
 FEW_TURNS = "The turns of this drive determine the base width to {doubt:.0f} % only."

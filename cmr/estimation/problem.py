@@ -36,12 +36,12 @@ FOLDS = 5  # of the blocks, each left out of one fit
 LARGE = 4.0  # standard deviations from which an error counts less than its square
 X, Y = MOTION.index("x"), MOTION.index("y")
 SAME_POSE, NEARLY_SAME_POSE, MOST_ALIKE = 1e-6, 0.05, 0.8  # m and rad; share of the pieces
-SEVERAL, COMING = 3, 0.2  # pieces; rad/s of a wheel of a robot that does not stand still
+SEVERAL, COMING = 3, 0.2  # pieces; rad/s of a wheel of a robot in motion
 EDGE = 0.06  # of the wheels' rotation: a nameable change happens between this and the remainder
 QUICK_STEPS = 5  # of models fitted side by side,
 PROMISED_BESIDE = 1.0  # each as long as its next step promises as much
-MORE_STEPS, MUCH_PROMISED = 6, 0.05  # further ones, where the next one promises this share of the best one's drop
-FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may do; share of the best one's drop below which it may do no more
+MORE_STEPS, MUCH_PROMISED = 6, 0.05  # further ones, if the next one promises this share of the best one's drop
+FAIR_ROUNDS, FAR_BEHIND = 2, 0.3  # steps that each may take; share of the best one's drop below which it is stopped
 
 
 class Problem:

@@ -105,7 +105,7 @@ def _with_angles(wheels: Signal) -> Signal:
 
 
 def _turned(wheels: Signal, times: Sequence[int]) -> list[tuple[float, float]]:
-    """Return how far the left and the right wheel had turned [rad] at some times [us], since the first reading."""
+    """Return the rotation of the left and the right wheel [rad] at some times [us], since the first reading."""
     if len(wheels) == 0:
         return [(0.0, 0.0)] * len(times)
     left, right = (np.interp(times, wheels.utime, wheels[name]) for name in ANGLES)
@@ -195,7 +195,7 @@ def _stacked(poses: Signal) -> Floats:
 
 
 def _first_pose(recording: Recording, piece: int) -> tuple[float, float, float]:
-    """Return the first pose of a piece; NaN where none came from then on."""
+    """Return the first pose of a piece; NaN if none followed."""
     poses = recording.poses
     index = int(np.searchsorted(poses.utime, recording.pieces.first[piece]))
     if index == len(poses):
@@ -240,7 +240,7 @@ def _side(angle: Floats, steps: Floats, tick: float, seconds: Floats) -> tuple[F
 
 
 def _since_last(marks: Mask, seconds: Floats) -> Floats:
-    """Return how long ago [s] the last mark was, itself included."""
+    """Return the time [s] since the last mark, itself included."""
     last = np.maximum.accumulate(np.where(marks, seconds, seconds[0]))
     return np.asarray(seconds - last, np.float64)
 
@@ -297,7 +297,7 @@ def _rolled(time: Floats, angles: Floats, tick: float, steps: int) -> Floats:
     from_end: Floats = np.minimum(middle, steps * STEP - middle)
     smooth = (at(middle + 0.5 * LONGEST_MEAN) - at(middle - 0.5 * LONGEST_MEAN)) / LONGEST_MEAN
     turning = float(np.sqrt(np.mean((smooth[:, 1] - smooth[:, 0]) ** 2)))
-    noise = 2.0 * UNIFORM * tick  # rad: of the difference of two wheels' ways between two readings
+    noise = 2.0 * UNIFORM * tick  # rad: of the difference of two wheels' angles between two readings
     allowed = NOISY * turning
     span = noise / allowed if noise < allowed * LONGEST_MEAN else LONGEST_MEAN
     half = np.clip(from_end, 0.5 * STEP, max(0.5 * span, 0.5 * STEP))

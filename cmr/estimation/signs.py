@@ -15,8 +15,8 @@ LONGEST_TURN = 1.0  # rad from pose to pose; a larger one may be a jump
 def require_consistent_signs(recordings: Sequence[Recording]) -> None:
     """Check the signs of wheels and poses against the commands, over all recordings together.
 
-    Raises EstimationError naming what seems to be swapped or inverted. Signals that are missing or hardly vary are
-    skipped.
+    Raises EstimationError with the names of signals that seem swapped or inverted. Missing or nearly constant signals
+    are skipped.
     """
     commanded = [recording for recording in recordings if len(recording.duty)]
     with_wheels = [recording for recording in commanded if len(recording.wheels) > 1]

@@ -27,13 +27,13 @@ from cmr.parameters.file import MOTOR
 from cmr.recordings.signal import Floats, Mask
 
 MEMORY = 0.1  # s; time constant with which a free-running wheel angle follows its encoder, so that only speed matters
-STILL, TICKS = 0.5, 3.0  # s to either side in which a wheel that stands still turns by no more than so many ticks
+STILL, TICKS = 0.5, 3.0  # s to either side in which a standing wheel turns by no more than so many ticks
 SMALLER = 2  # number of smaller start sizes tested per fit
 MOVING = 1e-3  # rad/s; a slower wheel stands still
 QUIET = 0.25  # s before and after a motion in which a gyro is not quiet
 PSI = [MOTION.index("psi_left"), MOTION.index("psi_right")]
 BURST = 3.0  # s; errors of one burst lie within a block, or two
-UNCORRELATED = 0.05  # correlation from which on errors no longer belong together
+UNCORRELATED = 0.05  # correlation below which errors are independent
 FREE_RUN_INFLATION = 1.5  # because the effective sample size is only approximate
 FINEST = 1e-6  # rad, m, rad/s: floor of the noise: no sensor is more accurate, and without noise no fit would converge
 
@@ -72,8 +72,7 @@ class SimulationErrorProblem(Problem):
         return body, body.fit(values, names, body.found(body.errors(values)))
 
     def found(self, errors: Sequence[Errors]) -> Noise:
-        """Return the noise that the errors of the first candidate in each segment show: its size and correlation
-        length.
+        """Return the noise of the errors of the first candidate in each segment: its size and correlation length.
 
         Both wheels get equal weight; otherwise the one with the worse fit would soon be ignored.
         """
@@ -118,7 +117,7 @@ class SimulationErrorProblem(Problem):
         body, beside = self.one_step_of(fit)
         names = [name for name in beside.names if name not in MOTOR]
         if names and "forward" in body.batch.signals and not set(names) & {"wheel_radius", *AS_THE_RADIUS}:
-            names = ["wheel_radius", *names]  # no effect stands for it beside measured wheels
+            names = ["wheel_radius", *names]  # no effect represents it beside measured wheels
         if names:
             of_body = _left_in_doubt(body, body.fit(beside.values, names, beside.noise), fit, 1.0)
             doubts |= {name: max(doubt, doubts[name]) for name, doubt in of_body.items()}
@@ -138,7 +137,7 @@ class SimulationErrorProblem(Problem):
         return dict(zip(fit.names, np.sqrt(np.maximum(lacking, 0.0)).tolist(), strict=True))
 
     def renewed(self, fit: Fit, noise: Noise) -> Fit:
-        """Return the fit with another noise; the paper's model stays as it was found where the wheels turn."""
+        """Return the fit with another noise; the paper's model stays as fitted where the wheels turn."""
         if set(fit.names) <= set(PAPER):
             return Fit(fit.values, fit.names, *self.linear(fit.values, fit.names, noise), noise)
         return super().renewed(fit, noise)
@@ -171,7 +170,7 @@ def _left_in_doubt(problem: Problem, about: Fit, fit: Fit, inflation: float) -> 
 
 
 def covariance_by_blocks(fit: Fit, blocks: Floats) -> Floats:
-    """Return the covariance (p, p) of the free parameters where errors of one block may have one cause.
+    """Return the covariance (p, p) of the free parameters if errors of one block may have one cause.
 
     Rows of `blocks`, shape (n, k), say which block each error belongs to.
     """
@@ -194,7 +193,7 @@ def _observed_once(
     gains: Gains,
     signals: Sequence[str] = SIGNALS,
 ) -> Errors:
-    """Return the errors of these signals of candidates, of which those alike in what `matters` are observed once."""
+    """Return the errors of these signals; candidates with equal `matters` are observed once."""
     keys = [tuple(sorted(of.items())) for of in matters]
     number = {key: index for index, key in enumerate(dict.fromkeys(keys))}
     different = [sets[keys.index(key)] for key in number]

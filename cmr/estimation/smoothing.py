@@ -27,7 +27,7 @@ def smoothed_poses(observations: Sequence[Observations], values: Values) -> list
     """Return a smoothed pose for each measured one, from all within SMOOTHED of it, (P, 3) by segment.
 
     The motion between them is that of the wheels, or else of a free run, as the pose's sensor sees it with the effects
-    that it has by these values. Errors of that motion that grow with time cancel between before and after. Headings
+    that these values contain. Errors of that motion that grow with time cancel between before and after. Headings
     are unwrapped.
     """
     posed = [one for one in observations if len(one.pose)]

@@ -56,7 +56,7 @@ class _Use(NamedTuple):
 class Whole:
     """The search result and the average over undetected effects; the latter None if one-step errors are useless.
 
-    It is also None where the average itself predicts worse than the paper's model; `doubts` then contain the standard
+    It is also None if the average itself predicts worse than the paper's model; `doubts` then contain the standard
     deviations of an average about the fit. They are additional standard deviations of some parameters of the final
     model.
     """
@@ -97,7 +97,7 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
 
 
 def _with_those_of(average: Posterior, fit: Fit, doubts: Mapping[str, float]) -> dict[str, float]:
-    """Return the doubts of a fit that takes an average's place: what may be hidden is hidden all the same."""
+    """Return the doubts of a fit that replaces an average: the undetected effects remain possible."""
     apart = {name: np.hypot(average.std(name), average.values[name] - fit.values[name]) for name in fit.names}
     return {name: float(np.hypot(doubts.get(name, 0.0), own)) for name, own in apart.items()}
 
@@ -243,7 +243,7 @@ def _of_path(gain: Gain) -> float:
 def _with_what_is_small(whole: Extended) -> Fit:
     """Return the fit with values that include unnamed effects, as the start of an average.
 
-    Rare effects are left out: where one is small, more common ones that do the same are likelier.
+    Rare effects are left out: if one is small, more common ones with the same effect are likelier.
     """
     final, seen = whole.final, whole.found.seen
     if whole.term or not seen:
@@ -256,7 +256,7 @@ def _with_what_is_small(whole: Extended) -> Fit:
 
 
 def _as_the_paper_if_alone(whole: Extended) -> Extended:
-    """Return the paper's model if nothing extends it any more."""
+    """Return the paper's model if nothing extends it."""
     alone = whole.term is None and not whole.found.named
     return replace(whole, found=as_the_paper_has_it(whole.found)) if alone else whole
 

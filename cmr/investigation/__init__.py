@@ -1,8 +1,8 @@
-"""A robot that finds out by itself what its simulation gets wrong: arrays in, the next movement out.
+"""An investigation: a robot finds out what its simulation gets wrong. Arrays in, the next movement out.
 
-The engine knows no bus and no world; `behaviour`, with which `cmr-pilot` and `cmr-investigate` drive, does, and so do
-`reporting`, which says on the bus what is left, and `sensing`, the sensors of virtual robots. `rehearsing` loads all
-that takes time before a robot drives.
+The engine knows no bus and no world. `behaviour` does: `cmr-pilot` and `cmr-investigate` drive with it. So do
+`reporting`, which publishes the remaining explanations, and `sensing`, the sensors of virtual robots. `rehearsing`
+loads slow modules before a robot drives.
 
 `movements` draws candidate movements, `floor` says where the robot may be, `prediction` predicts paths and what each
 explanation would make of the sensors, `separation` scores candidates by how well they separate explanations, `judging`

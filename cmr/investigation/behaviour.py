@@ -29,11 +29,12 @@ NAMES = ("wheel_radius", "k2_over_k3", "k1", "base_width")
 
 
 class Investigate(Behaviour):
-    """Find out on a floor what the robot's model gets wrong, for up to `longest` s of driving.
+    """Find out on a floor what the robot's model gets wrong, in up to `longest` s of driving.
 
-    `floor` are the corners X1:Y1/X2:Y2/... [m; world frame] of a polygon, by default those of the geofence; the robot's
-    centre keeps `margin` [m] inside of it. The same `seed` draws the same movements. With the `goal` calibration it
-    ends as soon as k1 and base_width are known within 1 %, k2_over_k3 within 3 % (two standard deviations).
+    `floor` lists the corners X1:Y1/X2:Y2/... [m; world frame] of a polygon, by default those of the geofence. The
+    robot's centre keeps `margin` [m] inside of it. The same `seed` draws the same movements. With the `goal`
+    calibration it ends as soon as k1 and base_width are known within 1 %, k2_over_k3 within 3 % (two standard
+    deviations).
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Investigate(Behaviour):
 
     def _decide(self, utime: int, me: Robot, world: WorldView, parameters: RobotParameters) -> tuple[float, float]:
         if self._recorder is None:
-            return 0.0, 0.0  # nothing was measured yet
+            return 0.0, 0.0  # no measurement yet
         if self.driving is None:
             fence = self._fence or world.geofence
             if fence is None:
@@ -103,7 +104,7 @@ class Investigate(Behaviour):
             yield INVESTIGATION_STATUS, report
 
     def _with_others(self, me: Robot, world: WorldView) -> Floor:
-        """Return the floor with the other robots where they are now."""
+        """Return the floor with the other robots at their present positions."""
         assert self._floor is not None
         around = world.surroundings()
         others = around.members.robot_id != me.robot_id
@@ -121,5 +122,5 @@ class Investigate(Behaviour):
 
 
 def _planner_at(utime: int) -> Planner:
-    """Return who plans where it is `utime` [us]: time that is not this computer's is simulated, and waits."""
+    """Return the planner for `utime` [us]. A time that is not this computer's is simulated: then the planner waits."""
     return InThread() if abs(utime - now_utime()) < ANOTHER_TIME else AtOnce()

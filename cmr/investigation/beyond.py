@@ -1,7 +1,7 @@
-"""What no name explains: structure that remains in the prediction errors of the whole drive.
+"""Structure in the prediction errors of the whole drive that no named effect explains.
 
-A robot may do what no effect of the catalogue says. Some effect is then the best of all the same, and may even be
-named: that something remains beside it says so. The diagnosis of the whole drive looks for its law.
+A robot may do something that the catalogue does not contain. One effect is still the best candidate, and may even be
+named. The remaining structure shows that it is wrong. The diagnosis of the whole drive then searches for a law.
 """
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ from cmr.investigation.judging import NOTHING, Judgement, own_parameters
 
 
 def unexplained_by(judgement: Judgement) -> Unexplained:
-    """Return what the named effects leave unexplained, and the likeliest further effect, if any."""
+    """Return the remaining structure beside the named effects, and the likeliest further effect, if any."""
     beliefs, named = judgement.problem, judgement.named
     likeliest = () if judgement.best.name == NOTHING else (judgement.best.name,)
     problem = Problem(beliefs.predictors, beliefs.gains, beliefs.excitation)

@@ -1,13 +1,13 @@
-"""The robot's own parameters, averaged over what may be hidden: nothing more, or one more effect of the catalogue.
+"""The robot's own parameters, averaged over possible hidden effects: none, or one more effect of the catalogue.
 
-With the probability p_j of explanation j, the values v_j that its fit has and their deviations s_j beside the effect,
-whose size is known beforehand only to be of the order of usual ones,
+With the probability p_j of explanation j, the values v_j of its fit and their deviations s_j beside the effect, whose
+prior is only that its size is of the usual order,
 
     mean = sum_j p_j v_j,    variance = sum_j p_j (s_j^2 + (v_j - mean)^2)
 
-(J. A. Hoeting et al., Statistical Science 14, 1999: Bayesian model averaging). That is quick enough for each decision.
-Once it is certain enough, any number of further effects may be hidden, as in a calibration
-(cmr/estimation/averaging.py). Where the parameters are then less certain, the robot drives for the effects that they
+(J. A. Hoeting et al., Statistical Science 14, 1999: Bayesian model averaging). That is fast enough for each decision.
+Once the result is certain enough, the average allows for any number of further effects, as in a calibration
+(cmr/estimation/averaging.py). If the parameters are then less certain, the robot drives for the effects that they
 depend on most: of the variance of parameter i, effect k accounts for C_ik^2 / (C_ii C_kk), with the covariance C.
 """
 
@@ -28,14 +28,14 @@ from cmr.model.catalogue import CATALOGUE
 from cmr.recordings.signal import Floats
 
 GOALS: Mapping[str, float] = {"k1": 0.01, "base_width": 0.01, "k2_over_k3": 0.03}  # two deviations, as a share
-LEAST = 5.0  # s of driving: after less k1 seems surer than it is
-ON_IT = 0.3  # share of a parameter's variance: an effect that accounts for so much is worth driving for
+LEAST = 5.0  # s of driving: shorter drives give too small a deviation of k1
+ON_IT = 0.3  # share of a parameter's variance from which an effect is worth driving for
 
 
 class Settled(NamedTuple):
     """Estimates of PARAMETERS that allow for any undetected effects, and the effects that a calibration drives for.
 
-    These account for much of the variance of parameters that are less certain than a calibration requires.
+    The latter account for much of the variance of parameters that are less certain than a calibration requires.
     """
 
     estimates: dict[str, Estimate]
@@ -64,8 +64,8 @@ def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
 def settled(judgement: Judgement, known: Told) -> Settled:
     """Return the estimates of PARAMETERS with deviations that allow for any undetected effects.
 
-    Where an average over any number of effects differs from that over single ones, the deviation covers both. Without
-    poses it would lack what is known beforehand: then the estimates are those of `averaged`.
+    If an average over any number of effects differs from that over single ones, the deviation covers both. Without
+    poses the average over any number lacks the priors: then the estimates are those of `averaged`.
     """
     quick = averaged(judgement, known)
     beliefs, base = judgement.problem, judgement.base
@@ -102,7 +102,7 @@ def _is_certain(name: str, one: Estimate) -> bool:
 
 
 def _variances(known: Told, name: str) -> Floats:
-    """Return the variances of PARAMETERS, (3,), beside what is found, and one more effect where it has a name."""
+    """Return the variances of PARAMETERS, (3,), beside the effects found, and one more if `name` is not empty."""
     own = list(known.columns.of.get(name, ()))
     columns = [*range(known.columns.free), *own]
     block = BELIEF * known.information[np.ix_(columns, columns)]

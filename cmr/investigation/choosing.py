@@ -1,4 +1,4 @@
-"""Choose the next movement: one that keeps to the floor, and best separates the explanations that are left."""
+"""Choose the next movement: one that keeps to the floor and best separates the remaining explanations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,25 +23,25 @@ from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
 PREDICTED = 36  # movements that keep to the floor, whose information is predicted
-SLOWER, UNEQUAL = 0.95, 0.03  # k1, and by how much the gains of both sides may differ, of robots that must stay inside
-MOST_AS_FITTED = 2  # explanations besides that must
-SEEN = 30.0  # squared distance at which an effect that is there would have shown, whatever the data say
-LEFT = 0.01  # of that distance: what others leave less of, they imitate
-DISGUISED = 1e-4  # of the same: what the robot's own parameters leave less of is not distinguished from them
-QUIET = 0.75  # of the effects: so many must have shown before only the others are driven for
-UNHURRIED = 1.5  # s of a movement at least while only these are driven for: a decision is not urgent then
-EVIDENT = 6.0  # evidence from which on an explanation counts as seen
+SLOWER, UNEQUAL = 0.95, 0.03  # k1, and difference of the two sides' gains, of robots that must stay on the floor
+MOST_AS_FITTED = 2  # further explanations that must stay on it
+SEEN = 30.0  # squared distance at which an existing effect would have shown, whatever the data say
+LEFT = 0.01  # share of the distance below which other effects count as imitating it
+DISGUISED = 1e-4  # the same share for the robot's own parameters: below it, the effect is not distinguished from them
+QUIET = 0.75  # share of effects that must have shown before movements are chosen for the others only
+UNHURRIED = 1.5  # s of a movement at least while only these are left: no decision is urgent then
+EVIDENT = 6.0  # evidence from which an explanation counts as seen
 SAME = frozenset(map(frozenset, combinations(AS_THE_RADIUS, 2)))  # the same mathematics: k1 makes up for it
 
 
 @dataclass(frozen=True)
 class Told:
-    """What is known by the data so far: the information of each column, and which columns belong to what.
+    """Information that the data contain about each effect, and the columns that belong to each.
 
-    `contrary` is twice the logarithm of the odds against each effect at its usual size, by name. The effects of
-    `imitated` would have shown by now, if those that are named together could not imitate them, and so would those of
-    `disguised`, if they did not look like another value of one of the robot's own parameters, by effect. Nothing is
-    driven for those of `hopeless`. Of an `unconfirmed` effect data to come must bring so much evidence before it is
+    `contrary` is twice the logarithm of the odds against each effect at its usual size, by name. The effects in
+    `imitated` would have shown by now if the named ones together could not imitate them. Those in `disguised` would
+    have shown if they did not look like another value of one of the robot's own parameters, by effect. No movement is
+    chosen for those in `hopeless`. An effect in `unconfirmed` still needs this evidence from new data before it is
     named, whatever its odds.
     """
 
@@ -69,9 +69,9 @@ class Told:
 
 @dataclass(frozen=True)
 class Choice:
-    """The movement to drive next, what it is `worth`, and where it leads: places (n, members, 2) [m; world frame].
+    """The next movement, its `worth`, and its predicted places (n, members, 2) [m; world frame].
 
-    `movement` is None where no candidate keeps to the floor. `parted` are the two explanations that it separates most.
+    `movement` is None if no candidate keeps to the floor. `parted` are the two explanations that it separates most.
     `best_rates` are the squared distances [1/s] that the best candidate for each effect adds, by name.
     """
 
@@ -83,7 +83,7 @@ class Choice:
 
 
 def told(judgement: Judgement, time: float) -> Told:
-    """Return the information of the data so far; changes at a time that were not seen may begin at `time` [s]."""
+    """Return the information of the data so far; effects with an unseen start begin at `time` [s]."""
     sets, columns = _column_sets(judgement, time)
     problem = judgement.problem
     white = judgement.noise.all_white(problem.batch, changes_of(problem.joint_errors(lanes_of(sets))))
@@ -107,9 +107,9 @@ def told(judgement: Judgement, time: float) -> Told:
 def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
     """Return twice the logarithm of the odds against each effect at its usual size, by name.
 
-    `products` (1 + m, 1 + m) are those of the errors that are left, and the columns.
+    `products` (1 + m, 1 + m) are those of the remaining errors and the columns.
     """
-    last = np.roll(products, -1, axis=(0, 1))  # the errors behind the columns
+    last = np.roll(products, -1, axis=(0, 1))  # the errors after the columns
     left = separation.projected(last, columns)
     one_sided = [name for name in columns.names if _is_one_sided(CATALOGUE[name])]
     found = separation.against(left[:-1, :-1], left[:-1, -1], columns, one_sided)
@@ -117,7 +117,7 @@ def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
 
 
 def _is_one_sided(effect: Effect) -> bool:
-    """Return whether an effect has one sign only."""
+    """Return whether an effect can have one sign only."""
     switches = [parameter for parameter in effect.parameters if parameter.switches]
     return all(parameter.is_limit or parameter.lower == parameter.neutral for parameter in switches)
 
@@ -134,16 +134,16 @@ def only(known: Told, names: Sequence[str]) -> Told:
 
 
 def _imitated(known: Floats, columns: Columns, own: int) -> frozenset[str]:
-    """Return the effects of which hardly anything is left beside those named; `own` columns are the robot's own."""
+    """Return the effects that the named ones nearly reproduce; the first `own` columns are the robot's own."""
     beside, alone = (separation.own(separation.projected(known, of), of) for of in (columns, Columns(own, columns.of)))
     gone = (alone > SEEN) & (beside < np.minimum(LEFT * alone, SEEN))
     return frozenset(name for name, one in zip(columns.names, gone, strict=True) if one)
 
 
 def _disguised(known: Floats, columns: Columns, own: Sequence[str]) -> dict[str, str]:
-    """Return the effects of which nothing is left beside the robot's own parameters, and which of these they look like.
+    """Return the effects that the robot's own parameters reproduce, each with the parameter that it looks like.
 
-    Without poses a gyro that reads too much is a wider base; with them, other columns tell them apart.
+    Without poses, a gyro that reads too much looks like a wider base; with them, other columns separate the two.
     """
     whole, left = (separation.own(of, columns) for of in (known, separation.projected(known, columns)))
     sizes = np.maximum(np.diagonal(known), 1e-300)
@@ -165,10 +165,10 @@ def choose(
     least: float = 0.0,
     reckoned: Reckoned | None = None,
 ) -> Choice:
-    """Return the best of many movements, of `least` [s] or longer; they are longer where nothing is suspected.
+    """Return the best of many movements of `least` [s] or longer; they are longer if nothing is suspected.
 
-    `at_random` takes the first that keeps to the floor, for comparison. Where the robot is only `reckoned` to be, what
-    is not known of its place stays on the floor, too.
+    `at_random` takes the first that keeps to the floor, for comparison. Without poses (`reckoned`), the uncertainty of
+    the robot's position stays on the floor, too.
     """
     is_quiet = _is_quiet(judgement, known)
     if is_quiet:
@@ -200,7 +200,7 @@ def choose(
 def _drawn(
     values: Mapping[str, float], situation: Situation, floor: Floor, random: Random, least: float
 ) -> list[Movement]:
-    """Return movements at random, and towards the middle of the floor, of `least` [s] or longer."""
+    """Return random movements, and some towards the middle of the floor, of `least` [s] or longer."""
     x, y, *_ = situation.state
     away = float(np.hypot(floor.middle[0] - x, floor.middle[1] - y))
     top = values["wheel_radius"] / values["k1"]
@@ -232,14 +232,14 @@ def ensemble(judgement: Judgement) -> list[dict[str, float]]:
 
 
 def worth_of(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> Floats:
-    """Return what candidates are worth (c,) that add information `added` (c, m, m) in `seconds` (c,)."""
+    """Return the worth (c,) of candidates that add information `added` (c, m, m) in `seconds` (c,)."""
     return _worth(judgement, known, added, seconds, _is_quiet(judgement, known))[0]
 
 
 def _worth(
     judgement: Judgement, known: Told, added: Floats, seconds: Floats, is_quiet: bool
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the worth of candidates (c,), what pairs need (e, e) and get of them (c, e, e), and the weights (e,)."""
+    """Return the worth of candidates (c,), each pair's need (e, e) and gain (c, e, e), and the weights (e,)."""
     before, after = (
         separation.separations(separation.projected(information, known.columns), known.columns)
         for information in (known.information, known.information + added)
@@ -254,22 +254,22 @@ def _worth(
 
 
 def _is_quiet(judgement: Judgement, known: Told) -> bool:
-    """Return whether only a few effects have yet to show, and none that matters is suspected."""
+    """Return whether only a few effects have yet to show, and no relevant one is suspected."""
     names = known.columns.names
     seen = [name for name in names if _evidence(judgement, name) > EVIDENT and not _is_settled(judgement, name)]
     return bool(_may_show(known)) and not seen and len(known.shown) > QUIET * len(names)
 
 
 def _may_show(known: Told) -> list[str]:
-    """Return the effects that would not have shown yet, and still may; one that begins at a time may always come."""
+    """Return the effects that have not shown yet and still may; one with a start time may always come."""
     names = [name for name in known.columns.names if CATALOGUE[name].locality != "time"]
     return [name for name in names if name not in known.shown and name not in known.hopeless]
 
 
 def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, Floats]:
-    """Return what each pair of explanations still needs, (e, e), infinite where nothing, and the effects' weights.
+    """Return the remaining need of each pair of explanations, (e, e), infinite if none, and the effects' weights.
 
-    Two that would both have shown, and did not, need not be separated.
+    A pair of which both would have shown, and did not, needs no separation.
     """
     names = known.columns.names
     evidence = np.array([_evidence(judgement, name) for name in names])
@@ -309,7 +309,7 @@ def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, F
 def _is_settled(judgement: Judgement, name: str) -> bool:
     """Return whether no movement is worth driving for an effect.
 
-    It is seen, at a size that does not matter; or it begins at a time and is not seen, so that it may always come.
+    Either it is seen, at a size that does not matter; or it has a start time and is not seen, so it may always come.
     """
     one = judgement.of(name)
     if one is None or one.evidence <= EVIDENT:
@@ -323,7 +323,7 @@ def _evidence(judgement: Judgement, name: str) -> float:
 
 
 def _parted(names: Sequence[str], need: Floats, gained: Floats, weights: Floats) -> tuple[str, str]:
-    """Return the two explanations of which a candidate fills most of what they need, the likelier ones first."""
+    """Return the two explanations whose need a candidate fills most, the likelier ones first."""
     share = np.where(np.isfinite(need), np.minimum(gained / np.where(np.isfinite(need), need, 1.0), 1.0), 0.0)
     i, j = np.unravel_index(int(np.argmax(share * weights[:, None])), share.shape)
     return names[int(i)], NOTHING if i == j else names[int(j)]
@@ -336,8 +336,7 @@ def _column_sets(judgement: Judgement, time: float) -> tuple[list[dict[str, floa
     moves = moves_of(base, free, problem.excitation)
     sets = [base, *({**base, name: base[name] + move} for name, move in zip(free, moves, strict=True))]
     of: dict[str, tuple[int, ...]] = {}
-    # The size of a fit that explains nothing, or that does not matter, says nothing: what would have shown is a matter
-    # of usual sizes.
+    # Use the usual size if the fitted one is insignificant.
     left = {
         one.name: one
         for one in judgement.left
@@ -361,7 +360,7 @@ def _own(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _usual_trials(judgement: Judgement, effect: Effect, time: float) -> list[Trial]:
-    """Return the trials of an effect at its usual size; one of a time begins now."""
+    """Return the trials of an effect at its usual size; one with a start time begins now."""
     excitation = judgement.problem.excitation
     result = []
     for trial in trials(excitation, [effect]):

@@ -15,13 +15,13 @@ from cmr.investigation.movements import PERIOD, Movement, waiting
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS
 
-PAUSE = 1.0  # s of rest while the next movement is planned: a robot stands still after half of it
-STOPPING = 0.2  # s of driving on, at the present speed, that take a robot to where it stops
-MOST_PAUSES = 20  # in a row, in which no movement was found
-MOST_PAUSES_UNSEEN = 3  # the same by dead reckoning, whose doubt does not shrink in a pause
-LOST = 500_000  # us without a call, after which a drive was interrupted
-MOST_OPENINGS = 3  # that are begun, where drives are interrupted
-REMEMBERED, SPARE = 4, 1.25  # decisions; times the longest of them that the next one is given
+PAUSE = 1.0  # s of rest while the next movement is planned: a robot has stopped after half of it
+STOPPING = 0.2  # s of driving at the present speed: the robot's stopping distance
+MOST_PAUSES = 20  # in a row, without a movement found
+MOST_PAUSES_UNSEEN = 3  # the same by dead reckoning, whose uncertainty does not shrink in a pause
+LOST = 500_000  # us without a call from which the drive counts as interrupted
+MOST_OPENINGS = 3  # attempts, if drives are interrupted
+REMEMBERED, SPARE = 4, 1.25  # decisions whose duration counts; the next one gets this factor times the longest of them
 INTERRUPTED = "The drive was interrupted for {seconds:.1f} s; it goes on from rest."
 NEAR_THE_BORDER = "Stopped near the border of the floor, where no prediction had the robot; it goes on from rest."
 Deciding = Callable[[], Decision | None]
@@ -110,7 +110,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Shift:
-    """How places of one frame lie in another: turned about the origin, then moved by x and y [m]."""
+    """Transformation of places into another frame: turned about the origin, then moved by x and y [m]."""
 
     x: float = 0.0
     y: float = 0.0
@@ -118,7 +118,7 @@ class Shift:
 
     @classmethod
     def between(cls, place: Place, same: tuple[float, float, float]) -> "Shift":
-        """Return what makes a place the `same` one, x, y [m], theta [rad], in the other frame."""
+        """Return the shift that makes a place the `same` one, x, y [m], theta [rad], in the other frame."""
         turned = cls(theta=same[2] - place.theta).of(place)
         return cls(same[0] - turned.x, same[1] - turned.y, same[2] - place.theta)
 
@@ -130,11 +130,11 @@ class Shift:
 
 
 class Driving:
-    """The commands of an investigation. It is `finished` in the end; `problem` says why, if before its time.
+    """The commands of an investigation. `finished` is set in the end, and `problem` if it ended early.
 
-    `recording` returns all that was recorded so far. `note` is the newest sentence for people, `drove` [s] how long
-    movements took so far. Where no poses are reported, decisions say where the robot was by dead reckoning; the places
-    given here, which drift in their own way, only tell how it moved since then.
+    `recording` returns the whole recording so far. `note` is the newest sentence for people, `drove` [s] the driving
+    time so far. Without poses, decisions contain the robot's place by dead reckoning; the places given here, which
+    drift differently, only give the motion since then.
     """
 
     def __init__(self, investigation: Investigation, recording: Callable[[], Recording], planner: Planner) -> None:
@@ -146,12 +146,12 @@ class Driving:
         self._recording, self._planner = recording, planner
         self._planned: Planned | None = None
         self._pauses, self._openings, self._last = 0, 0, 0
-        self._late_since: int | None = None  # since when [us] the robot rests because a plan came too late
+        self._late_since: int | None = None  # start [us] of a rest because of a late plan
         self._shift, self._doubt = Shift(), 0.0
         self._place = self._asked_at = Place(0.0, 0.0, 0.0, 0.0)
 
     def command(self, utime: int, place: Place) -> tuple[float, float]:
-        """Return the duties (left, right) at `utime` [us] of a robot that is at this place."""
+        """Return the duties (left, right) at `utime` [us] of a robot at this place."""
         if self.finished:
             return 0.0, 0.0
         self._place = place
@@ -180,7 +180,7 @@ class Driving:
         self._drive(movement, utime)
 
     def _resume(self, utime: int, place: Place) -> None:
-        """Go on after an interruption. An opening begins again: without it the first choices rest on nothing."""
+        """Go on after an interruption. An opening begins again: the first choices need its data."""
         self.note = INTERRUPTED.format(seconds=(utime - self._last) * SECONDS)
         is_opening = self.movement is not None and self.movement.name == OPENING
         self._break_off(self._last)
@@ -203,7 +203,7 @@ class Driving:
             self._plan()
 
     def _rest(self, utime: int, note: str = "") -> None:
-        """Stand still for a while, and plan the following movement."""
+        """Stand still for a while and plan the following movement."""
         self.note = note or self.note
         self._break_off(utime)
         pause = Movement("pause", np.zeros((math.ceil(PAUSE / PERIOD), 2)))
@@ -211,7 +211,7 @@ class Driving:
         self._plan()
 
     def _break_off(self, utime: int) -> None:
-        """End the movement; what is not driven any more of it took no time."""
+        """End the movement; its undriven rest does not count as driving time."""
         if self.movement is not None and self._planned is not None:
             self.drove -= max(0, self._planned.ends - utime) * SECONDS
         self.movement = None
@@ -223,7 +223,7 @@ class Driving:
         self._planner.begin(lambda: self.investigation.decide(recording, planned, least))
 
     def _go_on(self, utime: int) -> None:
-        """Drive what was planned behind the movement that ended; if a plan comes too late, plan again from rest."""
+        """Start the movement planned to follow the finished one; if the plan comes too late, plan again from rest."""
         assert self._planned is not None
         there, decision = self._planner.result()
         stands = self.movement is None

@@ -27,9 +27,9 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Floats, Times
 
-NEAR = 0.4  # of the margin: a name that is nearer is not ruled out
+NEAR = 0.4  # share of the evidence for a name, from which an explanation is suspected
 LONGEST = 60.0  # s of driving
-LONG_ENOUGH = 20.0  # s of driving, after which it can be said what will not show
+LONG_ENOUGH = 20.0  # s of driving after which effects that will not show are given up
 HOPE = BELIEF * 6.0**2  # squared distance that is worth waiting for: six deviations
 OPENING = "opening"  # the name of the first movement
 UNDER_WAY = 0.6  # s: older commands have arrived
@@ -43,7 +43,7 @@ UNSURE = "Without poses, the robot's place is too unsure for any movement: it ma
 
 @dataclass(frozen=True)
 class Step:
-    """One decision of the story: when [s since the drive began], what was likeliest, how sure, and what was chosen.
+    """One decision of the story: when [s since the drive began], the likeliest explanation, its odds, and the choice.
 
     `held_back` says why the likeliest effect is not named, whatever its odds.
     """
@@ -59,10 +59,10 @@ class Step:
 
 @dataclass
 class Decision:
-    """What came of looking at the data: effects `named`, the movement to drive next, None when it is over, and why.
+    """The result of a decision: effects `named`, the next movement, None at the end, and its reason.
 
-    `held_back` says why the likeliest effect is not among them, whatever its odds. `reckoned` is where the robot was
-    then by dead reckoning, None where its poses are reported.
+    `held_back` says why the likeliest effect is not among them, whatever its odds. `reckoned` is the robot's place by
+    dead reckoning at that time, None if poses are reported.
     """
 
     judgement: Judgement
@@ -77,7 +77,7 @@ class Decision:
 
 @dataclass
 class Planned:
-    """What is still to be driven: commands at `utime` [us], (n,), of `duty` (n, 2), until `ends` [us]."""
+    """The commands still to be driven: at `utime` [us], (n,), of `duty` (n, 2), until `ends` [us]."""
 
     utime: Times
     duty: Floats
@@ -91,13 +91,12 @@ class Planned:
 
 
 class Investigation:
-    """Finds out what a robot's model gets wrong, on a `floor`; `nominal` is what is believed of the robot.
+    """Finds out what a robot's model gets wrong, on a `floor`; `nominal` are the parameters assumed at first.
 
-    `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `story` are
-    the decisions. `unexplained` is what remained beside these names when they were last looked at. It ends `longest`
-    [s] after it began, not counting what the robot `waited` [s] for late decisions.
-    With `at_random` movements are drawn, not chosen; to `calibrate` is to end as soon as the robot's own parameters are
-    known.
+    `found` are the effects found so far; those `named` are still valid and large enough to matter. `story` lists the
+    decisions. `unexplained` is the structure that remained beside these names at the last check. It ends `longest` [s]
+    after it began, not counting the time `waited` [s] for late decisions. With `at_random` movements are drawn, not
+    chosen. With `calibrate` it ends as soon as the robot's own parameters are known.
     """
 
     def __init__(
@@ -120,7 +119,7 @@ class Investigation:
         self._at_random, self._calibrate = at_random, calibrate
         self._naming, self._growth = Naming(), Growth()
         self._sought: tuple[str, ...] = ()  # effects that a calibration drives for
-        self._start: tuple[float, float, float] | None = None  # where the robot was put down: x, y [m], theta [rad]
+        self._start: tuple[float, float, float] | None = None  # initial pose of the robot: x, y [m], theta [rad]
 
     def opening(self, x: float, y: float, theta: float) -> tuple[Movement, str]:
         """Return the first movement of a robot at rest at this pose, and a sentence that says why it must not drive."""
@@ -134,9 +133,9 @@ class Investigation:
         return whole, "" if keeps_to(self.floor, paths(still, [with_waiting], robots)[0]) else DATA_SHEET
 
     def decide(self, recording: Recording, planned: Planned, least: float = 0.0) -> Decision | None:
-        """Look at the recording so far and choose what to drive after what is `planned`; None while it is too short.
+        """Choose from the recording so far what to drive after `planned`; return None while the recording is too short.
 
-        Of movements, those that take `least` [s] or longer are chosen from: in so long the next decision is made.
+        Only movements of `least` [s] or longer are candidates: the next decision takes so long.
         """
         with threadpool_limits(1, "blas"):
             problem = beliefs_of(recording, self.nominal, self.floor.extent, self._put_down)
@@ -178,18 +177,18 @@ class Investigation:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The effects found that stand at the odds of a name, and are large enough to matter."""
+        """The effects found that still reach the odds of a name and are large enough to matter."""
         return self._naming.named
 
     @property
     def doubted(self) -> tuple[str, ...]:
-        """The effects found that do not stand at the odds of a name any more."""
+        """The effects found that no longer reach the odds of a name."""
         return self._naming.doubted
 
     def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
         """Return whether the investigation is complete: all other effects would have shown, or its time is over.
 
-        Of a calibration, note which effects are sought.
+        For a calibration, note which effects are sought.
         """
         self._sought = ()
         if time - self.waited > self.longest:
@@ -210,7 +209,7 @@ class Investigation:
         return own.is_calibrated
 
     def _without_hope(self, known: Told, judgement: Judgement) -> Told:
-        """Return what is known, with all that will not show here, however the rest of the drive is spent."""
+        """Return the information with all effects that cannot show here, however the rest of the drive is spent."""
         time = judgement.problem.last
         self._growth.note(time - self.waited, known.seen, judgement.named)
         if time - self.waited < LONG_ENOUGH:
@@ -237,7 +236,7 @@ class Investigation:
 
 
 def _situation(judgement: Judgement, recording: Recording, planned: Planned, limits: Limits) -> Situation:
-    """Return where the robot is by the best explanation, and what it is about to do."""
+    """Return the robot's state by the best explanation, and its pending commands."""
     problem, values = judgement.problem, judgement.best.values
     segment = problem.predictors[-1].segment
     observations = segment.observations
@@ -274,7 +273,7 @@ def _interval(utime: Times) -> float | None:
 
 
 def _effort(problem: Beliefs, motion: Floats, values: Mapping[str, float]) -> tuple[float, float]:
-    """Return what the battery has given [s of load share 1] and how warm the motors are, as the model has them."""
+    """Return the energy drawn from the battery [s of load share 1] and the motors' heat, by the model."""
     result = 0.0, 0.0
     borders = problem.batch.borders
     for number, predictor in enumerate(problem.predictors):

@@ -1,7 +1,7 @@
-"""All that was measured so far as one problem, with what is known beforehand of the robot's parameters and of effects.
+"""All measurements so far as one problem, with priors of the robot's parameters and of the effects.
 
 Priors are further white errors: (value - mean) / deviation of each parameter. So the estimator's fits find the most
-likely values, and what a few seconds of driving do not determine stays where it is expected.
+likely values, and what a few seconds of driving do not determine stays at its prior mean.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,11 +24,11 @@ from cmr.recordings.recording import Recording
 from cmr.recordings.signal import Floats, Mask
 
 PARAMETERS = ("k2_over_k3", "k1", "base_width")
-DOUBT = {"k2_over_k3": 0.30, "k1": 0.15, "base_width": 0.15}  # share by which data sheets are off
-SIZES = 2.5  # typical sizes: standard deviation of what sizes of effects may be
+DOUBT = {"k2_over_k3": 0.30, "k1": 0.15, "base_width": 0.15}  # share by which data sheets are wrong
+SIZES = 2.5  # typical sizes: standard deviation of the sizes of effects
 PATCH_RADIUS, PATCH_DOUBT = 0.4, 0.125  # m
-LARGEST_PAST = 1.0 / 20.0  # of the drive, from which errors are predicted: of a few seconds a longer one fits chance
-OF_PRIORS = -1  # the fold of errors of priors
+LARGEST_PAST = 1.0 / 20.0  # share of the drive: longest past for predicting errors; in a short drive, more fits chance
+OF_PRIORS = -1  # the fold of the priors' errors
 TURNING = 2.0  # rad/s, of usual turns
 Place = tuple[float, float, float]  # x, y [m], theta [rad]
 Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation, by parameter
@@ -37,7 +37,7 @@ Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation, by par
 class Beliefs(Problem):
     """A problem in which parameters have a normal `prior`; the last rows of its white errors are theirs.
 
-    `own` are the robot's own parameters, which every explanation has free.
+    `own` are the robot's own parameters, which are free in every explanation.
     """
 
     def __init__(
@@ -51,26 +51,26 @@ class Beliefs(Problem):
         super().__init__(predictors, gains, excitation)
         self.prior, self.own = prior, tuple(own)
 
-        # How far neutral values are away: effects that are off need no look.
+        # Distance of neutral values: effects that are off need no evaluation.
         neutral = [(definition(name).neutral, *about) for name, about in prior.items()]
         self._away = np.array([np.nan if value is None else (value - mean) / std for value, mean, std in neutral])
 
-        # What is known beforehand is left out together, as a fold of its own.
+        # All priors are left out together, as a fold of their own.
         self.folds = np.concatenate([self.folds, np.full(len(prior), OF_PRIORS)])
 
     @property
     def rows_of_data(self) -> int:
-        """How many white errors there are of readings."""
+        """The number of white errors of readings."""
         return self.batch.rows
 
     @property
     def last(self) -> float:
-        """When the newest data arose: how long the drive took so far [s]."""
+        """The time of the newest data: the duration of the drive so far [s]."""
         newest = self.predictors[-1].segment.observations
         return newest.time + newest.seconds
 
     def since(self, moment: float) -> Mask:
-        """Return which white errors of readings arose after a moment, which was the last one once, shape (n,)."""
+        """Return which white errors of readings are newer than a moment that was the last one once, shape (n,)."""
         return np.concatenate(
             [
                 times + predictor.segment.observations.time > moment
@@ -80,12 +80,12 @@ class Beliefs(Problem):
         )
 
     def found(self, errors: Sequence[Errors]) -> Noise:
-        """Return the noise that the errors of the first candidate in each segment show, as far as so few can."""
+        """Return the noise of the first candidate's errors in each segment, as far as so few errors determine it."""
         joined = self.batch.joined(errors)
         return with_rests(Noise.found(self.batch, joined, LARGEST_PAST), self.batch, joined)
 
     def white(self, values: Mapping[str, Quantity], noise: Noise) -> Floats:
-        """Return all prediction errors made white and tempered, then those of the priors, shape (n, C)."""
+        """Return all prediction errors, whitened and tempered, then those of the priors, shape (n, C)."""
         white = super().white(values, noise)
         away = np.repeat(self._away[:, None], white.shape[1], axis=1)
         for row, (name, (mean, std)) in enumerate(self.prior.items()):
@@ -97,16 +97,16 @@ class Beliefs(Problem):
 def prior_of(
     nominal: Mapping[str, float], excitation: Excitation, floor_extent: float
 ) -> dict[str, tuple[float, float]]:
-    """Return what is known beforehand: of the paper's parameters by the `nominal` ones, of effects by usual sizes.
+    """Return the priors: of the paper's parameters from the `nominal` ones, of effects from usual sizes.
 
-    Places of a patch lie on the floor, within `floor_extent` [m] of its middle, more or less.
+    Places of a patch lie on the floor, roughly within `floor_extent` [m] of its middle.
     """
     own = {name: (nominal[name], share * nominal[name]) for name, share in DOUBT.items()}
     return own | prior_of_effects(excitation, floor_extent)
 
 
 def prior_of_effects(excitation: Excitation, extent: float) -> dict[str, tuple[float, float]]:
-    """Return what is known beforehand of effects: usual sizes; places of a patch within `extent` [m], more or less."""
+    """Return the priors of effects: usual sizes; places of a patch roughly within `extent` [m]."""
     prior: dict[str, tuple[float, float]] = {}
     for effect in CATALOGUE.values():
         for parameter in effect.parameters:
@@ -120,9 +120,9 @@ def prior_of_effects(excitation: Excitation, extent: float) -> dict[str, tuple[f
 def beliefs_of(
     recording: Recording, nominal: ParameterFile, extent: float, start: Place = (0.0, 0.0, 0.0)
 ) -> Beliefs | None:
-    """Return the problem of a recording; None while too little was recorded.
+    """Return the problem of a recording; None while the recording is too short.
 
-    `nominal` gives wheel_radius, k2_over_k3, k1 and base_width, `extent` [m] how far the floor reaches. Without poses
+    `nominal` gives wheel_radius, k2_over_k3, k1 and base_width, `extent` [m] half the size of the floor. Without poses
     the drive begins at `start`: x, y [m], theta [rad].
     """
     segments = segments_of(recording, (), 0)

@@ -1,8 +1,8 @@
-"""Withdraw names: effects found one by one are kept only while no other set explains the data better.
+"""Withdraw names: effects found one by one stay only while no other set explains the data better.
 
-Greedy naming takes unequal gain and unequal back-EMF for one asymmetry of torque, and slip for two latencies. So each
-effect that was found is weighed again at every decision: against the model without it, and against exchanges, in which
-up to two effects leave and up to two others come (`cmr.estimation.search.exchange`).
+Greedy naming mistakes unequal gain and unequal back-EMF for one asymmetry of torque, and slip for two latencies. So
+each effect found is tested again at every decision: against the model without it, and against exchanges of up to two
+effects for up to two others (`cmr.estimation.search.exchange`).
 """
 
 from collections.abc import Mapping
@@ -13,12 +13,12 @@ from cmr.estimation.search.exchange import best_exchange, penalty_of
 from cmr.investigation.judging import Judgement, penalty
 from cmr.model.catalogue import CATALOGUE
 
-SURELY = 60.0  # evidence, to first order, with which an effect needs no fit without it
+SURELY = 60.0  # evidence, to first order, from which an effect needs no fit without it
 
 
 @dataclass(frozen=True)
 class Revision:
-    """Another set of effects `names` that explains the data better by the evidence `lead`, where its fit begins."""
+    """Another set of effects `names` that explains the data better by the evidence `lead`, and the start of its fit."""
 
     names: tuple[str, ...]
     lead: float
@@ -26,9 +26,9 @@ class Revision:
 
 
 def evidence_beside(judgement: Judgement) -> dict[str, float]:
-    """Return the evidence of each effect found, beside all others found, by name: what the model lacks without it.
+    """Return the evidence of each effect found, beside all others found, by name: the loss of the model without it.
 
-    The others are fitted again to first order; where that leaves doubt, in full.
+    The others are fitted again to first order; if that is not decisive, in full.
     """
     problem, base = judgement.problem, judgement.base
     others = problem.without(base, [[CATALOGUE[name]] for name in judgement.named])
@@ -46,7 +46,7 @@ def evidence_beside(judgement: Judgement) -> dict[str, float]:
 def revision(judgement: Judgement, beside: Mapping[str, float]) -> Revision | None:
     """Return the set of effects that explains the data better than those found; None if none does.
 
-    `beside` is the evidence of each effect beside the others: the one that is needed least leaves if it is not needed.
+    `beside` is the evidence of each effect beside the others: the one with the least leaves if it is not needed.
     """
     least = min(beside, key=lambda name: beside[name])
     if beside[least] < 0.0:

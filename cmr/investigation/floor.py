@@ -8,12 +8,12 @@ import numpy as np
 from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.recordings.signal import Floats
 
-MARGIN = 0.14  # m that the robot's centre keeps from the border: half a small robot, and what predictions are off
+MARGIN = 0.14  # m between the robot's centre and the border: half a small robot, and the error of predictions
 ROBOT_RADIUS = 0.12  # m, of another robot
 
 
 class Floor:
-    """The floor of a robot: its centre keeps `margin` [m] from the border of `fence`, and from what stands on it."""
+    """The floor of a robot: its centre keeps `margin` [m] from the border of `fence` and from obstacles."""
 
     def __init__(self, fence: Geofence, *, margin: float = MARGIN, obstacles: Obstacles | None = None) -> None:
         self.fence, self.margin = fence, margin
@@ -40,9 +40,9 @@ class Floor:
         return Floor(self.fence, margin=self.margin, obstacles=obstacles)
 
     def room(self, x: Floats, y: Floats) -> Floats:
-        """Return by how much [m] places are further from all that is to be avoided than they must; below 0 if not.
+        """Return the distance [m] of places from obstacles and borders beyond the required one; below 0 if too near.
 
-        What is no number has no room: minus infinity. The shape is that of x and y.
+        A place that is not a number has minus infinity. The shape is that of x and y.
         """
         away = self.fence.distance(x, y)
         room = np.where(self.fence.contains(x, y), away, -away)

@@ -1,8 +1,8 @@
 """Weigh the explanations on all data so far: nothing more, or one more effect of the catalogue beside those named.
 
-Each explanation is fitted with priors, from where the last decision left it, and from where a score test says that it
-explains most; the better fit counts. One noise model, that of the score test, holds for all, so that no rival hides in
-its own. With the drop D of the sum of squares and k parameters of its own among n white errors,
+Each explanation is fitted with priors, from its last fit and from the values that promise most in a score test; the
+better fit counts. All have the same noise model, that of the score test, so that no rival hides in its own. With the
+drop D of the sum of squares and k parameters of its own among n white errors,
 
     evidence = D - k log n - rarity,
 
@@ -24,23 +24,23 @@ from cmr.model.catalogue import CATALOGUE
 
 ODDS = 1000.0  # at which an effect is named, or excluded
 NAMED = 2.0 * math.log(ODDS)
-OPEN = 18.0  # evidence (twice a logarithm of odds) by which an explanation that is left is at most behind the best
+OPEN = 18.0  # evidence (twice a logarithm of odds) by which a remaining explanation is at most behind the best
 FITTED_BEHIND = 30.0  # explanations further behind are not fitted, only scored
 MOST_FITTED = 10  # explanations that are fitted at once, the most promising ones first
-HOPEFUL = 0.5  # of the best score: slopes promise more, or less, than a fit keeps
-MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which noise is looked for; drop that each must promise
-OTHER_SIZES, MOST_UNSTUCK = (0.6, 0.8, 1.25, 1.6), 3  # times the fitted one; of so many rough effects
-BETTER_START = 3.0  # by which a score must promise more than a fit has, for the fit to begin again
-HARDLY_NEW = 1.15  # of the time that the last judgement had
-NOTHING = ""  # the name of the explanation that there is nothing more
+HOPEFUL = 0.5  # share of the best score: a fit keeps more or less than slopes promise
+MOST_BESIDE, WORTH_EXPLAINING = 2, 20.0  # effects beside which the noise is estimated; drop that each must promise
+OTHER_SIZES, MOST_UNSTUCK = (0.6, 0.8, 1.25, 1.6), 3  # factors on the fitted size; number of rough effects to try
+BETTER_START = 3.0  # by which a score must exceed the fit for the fit to begin again
+HARDLY_NEW = 1.15  # ratio to the time of the last judgement
+NOTHING = ""  # the name of the explanation without a further effect
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """One effect, by `name`, beside those that are named, or NOTHING more.
+    """One effect, by `name`, beside the named ones, or NOTHING more.
 
-    `values` are all values of the model, `drop` that of the sum of squares against nothing more, `penalty` what it must
-    explain at least. One that is not `fitted` was only scored.
+    `values` are all values of the model, `drop` is the drop of the sum of squares against nothing more, `penalty` the
+    least drop required. An explanation that is not `fitted` was only scored.
     """
 
     name: str
@@ -57,9 +57,9 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the data say: the fit with nothing more than the effects `named`, and all explanations, best first.
+    """The fit with nothing more than the effects `named`, and all explanations, best first.
 
-    `screening` is what every effect would explain beside the fit, to first order.
+    `screening` contains the first-order gain of every effect beside the fit.
     """
 
     problem: Beliefs
@@ -80,11 +80,11 @@ class Judgement:
 
     @property
     def left(self) -> tuple[Explanation, ...]:
-        """The explanations that are left: not far behind the best, best first."""
+        """The remaining explanations: not far behind the best, best first."""
         return tuple(one for one in self.explanations if one.evidence > self.best.evidence - OPEN)
 
     def of(self, name: str) -> Explanation | None:
-        """Return the explanation of this name; None where it was not looked at."""
+        """Return the explanation of this name; None if it was not evaluated."""
         return self._by_name.get(name)
 
     def is_large(self, name: str, values: Mapping[str, float]) -> bool:
@@ -134,7 +134,7 @@ def judge(
 
 
 def ahead_since(judgement: Judgement, other: Explanation, moment: float) -> float:
-    """Return by how much the likeliest explanation is ahead of another one by the data after a moment alone."""
+    """Return the lead of the likeliest explanation over another one by the data after a moment alone."""
     problem = judgement.problem
     white = problem.white(lanes_of([judgement.best.values, other.values]), judgement.noise)[: problem.rows_of_data]
     own, others = np.sum(white[problem.since(moment)] ** 2, axis=0)
@@ -151,11 +151,11 @@ def _promise(name: str, scored: Mapping[str, Score]) -> float:
 
 
 def _noise(problem: Beliefs, named: Sequence[str], start: Mapping[str, float], before: Judgement | None) -> Noise:
-    """Return the noise that is left beside one of a few models: nothing more, the last best, the most telling effects.
+    """Return the noise beside one of a few models: nothing more, the last best, the effects with the most information.
 
-    Noise found beside a model that lacks something takes that for noise; found beside one that has too much it makes
-    just that look likely. So each model is judged with the noise beside it, by its likelihood less its parameters'.
-    Which effects tell most is looked up in the last judgement, where hardly any data are new.
+    A model without a present effect overestimates the noise; one with too many effects makes just these look likely. So
+    each model is judged with its own noise, by its likelihood minus the penalty of its parameters. The strongest
+    effects are taken from the last judgement if hardly any data are new.
     """
     free = (*problem.own, *own_parameters(named))
     if before is not None and before.named == tuple(named) and problem.last < HARDLY_NEW * before.problem.last:
@@ -201,7 +201,7 @@ def _most_telling(screening: Screening, free: Sequence[str]) -> list[Score]:
 
 
 def penalty(name: str, problem: Beliefs) -> float:
-    """Return what an effect must explain to be as likely as nothing more."""
+    """Return the drop that makes an effect as likely as nothing more."""
     return len(CATALOGUE[name].parameters) * math.log(max(problem.rows_of_data, 2)) + rarity(name)
 
 
@@ -220,9 +220,9 @@ def _hopeful_fitted(
     scored: Mapping[str, Score],
     known: Mapping[str, tuple[float, Mapping[str, float]]],
 ) -> dict[str, Fit]:
-    """Return the best fit of each explanation, by name, whose evidence may by its score be near the best one's.
+    """Return the best fit of each explanation, by name, whose score may bring its evidence near the best one's.
 
-    A score promises more than a fit keeps: what was only scored must not be near the best, let alone lead.
+    A score promises more than a fit keeps: an explanation that was only scored must not be near the best or lead.
     """
     order = sorted(hopes, key=lambda name: -hopes[name])
     enough = HOPEFUL * max(hopes.values(), default=0.0) - FITTED_BEHIND
@@ -253,9 +253,10 @@ def _fitted(
 
 
 def _unstuck(problem: Beliefs, base: Fit, fits: Mapping[str, Fit]) -> dict[str, Fit]:
-    """Return better fits of rough effects that explain most, by name, as other sizes lead to.
+    """Return better fits of the strongest rough effects, by name, from other sizes.
 
-    The sum of squares of what has a threshold is rough: a fit stays where it began, and a worse explanation may win.
+    The sum of squares of an effect with a threshold is rough: a fit stays at its start, and a worse explanation may
+    win.
     """
     leading = sorted((name for name in fits if _may_be_stuck(name)), key=lambda name: fits[name].squares)
     leading = [name for name in leading if base.squares - fits[name].squares > WORTH_EXPLAINING][:MOST_UNSTUCK]
@@ -287,7 +288,7 @@ def _resized(name: str, values: Mapping[str, float], factor: float) -> dict[str,
 def _starts(
     name: str, base: Fit, scored: Mapping[str, Score], known: Mapping[str, tuple[float, Mapping[str, float]]]
 ) -> Iterator[dict[str, float]]:
-    """Yield values from which an explanation is fitted: where it was, and where a score promises more than that."""
+    """Yield starting values of an explanation's fit: its last fit, and those whose score promises more."""
     before = known.get(name)
     if before is not None:
         yield dict(before[1])

@@ -11,16 +11,16 @@ from cmr.recordings.signal import Floats, Mask
 
 PERIOD = 0.02  # s between two commands
 FINE, LONGEST_RAMP = 0.01, 0.2  # s: between two duties on a ramp, and of the last one
-SMALLEST, LARGEST = 0.067, 0.9  # duty: below that friction holds, and above real motors no longer obey
+SMALLEST, LARGEST = 0.067, 0.9  # duty: friction holds below, and real motors no longer obey above
 OPENING, FASTER = 0.25, 0.5  # duty
 REVERSAL = 0.24  # s
 LENGTHS = (1.0, 1.5, 2.0, 3.0)  # s
-HOLDS = (0.04, 0.08, 0.16)  # s for which a random telegraph holds
+HOLDS = (0.04, 0.08, 0.16)  # s for which a random telegraph signal holds
 FREQUENCIES = (0.3, 7.5)  # Hz of multisines
-SHARES = (1.0, 0.75, 0.5, 0.0, -0.5, -1.0)  # of the outer side's duty that the inner side gets
+SHARES = (1.0, 0.75, 0.5, 0.0, -0.5, -1.0)  # ratios of the inner side's duty to the outer side's
 MOST_OF_SINES = 5
 CANDIDATES = 90
-ACROSS = 1.8  # times the way to the middle, that lead to the other side
+ACROSS = 1.8  # factor on the distance to the middle for a movement to the other side
 TOWARDS_SECONDS = (1.0, 1.5, 2.0)
 Random = np.random.Generator
 Profile = Callable[[Random, Floats, float], Floats]
@@ -28,27 +28,27 @@ Profile = Callable[[Random, Floats, float], Floats]
 
 @dataclass(frozen=True)
 class Movement:
-    """Duties of the left and the right side, shape (n, 2), each held for PERIOD; `name` says what it is."""
+    """Duties of the left and the right side, shape (n, 2), each held for PERIOD, with a `name`."""
 
     name: str
     duty: Floats
 
     @property
     def seconds(self) -> float:
-        """How long it takes [s]."""
+        """Its duration [s]."""
         return len(self.duty) * PERIOD
 
     @property
     def time(self) -> Floats:
-        """When each duty is commanded [s since the movement's beginning], (n,)."""
+        """The time of each command [s since the movement's beginning], (n,)."""
         return _raster(len(self.duty))
 
 
 def ramped(time: Floats, duty: Floats, limits: Limits, begin: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Return what a driver with these limits makes of commands at `time` [s], (n,), with `duty` (n, 2).
+    """Return the duties that a driver with these limits sends for commands at `time` [s], (n,), with `duty` (n, 2).
 
-    It begins at the duties `begin`. Times are further apart than FINE; each is followed by what the driver sends until
-    the duty is reached. A command that repeats the duty that is reached is left out.
+    It begins at the duties `begin`. Times are further apart than FINE; after each follow the steps of the ramp until
+    the duty is reached. Commands that repeat the present duty are left out.
     """
     times: list[float] = []
     duties: list[tuple[float, float]] = []
@@ -65,19 +65,19 @@ def ramped(time: Floats, duty: Floats, limits: Limits, begin: tuple[float, float
 
 
 def _changes(duty: Floats) -> Mask:
-    """Return which rows of `duty` (n, 2) are not as the one before, the first one included, (n,)."""
+    """Return which rows of `duty` (n, 2) differ from the one before, the first one included, (n,)."""
     return np.concatenate([[True], np.any(duty[1:] != duty[:-1], axis=1)])
 
 
 def opening() -> list[Movement]:
-    """Return what every investigation begins with: a rest, spins both ways, and straight on and back."""
+    """Return the first movement of every investigation: a rest, spins both ways, and straight on and back."""
     rest = Movement("rest", np.zeros((50, 2)))
     spins = Movement("spin both ways", _held((-OPENING, OPENING), (OPENING, -OPENING)))
     return [rest, spins, Movement("forth and back", _held((OPENING, OPENING), (-OPENING, -OPENING)))]
 
 
 def waiting() -> Movement:
-    """Return what is driven on the spot while the first choice is made: reversals, faster than the opening."""
+    """Return the movement on the spot during the first choice: reversals, faster than the opening."""
     left = np.tile(np.repeat((FASTER, -FASTER), _count(REVERSAL)), 2)
     return Movement("reversals, on the spot", np.stack([left, -left], axis=1))
 
@@ -106,7 +106,7 @@ def towards(distance: float, speed: float, random: Random, least: float = 0.0) -
 
 
 def _long_enough(lengths: Sequence[float], least: float) -> Sequence[float]:
-    """Return the lengths [s] that are not shorter than `least`; the longest where all are."""
+    """Return the lengths [s] that are not shorter than `least`; the longest one if all are."""
     return [one for one in lengths if one >= least] or [max(lengths)]
 
 

@@ -1,4 +1,4 @@
-"""Name effects that are certain, one by one, and withdraw those that a better set of effects does not contain."""
+"""Name certain effects one by one, and withdraw those that a better set of effects does not contain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.judging import NAMED, NOTHING, Explanation, Judgement, ahead_since, judge, own_parameters
 from cmr.model.catalogue import CATALOGUE
 
-# Evidence that the data after the first suspicion must have of their own, as a share of the margin then, within bounds.
+# Evidence required from the data after the first suspicion alone, as a share of the margin then, within bounds.
 CONFIRMED_SHARE, CONFIRMED = 0.1, (4.0, NAMED)
 LOCAL = 8.0  # drop by which effects at a place or a time must lose by the data, not by their number of parameters
 TOO_SMALL = "too small to matter"
@@ -21,7 +21,7 @@ NOT_CONFIRMED = "later data must confirm it"
 
 @dataclass
 class _Suspect:
-    """An effect that reached the odds first with this margin, by the data that arose until `moment`."""
+    """An effect that first reached the odds with this margin, by the data up to `moment`."""
 
     name: str
     margin: float
@@ -29,10 +29,10 @@ class _Suspect:
 
 
 class Naming:
-    """What is found as data come in.
+    """The effects found as data come in.
 
-    `found` are the effects found so far, of which those `named` still stand and are large enough to matter; `judgement`
-    is the newest one. `unconfirmed` says of a suspect, by name, how much evidence data to come must still bring.
+    `found` are the effects found so far; those `named` are still valid and large enough to matter. `judgement` is the
+    newest one. `unconfirmed` is the evidence that new data must still add for a suspect, by name.
     """
 
     def __init__(self) -> None:
@@ -45,17 +45,17 @@ class Naming:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The effects found that stand at the odds of a name, and are large enough to matter."""
+        """The effects found that still reach the odds of a name and are large enough to matter."""
         return tuple(name for name in self.found if name not in self._doubted and self._matters(name))
 
     @property
     def doubted(self) -> tuple[str, ...]:
-        """The effects found that do not stand at the odds of a name any more."""
+        """The effects found that no longer reach the odds of a name."""
         return tuple(name for name in self.found if name in self._doubted)
 
     @property
     def held_back(self) -> str:
-        """Why the likeliest explanation is not named, whatever its odds; empty where nothing more is likelier."""
+        """Why the likeliest explanation is not named, whatever its odds; empty if nothing more is likelier."""
         judgement = self.judgement
         if judgement is None or judgement.best.name == NOTHING:
             return ""
@@ -73,7 +73,7 @@ class Naming:
         return self.judgement.is_large(name, self.judgement.base.values)
 
     def judged(self, problem: Beliefs) -> Judgement:
-        """Return the judgement of all data, after adding to what is found what is sure enough."""
+        """Return the judgement of all data, after adding the effects that are certain enough."""
         before = self.judgement
         usable = {*problem.own, *own_parameters(_fitted(self.found))}
         last = before.base.values if before else {}
@@ -91,7 +91,7 @@ class Naming:
     def _revised(self, judgement: Judgement) -> Judgement:
         """Return the judgement beside another set of effects, if that was clearly better twice in a row.
 
-        What another set lacks that explains the data better, and what the data may do without, is doubted.
+        An effect that a better set lacks, and that the data do not need, is doubted.
         """
         self._doubted = frozenset()
         if not judgement.named:
@@ -113,7 +113,7 @@ class Naming:
         return judge(judgement.problem, _fitted(self.found), found.values)
 
     def _confirmed(self, judgement: Judgement) -> str:
-        """Return the effect that is sure now; NOTHING where none is."""
+        """Return the effect that is certain now; NOTHING if none is."""
         best, sure = judgement.best, margin(judgement)
         self.unconfirmed = {}
         if best.name == NOTHING or sure < NAMED:
@@ -136,16 +136,16 @@ class Naming:
 
 
 def margin(judgement: Judgement) -> float:
-    """Return by how much evidence the likeliest explanation is ahead of all that are not the same mathematics.
+    """Return the evidence by which the likeliest explanation leads all that are not mathematically the same.
 
-    It is 0 at most while one of a place or a time, which has many parameters, explains the data nearly as well.
+    It is at most 0 while an effect of a place or a time, with its many parameters, explains the data nearly as well.
     """
     ahead = min((judgement.best.evidence - one.evidence for one in _rivals(judgement)), default=0.0)
     return min(ahead, 0.0) if _close_local(judgement) is not None else ahead
 
 
 def _close_local(judgement: Judgement) -> Explanation | None:
-    """Return an explanation of a place or a time that explains the data nearly as well as the likeliest, if any."""
+    """Return an effect of a place or a time that explains the data nearly as well as the likeliest, if any."""
     close = (
         one for one in _rivals(judgement) if _is_local(one) and one.fitted and judgement.best.drop - one.drop < LOCAL
     )
@@ -153,7 +153,7 @@ def _close_local(judgement: Judgement) -> Explanation | None:
 
 
 def _rivals(judgement: Judgement) -> list[Explanation]:
-    """Return the explanations beside the likeliest that are not the same mathematics, the nearest first."""
+    """Return the explanations beside the likeliest that are not mathematically the same, the nearest first."""
     return [one for one in judgement.explanations[1:] if frozenset((judgement.best.name, one.name)) not in SAME]
 
 
@@ -162,5 +162,5 @@ def _is_local(one: Explanation) -> bool:
 
 
 def _fitted(named: Sequence[str]) -> tuple[str, ...]:
-    """Return the named effects that fits have."""
+    """Return the named effects that are part of fits."""
     return tuple(name for name in named if name != TICKS)

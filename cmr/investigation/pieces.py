@@ -1,7 +1,7 @@
 """Examine pieces of recordings one by one, each time the one that best separates the remaining explanations.
 
-Of a piece that was not looked at only its inputs are known: commands, or wheel speeds where none were recorded. What
-its sensors would tell is predicted as for a movement that a robot might drive.
+Of an unexamined piece only the inputs are known: commands, or wheel speeds if none were recorded. Its sensor readings
+are predicted as for a movement that a robot might drive.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,25 +23,24 @@ from cmr.parameters.file import ParameterFile
 from cmr.recordings.recording import Recording
 from cmr.recordings.signal import SECONDS, Mask
 
-SHORTEST = 1.5  # s: with what is known beforehand of effects, less is enough than a diagnosis takes
-# Share by which parameters are off; robots that slip as they turn count with up to twice the width of their base.
+SHORTEST = 1.5  # s: with priors of effects, less is enough than a diagnosis needs
+# Relative deviations of parameters; with slip in turns, the base may appear twice as wide.
 DOUBT = {"wheel_radius": 0.15, "k2_over_k3": 0.30, "k1": 0.15, "base_width": 1.0}
-MOST_PREDICTED = 120  # pieces whose information is predicted; other ones are drawn at each choice
+MOST_PREDICTED = 120  # pieces whose information is predicted; others are drawn at each choice
 
 
 def inputs_of(piece: Recording) -> Recording:
-    """Return what drove the robot: the commands, or the wheels where none were recorded."""
+    """Return the inputs of a drive: the commands, or the wheels if none were recorded."""
     moved = replace(piece, gyro=piece.gyro.between(0, 0), poses=piece.poses.between(0, 0))
     return replace(moved, wheels=piece.wheels.between(0, 0)) if len(piece.commands) else moved
 
 
 class PieceByPiece:
-    """Finds out what a robot's model gets wrong from pieces of recordings, and chooses the piece to look at next.
+    """Finds out what a robot's model gets wrong from pieces of recordings, and chooses the next piece to examine.
 
     `inputs` are those of each piece, as `inputs_of` returns them; commanded speeds stand as duties in them
     (`cmr.estimation.commanded_speeds.as_duties`). `nominal` gives at least wheel_radius. `left` are the numbers of the
-    pieces that were not looked at. Until the first ones can be judged, they are drawn at random; with `at_random` all
-    are.
+    unexamined pieces. They are drawn at random until the first ones can be judged, and always with `at_random`.
     """
 
     def __init__(
@@ -55,11 +54,11 @@ class PieceByPiece:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The effects found that stand at the odds of a name, and are large enough to matter."""
+        """The effects found that still reach the odds of a name and are large enough to matter."""
         return self.naming.named
 
     def look(self, number: int, piece: Recording) -> Judgement | None:
-        """Return the judgement of all pieces looked at, and of this one; None while they are too short to judge."""
+        """Return the judgement of all examined pieces with this one; None while they are too short to judge."""
         self.left.remove(number)
         self._looked_at.append(piece)
         with threadpool_limits(1, "blas"):
@@ -67,7 +66,7 @@ class PieceByPiece:
             return None if problem is None else self.naming.judged(problem)
 
     def choose(self) -> int | None:
-        """Return the number of the piece to look at next; None where none is left."""
+        """Return the number of the next piece to examine; None if none is left."""
         if not self.left:
             return None
         drawn: list[int] = self._random.permutation(self.left)[:MOST_PREDICTED].tolist()
@@ -99,22 +98,22 @@ class PieceByPiece:
         return int(numbers[int(np.argmax(np.where(told_anything, worth, -1.0)))])
 
     def _interval(self, name: str) -> float | None:
-        """Return the usual time [s] between readings in the pieces looked at; None where there are none."""
+        """Return the usual time [s] between readings in the examined pieces; None without any."""
         steps = [np.diff(piece.signals[name].utime) for piece in self._looked_at]
         together = np.concatenate(steps) if steps else np.empty(0)
         return float(np.median(together)) * SECONDS if len(together) else None
 
 
 class _Pieces(Beliefs):
-    """Beliefs in which data come in recording by recording: moments are how many recordings there were."""
+    """Beliefs with data added recording by recording: a moment is the number of recordings so far."""
 
     @property
     def last(self) -> float:
-        """How many pieces were looked at."""
+        """The number of examined pieces."""
         return 1.0 + self.predictors[-1].segment.recording
 
     def since(self, moment: float) -> Mask:
-        """Return which white errors of readings are of pieces that were looked at after so many, shape (n,)."""
+        """Return which white errors of readings belong to pieces examined after so many, shape (n,)."""
         return np.concatenate(
             [
                 np.full(sum(map(len, predictor.times.values())), predictor.segment.recording >= moment)
@@ -126,8 +125,8 @@ class _Pieces(Beliefs):
 def beliefs_of_pieces(pieces: Sequence[Recording], nominal: ParameterFile) -> Beliefs | None:
     """Return the problem of some pieces, checked like recordings for a diagnosis; None while they are too short.
 
-    `nominal` gives wheel_radius. The robot's own parameters are those that the pieces determine. Those that `nominal`
-    has are off by DOUBT.
+    `nominal` gives wheel_radius. The robot's own parameters are those that the pieces determine. Those in `nominal`
+    have the relative deviation DOUBT.
     """
     ready = prepare(looked_at(pieces), nominal, shortest=SHORTEST)
     if ready.problem is None or ready.base is None:
@@ -141,11 +140,11 @@ def beliefs_of_pieces(pieces: Sequence[Recording], nominal: ParameterFile) -> Be
 
 
 def _with_readings(drive: Observations, intervals: Sequence[float | None], values: Mapping[str, float]) -> Observations:
-    """Return inputs as a drive on which sensors read at these `intervals` [s], None for one that is missing."""
+    """Return inputs as a drive with sensor readings at these `intervals` [s], None for a missing sensor."""
     wheel, gyro, pose = (reading_times(interval, drive.seconds) for interval in intervals)
     if len(drive.given):
         return with_readings(drive, np.empty(0), gyro, pose, seen_first=True)
-    # A piece that is cut out of a longer drive begins at about the speed that it is commanded.
+    # A piece cut out of a longer drive begins at about its commanded speed.
     speeds = drive.duty[0] / values["k1"]
     begun = replace(drive, start=(0.0, 0.0, 0.0, float(speeds[0]), float(speeds[1])))
     return with_readings(begun, wheel, gyro, pose, seen_first=True)

@@ -1,9 +1,9 @@
 """Predict movements: the robot's path by several explanations, and the change of its sensors by each effect.
 
-A movement begins when the one that is being driven ends, so a prediction begins now and contains the rest of that.
-Paths are free runs. For the sensors, the best explanation drives first and says what they would read; then each
-effect, at its usual size, observes these readings with the judge's gains. White innovations of an effect beyond those
-of the best explanation are its column.
+A movement begins when the present one ends, so a prediction begins now and contains the rest of the present one. Paths
+are free runs. For the sensors, the best explanation drives first and gives the readings; then each effect, at its usual
+size, observes these readings with the judge's gains. The white innovations of an effect beyond those of the best
+explanation are its column.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,20 +29,20 @@ from cmr.recordings.signal import Floats
 
 STEP = 0.01  # s
 COASTING = 1.0  # s in which a robot without duty comes to rest
-SETTLING = 0.4  # s before a movement, from when on observers follow what its sensors would read
+SETTLING = 0.4  # s before a movement, in which observers already follow the predicted readings
 BETWEEN_PLACES = 0.05  # s, of a path
 Values = Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Situation:
-    """Where the robot is now, and what it is about to do; `limits` are those of its driver's duties.
+    """The robot's present state and pending commands; `limits` are those of its driver's duties.
 
     `state` is x, y, theta, psi_left, psi_right [m, rad, rad/s; world frame]; `time` [s] since the drive began; `turned`
-    [rad] how far the wheels have turned. `commands` are those under way, and those of the movement that is being
-    driven, which ends in `busy` [s]; their times [s] count from now. `energy` [s] is what the battery has given, `heat`
-    how warm the motors are, as the model's effects have them. `intervals` are the times [s] between readings of wheels,
-    gyro and poses, None of a sensor that is missing.
+    [rad] are the wheels' angles. `commands` are those not yet executed and the rest of the present movement, which ends
+    in `busy` [s]; their times [s] count from now. `energy` [s] was drawn from the battery, `heat` is that of the
+    motors, as the model's effects define them. `intervals` are the times [s] between readings of wheels, gyro and
+    poses, None for a missing sensor.
     """
 
     state: tuple[float, float, float, float, float]
@@ -57,10 +57,10 @@ class Situation:
 
 
 def carried_on(values: Values, situation: Situation) -> dict[str, float]:
-    """Return the values of a robot that begins with a battery and motors as they are now.
+    """Return the values of a robot that begins with the present charge and heat.
 
-    The model begins with a full battery and cold motors. A battery that has lost the share s of its voltage is a motor
-    with k2_over_k3 (1 - s) and k1 / (1 - s); warm motors have a larger k1.
+    The model begins with a full battery and cold motors. A battery that has lost the share s of its voltage equals a
+    motor with k2_over_k3 (1 - s) and k1 / (1 - s); warm motors have a larger k1.
     """
     result = dict(values)
     lost = min(values.get("battery_drift", 0.0) * situation.energy / ENERGY_OF_A_DRIVE, 0.5)
@@ -71,9 +71,9 @@ def carried_on(values: Values, situation: Situation) -> dict[str, float]:
 
 
 def effort(duty: Floats, psi: Floats, dt: float, k1: float, before: tuple[float, float]) -> tuple[float, float]:
-    """Return what the battery has given [s of load share 1], and how warm the motors are, as the model has them.
+    """Return the energy drawn from the battery [s of load share 1] and the motors' heat, by the model.
 
-    Duties and wheel speeds [rad/s], (n, 2), were those of n steps of `dt` [s]; `before` is what both were before these.
+    Duties and wheel speeds [rad/s], (n, 2), are those of n steps of `dt` [s]; `before` are both at the start.
     """
     energy, heat = before
     energy += float(np.sum(np.maximum(0.0, duty * (duty - 0.8 * k1 * psi)))) * dt
@@ -84,7 +84,7 @@ def effort(duty: Floats, psi: Floats, dt: float, k1: float, before: tuple[float,
 
 
 def advanced(situation: Situation, values: Values, seconds: float) -> Situation:
-    """Return the situation of a robot with these values so many `seconds` later, in the movement being driven."""
+    """Return the situation of a robot with these values after `seconds` of the present movement."""
     steps = _steps(seconds)
     if steps <= 0:
         return situation
@@ -109,9 +109,9 @@ def advanced(situation: Situation, values: Values, seconds: float) -> Situation:
 
 
 def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequence[Values]) -> list[Floats]:
-    """Return the path of each movement, and until the robot rests: x, y [m], theta, shape (places, members, 3) each.
+    """Return the path of each movement, until the robot rests: x, y [m], theta, shape (places, members, 3) each.
 
-    Places follow one another by BETWEEN_PLACES, the first one so long from now.
+    Places are BETWEEN_PLACES apart, the first one so long from now.
     """
     every = np.arange(BETWEEN_PLACES, 100.0, BETWEEN_PLACES)
     none = np.empty(0)
@@ -129,7 +129,7 @@ def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequenc
 
 
 def times_of(path: Floats) -> Floats:
-    """Return when the robot will be at each place of a path [s from now]."""
+    """Return the time of each place of a path [s from now]."""
     return np.arange(1.0, len(path) + 1.0) * BETWEEN_PLACES
 
 
@@ -140,10 +140,10 @@ def changes(
     gains: Gains,
     noise: Noise,
 ) -> list[Floats]:
-    """Return what other `sets` (s) of values than the first change of the white errors, (n, s - 1), by movement.
+    """Return the change of the white errors by other `sets` (s) of values than the first, (n, s - 1), by movement.
 
-    Only errors that arise after the movement that is being driven count. It is the same for all; and an encoder with
-    another scale would have followed by then.
+    Only errors after the present movement count: it is the same for all, and by its end the observer has followed an
+    encoder of another scale.
     """
     situation = advanced(situation, sets[0], situation.busy - SETTLING)
     drives = []
@@ -157,10 +157,10 @@ def changes(
 def changes_in(
     drives: Sequence[Observations], lanes: Sequence[Values], gains: Gains, noise: Noise, since: float = 0.0
 ) -> list[Floats]:
-    """Return what other `lanes` (s) of values than the first change of the white errors, (n, s - 1), by drive.
+    """Return the change of the white errors by other `lanes` (s) of values than the first, (n, s - 1), by drive.
 
-    Of the `drives` only inputs and the times of readings count: their sensors read what the first lane would make them.
-    Errors count that arise from `since` [s] on.
+    Of the `drives` only inputs and the times of readings count: the first lane gives the readings. Errors count from
+    `since` [s] on.
     """
     free = Observer(lanes_of(lanes[:1]), FREE)
     read = [_read(one, free.observe(_unseen(one))) for one in drives]
@@ -177,13 +177,13 @@ def _steps(seconds: float) -> int:
 
 
 def _without_sensors(values: Values) -> dict[str, float]:
-    """Return the values without what only sensors have: a path is where the robot is, not where it is seen."""
+    """Return the values without the effects of sensors: a path is the robot's true one, not the measured one."""
     sensors = {p.name for effect in CATALOGUE.values() if effect.is_sensor for p in effect.parameters}
     return {name: value for name, value in values.items() if name not in sensors}
 
 
 def reading_times(interval: float | None, seconds: float) -> Floats:
-    """Return when a sensor is read [s] that reads every `interval` [s], None if it is missing."""
+    """Return the times [s] of a sensor read every `interval` [s], None if it is missing."""
     return np.empty(0) if interval is None else np.arange(interval, seconds + 1e-9, interval)
 
 
@@ -197,7 +197,7 @@ def _observations(
     *,
     seen_first: bool,
 ) -> Observations:
-    """Return a drive with this movement, in which all sensors read 0; `seen_first` says that it begins at a pose."""
+    """Return a drive with this movement, in which all sensors read 0; with `seen_first` it begins at a pose."""
     commands = _commands(situation, movement)
     empty = np.empty(0)
     still = Observations(
@@ -220,7 +220,7 @@ def _observations(
 
 
 def with_readings(drive: Observations, wheel: Floats, gyro: Floats, pose: Floats, *, seen_first: bool) -> Observations:
-    """Return the drive with readings of 0 at these times [s]; `seen_first` says that it begins at a pose."""
+    """Return the drive with readings of 0 at these times [s]; with `seen_first` it begins at a pose."""
     if seen_first:
         pose = np.concatenate([[0.0, 0.0], pose])  # twice: a tracked point lies where the heading says
     use = np.full(len(pose), FOLLOWED, np.uint8)
@@ -239,7 +239,7 @@ def with_readings(drive: Observations, wheel: Floats, gyro: Floats, pose: Floats
 
 
 def _commands(situation: Situation, movement: Movement) -> Commands:
-    """Return the motors' commands: those under way, the rest of the current movement, this movement, and zero."""
+    """Return the motors' commands: those not yet executed, the rest of the present movement, this one, and zero."""
     given, busy = situation.commands, situation.busy
     past = given.time < 0.0
     rest = ~past & (given.time < busy - 1e-9)
@@ -251,23 +251,23 @@ def _commands(situation: Situation, movement: Movement) -> Commands:
 
 
 def _unseen(observations: Observations) -> Observations:
-    """Return the drive with poses that are only looked at."""
+    """Return the drive with poses that do not correct the observer."""
     return replace(observations, pose_use=np.full(len(observations.pose), FOLLOWED, np.uint8))
 
 
 def _read(observations: Observations, innovations: Innovations) -> Observations:
-    """Return the drive in which the sensors read what a free run says: what they read beside it is 0."""
+    """Return the drive with the readings of a free run; other contributions to them are 0."""
     wheel, gyro, pose = (np.ascontiguousarray(-one[..., 0]) for one in innovations[:3])
     return replace(observations, wheel=wheel, gyro=gyro, pose=pose)
 
 
 def _segment(observations: Observations, number: int) -> Segment:
-    """Return a drive as a recording of its own: one that went on with another would have its heat and charge."""
+    """Return a drive as a recording of its own, so that it takes over no heat and charge from another one."""
     return Segment(observations, np.zeros((len(observations.wheel), 2)), 0.0, 0, number, np.empty((0, 2)))
 
 
 def _white(batch: Batch, errors: Errors, noise: Noise, since: float) -> list[Floats]:
-    """Return errors of a batch from `since` [s] on, made white, (n, C) by segment; before them nothing differed."""
+    """Return errors of a batch from `since` [s] on, whitened, (n, C) by segment; earlier ones do not differ."""
     parts: list[list[Floats]] = [[] for _ in batch.predictors]
     sums = foreign_sums(batch, errors)
     for name in batch.signals:

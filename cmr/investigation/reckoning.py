@@ -1,14 +1,14 @@
-"""Dead reckoning: where a robot is while nothing reports its pose, and how far from there it may be.
+"""Dead reckoning: the robot's place while no pose is reported, and its uncertainty.
 
-The gyro, less what it reads at rest, gives the heading; the wheels give the way. What dead reckoning does not know are
-a few constants: how exactly the robot was put down, the gyro's bias, the share by which it misses turns, and wheels
-misjudge ways. To first order, each moves the place at time t by its size times
+The gyro, minus its reading at rest, gives the heading; the wheels give the distance. Dead reckoning has a few unknown
+constants: the errors of the initial pose, the gyro's bias and scale error, and the scale error of the wheels. To first
+order, each moves the place at time t by its size times
 
     e(t) = e(0) + int (h R u + r u) ds,
 
-with the way s, the heading's direction u, R a quarter turn, and what the constant makes of the heading, h, and of the
-way, r. The robot is within SURE standard deviations of all constants together, in the worst direction. Ways that lead
-back undo what they did: so does the doubt.
+with the distance s, the heading's direction u, R a quarter turn, and the constant's effect on the heading, h, and on
+the distance, r. The robot is within SURE standard deviations of all constants together, in the worst direction. Driving
+back cancels part of the errors, and of the uncertainty.
 """
 
 from dataclasses import dataclass, replace
@@ -20,24 +20,24 @@ from cmr.recordings.signal import SECONDS, Floats
 from cmr.recordings.wheel_angles import wheel_angles
 
 SURE = 3.0  # standard deviations
-PLACED, HEADED = 0.02, 0.03  # m, rad: how exactly a person puts a robot down
-BIAS = 0.004  # rad/s that a gyro's bias is off after a rest: it drifts
-TURNED, TURNED_BY_WHEELS = 0.02, 0.1  # share of turns that a gyro misses; that wheels do, on a base of unsure width
-ROLLED = 0.04  # share of the way: wheel radius, and slip
-UNLIKE = 0.02  # share by which wheels differ; without a gyro it turns the robot as it drives
-# Their standard deviations, in this order: east, north, heading, bias, turns, way, unlike wheels.
+PLACED, HEADED = 0.02, 0.03  # m, rad: accuracy with which a person puts a robot down
+BIAS = 0.004  # rad/s, error of a gyro's bias after a rest: it drifts
+TURNED, TURNED_BY_WHEELS = 0.02, 0.1  # relative error of turns by a gyro; by wheels, on a base of uncertain width
+ROLLED = 0.04  # relative error of the distance: wheel radius, and slip
+UNLIKE = 0.02  # relative difference of the wheels; without a gyro it turns the robot as it drives
+# Their standard deviations, in this order: east, north, heading, bias, turns, distance, unlike wheels.
 WITH_GYRO = np.array([PLACED, PLACED, HEADED, BIAS, TURNED, ROLLED, 0.0])
 BY_WHEELS = np.array([PLACED, PLACED, HEADED, 0.0, TURNED_BY_WHEELS, ROLLED, UNLIKE])
-WAY = 5  # which of them is that of the way
-MOVED = 0.01  # rad that wheels turn before a robot counts as set off: noise of encoders
+WAY = 5  # index of the distance among them
+MOVED = 0.01  # rad, wheel angle from which a robot counts as moving: noise of encoders
 
 
 @dataclass(frozen=True)
 class Reckoned:
-    """Where a robot is `seconds` after it was put down: x, y [m], theta [rad], and what of this is not known.
+    """Place of a robot `seconds` after it was put down: x, y [m], theta [rad], and its uncertainty.
 
-    `turned` [rad] and `way` [m] are those since then. Each of k constants has a standard deviation, which changes the
-    place by `off` (k, 2) [m] and the heading by `heading` (k,) [rad].
+    `turned` [rad] and `way` [m] are the rotation and the distance since then. One standard deviation of each of k
+    constants moves the place by `off` (k, 2) [m] and the heading by `heading` (k,) [rad].
     """
 
     place: tuple[float, float, float]
@@ -51,13 +51,13 @@ class Reckoned:
 
     @property
     def doubt(self) -> float:
-        """How far the robot may be from its place [m]."""
+        """The largest plausible distance of the robot from its place [m]."""
         return float(_farthest(self.off[None])[0])
 
     def doubts(self, seconds: Floats, places: Floats) -> Floats:
-        """Return how far the robot may be from `places` (n, 3) [m, m, rad] that it goes to, (n,) [m].
+        """Return the largest plausible distance of the robot from future `places` (n, 3) [m, m, rad], (n,) [m].
 
-        It will be there `seconds` (n,) from now.
+        It reaches them `seconds` (n,) from now.
         """
         time = np.concatenate([[0.0], seconds]) + self.seconds
         along = np.concatenate([[self.place], places])
@@ -65,7 +65,7 @@ class Reckoned:
         return _farthest(self._on(time, along)[0][1:])
 
     def moved(self, seconds: Floats, places: Floats) -> "Reckoned":
-        """Return where it is, and what is not known, at the last of `places` (n, 3), where it was after `seconds`."""
+        """Return place and uncertainty at the last of `places` (n, 3), which the robot reached after `seconds`."""
         along = np.concatenate([[self.place], places])
         off, heading = self._on(np.concatenate([[self.seconds], seconds]), along)
         x, y, theta = places[-1].tolist()
@@ -80,7 +80,7 @@ class Reckoned:
         )
 
     def _on(self, time: Floats, places: Floats) -> tuple[Floats, Floats]:
-        """Return what the constants make of the `places` (n, 3), the first the present one: (n, k, 2), (n, k)."""
+        """Return the shift of `places` (n, 3), the first the present one, by each constant: (n, k, 2), (n, k)."""
         step = np.diff(places[:, :2], axis=0)
         turned = self.turned + places[:, 2] - places[0, 2]
         way = self.way + np.concatenate([[0.0], np.cumsum(_forward(places))])
@@ -93,13 +93,13 @@ class Reckoned:
 
 
 def _forward(places: Floats) -> Floats:
-    """Return by how much [m] each of `places` (n, 3) is ahead of the one before, (n - 1,)."""
+    """Return the forward component [m] of each step between `places` (n, 3), (n - 1,)."""
     step, direction = np.diff(places[:, :2], axis=0), 0.5 * (places[1:, 2] + places[:-1, 2])
     return np.asarray(step[:, 0] * np.cos(direction) + step[:, 1] * np.sin(direction))
 
 
 def _of_heading(time: Floats, turned: Floats, way: Floats, width: float) -> Floats:
-    """Return what one of each constant makes of the heading, (n, k)."""
+    """Return the change of the heading by one unit of each constant, (n, k)."""
     none = np.zeros(len(time))
     return np.stack([none, none, none + 1.0, time, turned, none, way / width], axis=1)
 
@@ -121,9 +121,9 @@ def put_down(place: tuple[float, float, float], width: float, *, with_gyro: bool
 
 
 def reckoned(recording: Recording, start: tuple[float, float, float], radius: float, width: float) -> Reckoned:
-    """Return where a robot is that was put down at `start`, and at rest when its recording began.
+    """Return the place of a robot that was put down at `start` and at rest when its recording began.
 
-    `radius` [m] is that of its wheels, `width` [m] that of its base, by which it turns where no gyro was recorded.
+    `radius` [m] is that of its wheels, `width` [m] that of its base, which gives the turns if no gyro was recorded.
     """
     down = put_down(start, width, with_gyro=len(recording.gyro) > 0)
     wheels, gyro = recording.wheels, recording.gyro

@@ -1,4 +1,4 @@
-"""Decide once on synthetic data before a robot drives, so that code is loaded then and not while it waits."""
+"""Decide once on synthetic data before a robot drives, so that code is loaded then and not during the drive."""
 
 import math
 
@@ -17,7 +17,7 @@ SMALLEST = 1e-3  # rad, rad/s and m, of the noise
 
 
 def rehearse() -> None:
-    """Let an investigation of its own decide, on a floor of 2 m x 2 m, after an opening that was never driven."""
+    """Let a separate investigation decide, on a floor of 2 m x 2 m, after an opening that was never driven."""
     floor = Floor(Geofence([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
     investigation = Investigation(ParameterFile(0, {name: Value(value) for name, value in ROBOT.items()}), floor)
     investigation.opening(0.0, 0.0, 0.0)
@@ -26,7 +26,7 @@ def rehearse() -> None:
 
 
 def _recording() -> Recording:
-    """Return what a robot by the paper's model would have recorded of an opening that began at (0, 0)."""
+    """Return the recording of an opening from (0, 0) by a robot that follows the paper's model."""
     duty = np.concatenate([one.duty for one in opening()])
     random = np.random.default_rng(0)
     utime = np.rint(1e6 * PERIOD * np.arange(1, len(duty) + 1)).astype(np.int64)

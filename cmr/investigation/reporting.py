@@ -1,4 +1,4 @@
-"""What an investigation has left and drives next, as a message: INVESTIGATION_STATUS_N, which pages show."""
+"""The remaining explanations and the next movement, as a message: INVESTIGATION_STATUS_N, which pages show."""
 
 import json
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from cmr.investigation.telling import NOTHING_MORE, excluded, out_of_reach, susp
 from cmr.msg import investigation_status_t as status_t
 from cmr.recordings.signal import Floats
 
-PERIOD = 1_000_000  # us between two reports in which nothing is new
-EVERY = 2  # of the places of predicted paths, 0.1 s apart, is one that is reported
+PERIOD = 1_000_000  # us between two reports without news
+EVERY = 2  # every so many places of predicted paths, 0.1 s apart, are reported
 NO_PATH: Floats = np.empty((0, 1, 2))
 
 
 class Reports:
-    """The reports of an investigation: one at each movement that begins, and each second."""
+    """The reports of an investigation: one at the start of each movement, and one each second."""
 
     def __init__(self, driving: Driving, robot_id: int) -> None:
         self._driving, self._robot_id = driving, robot_id
@@ -29,7 +29,7 @@ class Reports:
         self._counts = 0, 0
 
     def due(self, utime: int) -> Iterator[status_t]:
-        """Yield the report of this moment [us], if it is time for one."""
+        """Yield the report of this moment [us] if one is due."""
         driving = self._driving
         says = _state(driving), driving.movement, driving.decision, driving.note
         if utime >= self._due or any(now is not before for now, before in zip(says, self._said, strict=False)):
@@ -64,7 +64,7 @@ class Reports:
         )
 
     def _counted_of(self, decision: Decision | None) -> tuple[int, int]:
-        """Return how many effects are excluded, and how many would not have shown; counted once for each decision."""
+        """Return the numbers of excluded effects, and of those that would not have shown; counted once per decision."""
         if decision is not self._counted:
             self._counted = decision
             self._counts = len(excluded(self._driving)), len(out_of_reach(self._driving))
@@ -81,7 +81,7 @@ def _state(driving: Driving) -> int:
 
 
 def _left(decision: Decision | None) -> dict[str, float]:
-    """Return the probability of each explanation that is left, by name, the likeliest first."""
+    """Return the probability of each remaining explanation, by name, the likeliest first."""
     if decision is None:
         return {}
     likely = {name: share for name, share in decision.judgement.probabilities.items() if share > 1.0 / ODDS}

@@ -1,8 +1,8 @@
 """The gyro's noise at rest: it is white, whereas the noise model of motion would predict it from the past.
 
-In motion a gyro's errors follow those before: wheels slip for a while. What predicts them then takes nearly all of a
-constant error away. A robot that stands does not slip, so its gyro's errors are as they are: two seconds of rest tell
-more of a gyro's bias, and of its drift, than a minute of driving.
+In motion a gyro's errors are correlated: wheels slip for a while. Predicting them from the past removes most of a
+constant bias. At rest there is no slip, and the gyro's errors are independent: two seconds of rest determine a gyro's
+bias, and its drift, better than a minute of driving.
 """
 
 from dataclasses import dataclass, replace
@@ -14,10 +14,10 @@ from cmr.estimation.prediction import Batch, Errors, Predictor
 from cmr.estimation.search.cross_validation import GYRO
 from cmr.recordings.signal import Floats, Mask
 
-BEFORE, AFTER = 0.25, 0.05  # s for which wheels must stand about a reading of the gyro
-STANDS = 0.02  # rad that a wheel may turn in it: a tick or two
+BEFORE, AFTER = 0.25, 0.05  # s around a gyro reading for which wheels must stand
+STANDS = 0.02  # rad that a wheel may turn meanwhile: a tick or two
 FEWEST = 30  # readings at rest from which their noise is known
-BLOCK = 25  # readings whose mean says how far slow errors go
+BLOCK = 25  # readings whose mean shows the size of slow errors
 LEAST_SHARE = 0.5  # of the size in motion: readings that repeat exactly are not exact
 
 
@@ -39,7 +39,7 @@ class NoiseWithRests(Noise):
 
 
 def with_rests(noise: Noise, batch: Batch, errors: Errors) -> Noise:
-    """Return the noise with that of the gyro at rest, as the first candidate's errors have it; as it is without."""
+    """Return the noise with that of the gyro at rest, by the first candidate's errors; unchanged without a rest."""
     still = resting(batch) if GYRO in noise.of else np.zeros(0, np.bool_)
     if np.sum(still) < FEWEST:
         return noise
@@ -53,7 +53,7 @@ def with_rests(noise: Noise, batch: Batch, errors: Errors) -> Noise:
 
 
 def resting(batch: Batch) -> Mask:
-    """Return at which of the gyro's readings the robot stood, by its encoders, (n,); at none where it has none."""
+    """Return the gyro readings during which the robot stood, by its encoders, (n,); none without encoders."""
     return np.concatenate([_resting(one) for one in batch.predictors if GYRO in one.times] or [np.zeros(0, np.bool_)])
 
 

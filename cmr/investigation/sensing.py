@@ -1,4 +1,4 @@
-"""The sensors of a virtual robot: what encoders, a gyro and a tracker would read of where the world has it."""
+"""The sensors of a virtual robot: readings of encoders, a gyro and a tracker at its place in the world."""
 
 import math
 from collections.abc import Iterator
@@ -10,13 +10,13 @@ from cmr.model.body import wrap
 from cmr.msg import gyro_t, motor_feedback_t, pose_xyt_t
 from cmr.world.view import Robot
 
-TICK = 1e-3  # rad; what a good encoder has
+TICK = 1e-3  # rad; of a good encoder
 LONGEST_GAP = 200_000  # us between two readings, over which wheels are integrated
 Reading = tuple[str, Message]
 
 
 class VirtualSensors:
-    """Reads a virtual robot each time that the world has news of it.
+    """Reads a virtual robot's sensors at each new state of the world.
 
     A robot that is not driven from outside gets the duties of `driven`, from then on until the next reading.
     """
@@ -31,7 +31,7 @@ class VirtualSensors:
         self._driven = utime, duties
 
     def read(self, me: Robot) -> Iterator[Reading]:
-        """Yield what sensors read of the robot, if that is new."""
+        """Yield the readings of the robot's sensors, if its state is new."""
         before, self._before = self._before, me
         if before is None or not 0 < me.utime - before.utime < LONGEST_GAP:
             return

@@ -1,13 +1,13 @@
-"""How well movements separate the explanations that are left: information between their predictions.
+"""How well movements separate the remaining explanations: information between their predictions.
 
-With the columns X_c (n, m) that candidate c would add, white innovations of each effect at its usual size beyond those
-of the best explanation, and the information F = X' X of all data so far,
+Let X_c (n, m) be the columns that candidate c adds: the white innovations of each effect at its usual size beyond those
+of the best explanation. With the information F = X' X of all data so far,
 
-    G = (F + X_c' X_c) with what the robot's own parameters could do themselves projected off
+    G = (F + X_c' X_c) with the directions of the robot's own parameters projected off
     S_ij = BELIEF (G_ii - G_iJ (G_JJ + 1/9)^-1 G_Ji),
 
-the squared distance at which effect i is seen when effect j, in whatever size up to three usual ones, may stand in for
-it. Effects with several columns (a slope, a wobble) stand in as a block.
+the squared distance at which effect i is seen when effect j, in any size up to three usual ones, may stand in for it.
+Effects with several columns (a slope, a wobble) stand in as a block.
 """
 
 from collections.abc import Collection, Mapping
@@ -17,11 +17,11 @@ import numpy as np
 
 from cmr.recordings.signal import Floats
 
-BELIEF = 0.6  # of the information: errors are neither quite white nor the model exact
+BELIEF = 0.6  # of the information: errors are not quite white, and the model is not exact
 STAND_IN = 1.0 / 9.0  # one over the squared size up to which a rival may stand in, in usual sizes
-ENOUGH, ENOUGH_UNSEEN = 18.0, 26.0  # squared distance wanted, with evidence and without
+ENOUGH, ENOUGH_UNSEEN = 18.0, 26.0  # squared distance required, with evidence and without
 RIDGE = 1e-9
-LEAST_WEIGHT = 0.02  # of an explanation that is hardly left
+LEAST_WEIGHT = 0.02  # of an explanation that is nearly excluded
 FROM_NOTHING = 3.0  # weight of the separation from nothing
 
 
@@ -39,7 +39,7 @@ class Columns:
 
 
 def projected(information: Floats, columns: Columns) -> Floats:
-    """Return the information (..., m, m) with what the parameters could do themselves projected off."""
+    """Return the information (..., m, m) with the directions of the parameters projected off."""
     held = [*range(columns.free)]
     block = information[..., held, :][..., :, held]
     scale = np.sqrt(np.maximum(np.diagonal(block, axis1=-2, axis2=-1), 1e-300))
@@ -56,9 +56,9 @@ def own(information: Floats, columns: Columns) -> Floats:
 def against(information: Floats, pulls: Floats, columns: Columns, one_sided: Collection[str] = ()) -> Floats:
     """Return twice the logarithm of the odds of nothing against each effect at its usual size, (e,).
 
-    The errors that are left are r, of projected columns X with `information` X' X and `pulls` X' r, (m,). The effect
-    would change their squares by X' X + 2 X' r, or, of the other sign, by X' X - 2 X' r; those that are `one_sided`
-    have no other sign. It is the mean over its columns of the first, with the least of the second.
+    With the remaining errors r and projected columns X, `information` is X' X and `pulls` is X' r, (m,). The effect
+    would change the squares by X' X + 2 X' r, or, with the other sign, by X' X - 2 X' r; `one_sided` effects have no
+    other sign. The result is the mean over its columns of the first, with the least of the second.
     """
     least = []
     for name in columns.names:
@@ -85,12 +85,11 @@ def separations(information: Floats, columns: Columns) -> Floats:
 
 
 def progress(gained: Floats, need: Floats, seconds: Floats) -> Floats:
-    """Return by how much each candidate shortens what is left to be driven until all effects have shown, (c,).
+    """Return by how much each candidate shortens the remaining drive until all effects have shown, (c,).
 
-    With `gained` (c, e), what candidates add for each effect in so many `seconds` (c,), the best of them leave the
-    times T_e = need_e / max_c (gained_ce / seconds_c). Driving candidate c shortens T_e by the share of the best rate
-    that it has. The worth is the change of sum T_e^2 / 2 by it: what takes longest counts most. `need` (e,) is infinite
-    where nothing is needed.
+    With `gained` (c, e), the gain of each candidate for each effect in `seconds` (c,), the best of them leave the times
+    T_e = need_e / max_c (gained_ce / seconds_c). Driving candidate c shortens T_e by its share of the best rate. Its
+    worth is its change of sum T_e^2 / 2: the longest times count most. `need` (e,) is infinite if nothing is needed.
     """
     rates = np.maximum(gained, 0.0) / seconds[:, None]
     best = np.max(rates, axis=0)
@@ -109,8 +108,9 @@ def _by_effect(values: Floats, columns: Columns) -> Floats:
 def scores(before: Floats, after: Floats, need: Floats, weights: Floats, seconds: Floats) -> Floats:
     """Return the worth of each candidate, (c,).
 
-    `before` (e, e) are separations so far and `after` (c, e, e) with each candidate; `need` (e, e) what each pair still
-    needs, infinite where it needs nothing; `weights` (e,) those of effects, `seconds` (c,) how long candidates take.
+    `before` (e, e) are the separations so far and `after` (c, e, e) those with each candidate; `need` (e, e) is the
+    remaining need of each pair, infinite if it needs nothing; `weights` (e,) are those of effects, `seconds` (c,) the
+    durations.
     """
     gained = np.maximum(after - before, 0.0)
     share = 1.0 - np.exp(-2.0 * gained / np.maximum(need, 1.0))

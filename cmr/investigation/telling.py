@@ -1,4 +1,4 @@
-"""What an investigation found, in words: for a terminal line, and for a page that tells its story."""
+"""The results of an investigation in words: for a terminal line, and for a page with its story."""
 
 from typing import Any
 
@@ -16,16 +16,16 @@ from cmr.report.table import table
 
 NOTHING_MORE = "nothing more"
 OUT_OF_REACH = "out of reach here: {needs} would show it, which this floor and {seconds:g} s of driving did not give"
-IMITATED = "out of reach here: what is named imitates it, whatever is driven"
-DISGUISED = "out of reach here: to these sensors it is another {parameter}, whatever is driven"
+IMITATED = "out of reach here: the named effects imitate it in any drive"
+DISGUISED = "out of reach here: to these sensors it looks like another {parameter} in any drive"
 REMAINS = "Something remains that no effect explains: errors of {signal} depend on {goes_with}."
 SUSPECTED = "{name} is the likeliest further effect ({odds}), but not named: {why}."
 MOST_IN_A_LINE = 3  # explanations
-BAR = 8  # characters, of what is certain
+BAR = 8  # characters, for certainty
 
 
 def line(driving: Driving) -> str:
-    """Return the newest decision in one line: what is named, how likely explanations are, what is driven and why."""
+    """Return the newest decision in one line: names, probabilities of explanations, the movement and its reason."""
     story = driving.investigation.story
     if not story:
         return "Opening: a rest, spins both ways, forth and back."
@@ -37,13 +37,13 @@ def line(driving: Driving) -> str:
 
 
 def _held(step: Step, name: str) -> str:
-    """Return in brackets why an effect is not named though it is the likeliest; nothing for others."""
+    """Return in brackets why the likeliest effect is not named; empty for others."""
     likeliest, _ = _by_odds(step)[0]
     return f" ({step.held_back})" if step.held_back and name == likeliest else ""
 
 
 def suspicion(decision: Decision | None) -> str:
-    """Return the sentence on an effect that is likeliest and not named; empty where nothing more is likelier."""
+    """Return the sentence on a likeliest effect that is not named; empty if nothing more is likelier."""
     if decision is None or not decision.held_back:
         return ""
     name, share = max(decision.judgement.probabilities.items(), key=lambda item: item[1])
@@ -51,7 +51,7 @@ def suspicion(decision: Decision | None) -> str:
 
 
 def _bar(share: float) -> str:
-    """Return a bar as long as that of the page of cmr-view."""
+    """Return a bar as long as on the page of cmr-view."""
     return "#" * max(1, round(BAR * length(share)))
 
 
@@ -63,7 +63,7 @@ def _chosen(step: Step) -> str:
 
 
 def document(driving: Driving) -> dict[str, Any]:
-    """Return what is written as investigation.json: what is named, excluded or out of reach, and the story."""
+    """Return the content of investigation.json: effects named, excluded or out of reach, and the story."""
     investigation = driving.investigation
     return {
         "schema": 1,
@@ -109,7 +109,7 @@ def calibrated(driving: Driving, robot_id: int) -> ParameterFile:
 
 
 def sentences(driving: Driving) -> list[str]:
-    """Return what was found, sentence by sentence."""
+    """Return the findings, sentence by sentence."""
     investigation = driving.investigation
     result = [_cause(name, driving) for name in investigation.named]
     if not result and driving.decision is not None:
@@ -123,13 +123,13 @@ def sentences(driving: Driving) -> list[str]:
 
 
 def _unexplained(driving: Driving) -> dict[str, Any]:
-    """Return what remains beside the names: the signal whose errors have structure, and what they depend on."""
+    """Return the remaining structure: the signal whose errors have it, and the variable they depend on."""
     left = driving.investigation.unexplained
     return {"present": left.present, "signal": left.signal, "regressors": list(left.regressors), "share": left.share}
 
 
 def _remains(driving: Driving) -> list[str]:
-    """Return a sentence on what no effect explains; none where nothing remains."""
+    """Return a sentence on the structure that no effect explains; none if nothing remains."""
     left = driving.investigation.unexplained
     if not left.present:
         return []
@@ -153,7 +153,7 @@ def _parameters(driving: Driving) -> dict[str, dict[str, float]]:
 
 
 def excluded(driving: Driving) -> list[str]:
-    """Return the effects that would have shown and did not; one of a time may come after the drive."""
+    """Return the effects that would have shown and did not; one with a start time may come after the drive."""
     if driving.decision is None:
         return []
     hidden = out_of_reach(driving)
@@ -179,9 +179,9 @@ def _why_hidden(name: str, known: Told, seconds: float) -> str:
 
 
 def story_page(driving: Driving, robot_id: int, beyond: str = "") -> str:
-    """Return a page that tells what was suspected, what was tried for it, and how the odds moved.
+    """Return a page on what was suspected, what was driven to test it, and how the odds moved.
 
-    `beyond` is what a diagnosis of the whole drive says, laws for what no name explains included.
+    `beyond` is the diagnosis of the whole drive, including laws for what no effect explains.
     """
     rows = [
         [

@@ -1,4 +1,4 @@
-"""Assign simulated robots to whoever decides for them: shared behaviours, own behaviours, or twins' commands."""
+"""Assign simulated robots to their deciders: shared behaviours, own behaviours, or twins' commands."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping

@@ -94,9 +94,10 @@ class _Doubts(NamedTuple):
 
 
 class PoseGuard:
-    """Monitors the robot's poses (POSE_N): `missing` says what is wrong with them.
+    """Monitors the robot's poses (POSE_N): `missing` reports problems with them.
 
-    A robot that never had poses may drive without, unless `needed`. A robot that had them once needs them.
+    A robot that never had poses may drive without them, unless they are `needed`. A robot that had them once needs
+    them.
     """
 
     def __init__(self, robot_id: int, *, needed: bool) -> None:
@@ -107,7 +108,7 @@ class PoseGuard:
 
     @property
     def heard(self) -> bool:
-        """Whether a pose has come."""
+        """Whether a pose was received."""
         return self._stamp is not None
 
     def take(self, message: pose_xyt_t, now: int) -> bool:

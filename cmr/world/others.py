@@ -1,7 +1,7 @@
 """The robots of other simulators in the same world: received on WORLD_STATE and shown, but not simulated here.
 
-A world_state_t does not say who sent it. Robots that this simulator does not own belong to others. If another simulator
-sends a robot that this one owns, both report the conflict.
+A world_state_t does not contain its sender. Robots that this simulator does not own belong to others. If another
+simulator sends a robot that this one owns, both report the conflict.
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from cmr.world.view import Robots, numbers_of
 
 Members: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # robot ids, and their origins
 
-LOST = 1_000_000  # us; a robot of which nothing newer was heard is no longer shown
+LOST = 1_000_000  # us; a robot without newer data is no longer shown
 MEMORY = 10_000_000  # us for which sent messages are remembered; no network delays a message for longer
 SPOKEN_OF = 2_000_000  # us for which a problem is reported after it was noticed
 MOST_GROUPS = 1_000  # different sets of robots in a message; only senders that change them constantly need more
@@ -36,7 +36,7 @@ class Others:
         self._groups: dict[Members, _Group] = {}
         self._sent: dict[int, None] = {}
         self._doubled: dict[int, int] = {}
-        self._clock = (0, 0)  # when a stamp was last too far from this host's clock, and by how much it was ahead [us]
+        self._clock = (0, 0)  # when a stamp last differed too much from this host's clock, and its lead [us]
 
     def claim(self, robot_id: int) -> None:
         """Mark a robot as owned by this simulator."""

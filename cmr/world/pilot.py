@@ -39,7 +39,7 @@ FIRST_ZEROS = 10  # commands; a driver first needs a zero, and any message may b
 
 
 class Pilot:
-    """The pilot of one robot; `waiting_for` says what keeps it from driving, empty when nothing does.
+    """The pilot of one robot; `waiting_for` says what keeps it from driving, empty if nothing does.
 
     With a `geofence` it drives only inside, at least `margin` [m] from the border. If it leaves, it stops for good, and
     `left_fence` says so; after a single outside pose far from the estimate, it stops for half a second. With a
@@ -83,7 +83,7 @@ class Pilot:
 
     @property
     def me(self) -> Robot | None:
-        """The robot as WORLD_STATE has it; None if it is not there."""
+        """The robot in WORLD_STATE; None if it is not there."""
         return self._world.robot(self.robot_id)
 
     @property

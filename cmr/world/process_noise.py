@@ -51,7 +51,7 @@ class ProcessNoise:
         self._size: Floats = np.zeros((0, 1))
 
     def use(self, robot_id: int, file: ParameterFile) -> None:
-        """Read from a robot's parameter file how much robots with these parameters deviate."""
+        """Read the deviation of robots with these parameters from a robot's parameter file."""
         try:
             self._sizes[robot_id] = size_of(file)
             self._problems.pop(robot_id, None)
@@ -83,7 +83,7 @@ class ProcessNoise:
         return result
 
     def _begin(self, robots: Robots, goes_by: Callable[[int], int]) -> None:
-        """Determine which robots get noise, and how much."""
+        """Determine which robots get noise, and its size."""
         origin = np.array(robots.origin)
         self._index = np.flatnonzero(origin == VIRTUAL)
         ids = [robots.robot_id[index] for index in self._index]

@@ -24,7 +24,7 @@ class Reaction:
         self._virtual: NDArray[np.bool_] = np.zeros((0, 1), dtype=bool)
 
     def late(self, duties: Floats, robots: Robots) -> Floats:
-        """Return the delayed duties (n, 2) for the next step; `duties` are what `robots` decide now."""
+        """Return the delayed duties (n, 2) for the next step; `duties` are the present decisions of `robots`."""
         if self._past.maxlen == 1:
             return duties
         if robots.robot_id is not self._robots:

@@ -1,4 +1,4 @@
-"""Range sensors of robots: what each sees of the mixed world, as messages.
+"""Range sensors of robots in the mixed world, as messages.
 
 A virtual robot's sensor sees all robots and all obstacles. A real robot's own laser sees real objects; its message here
 adds what the laser cannot see, virtual robots and virtual obstacles.

@@ -30,7 +30,7 @@ from robot_driver.settings import Settings
 
 COMMAND_PERIOD = 0.02  # s
 ESTOP_PERIOD = 0.05  # s
-READY = 10.0  # s that a driver may take until it is ready
+READY = 10.0  # s until a driver must be ready
 ENDING = 3.0  # s
 SOURCE = "cmr accept"
 DRIVER = (sys.executable, "-c", "import sys; from cmr.commands import driver; sys.exit(driver())")
@@ -40,7 +40,7 @@ Duty = tuple[float, float]
 
 
 class Ended(CommandError):  # noqa: N818 - no fault: somebody wanted it
-    """The person, or an emergency stop, ended the protocol."""
+    """A person, or an emergency stop, ended the protocol."""
 
 
 @dataclass
@@ -65,7 +65,7 @@ class Setup:
 
 @dataclass
 class Bench:
-    """What the steps of the protocol work with. `ended` is called continuously, and raises Ended."""
+    """The resources of the protocol's steps. `ended` is called continuously, and raises Ended."""
 
     setup: Setup
     look: Callable[[], None] = lambda: None
@@ -84,7 +84,7 @@ class Bench:
         self.bus.subscribe(PROCESS_STATUS, every=True)
         self.bus.subscribe(ESTOP, every=True)
         self._command_due = self._estop_due = 0.0
-        self.commanded = 0  # when a duty other than zero was commanded last (ns)
+        self.commanded = 0  # time of the last command other than zero (ns)
         self.estop: bool | None = None  # whether to engage the stop continuously; None: send nothing
         self._estop_decided = 0
         self._drivers = 0
@@ -115,7 +115,7 @@ class Bench:
         return self.setup.folder / name
 
     def start(self, *, direct: str = "", state: str = "state", **changes: object) -> None:
-        """Start the driver, on the filters or `direct`ly on a port, with other settings where given."""
+        """Start the driver, on the filters or `direct`ly on a port, with other settings if given."""
         settings: Settings = replace(self.setup.settings, state=self.setup.folder / state, **changes)  # type: ignore[arg-type]
         if direct:
             settings = replace(settings, port=direct)
@@ -133,11 +133,11 @@ class Bench:
             return subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=errors, start_new_session=True)
 
     def errors_path(self, number: int) -> Path:
-        """Return the file with what a driver said on stderr."""
+        """Return the file with a driver's stderr."""
         return self._link(f"driver-{number}.txt")
 
     def errors(self) -> str:
-        """Return what the driver that was started last said on stderr."""
+        """Return the stderr of the driver that was started last."""
         return self.errors_path(self._drivers).read_text(errors="replace")
 
     def end(self, number: int = signal.SIGTERM) -> int | None:
@@ -194,7 +194,7 @@ class Bench:
             self.commanded = time.monotonic_ns()
 
     def set_estop(self, engaged: bool) -> int:
-        """Engage or release the stop from now on; return when (ns)."""
+        """Engage or release the stop from now on; return the time (ns)."""
         self.estop, self._estop_decided, self._estop_due = engaged, now_utime(), 0.0
         self.turn(None)
         return self.record.moment(self._estop_decided)
@@ -242,7 +242,7 @@ class Bench:
         self.go_on(READY, lambda _: (0.0, 0.0), served)
 
     def wire(self) -> Wire:
-        """Return what has passed the filter so far."""
+        """Return the data that have passed the filter so far."""
         assert self.filter is not None
         return Wire(self.filter.dialect, self.setup.settings.wiring, self.filter.exchanges)
 
@@ -274,7 +274,7 @@ class Bench:
 
 
 def kill(*pids: int | None) -> int:
-    """Kill processes; return when (ns)."""
+    """Kill processes; return the time (ns)."""
     at = time.monotonic_ns()
     for pid in pids:
         if pid is not None:

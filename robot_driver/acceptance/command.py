@@ -24,9 +24,9 @@ LARGEST_DUTY = 0.2
 PAGE = "robot_driver.acceptance.page"  # not in the driver's package for robots
 DESCRIPTION = """Prove what cmr-driver promises on your own hardware: half an hour, or two minutes with --short.
 
-Lift the wheels off the floor. The program starts the driver on your ports through a filter, makes the line bad in every
-way, kills what may die, and asks for what only a hand can do: to pull the USB cable, to switch the battery off. The
-wheels turn with 10 % duty. Any key ends everything, and so does ESTOP.
+Lift the wheels off the floor. The program starts the driver on your ports through a filter, degrades the line, kills
+processes, and asks you to pull the USB cable and to switch the battery off. The wheels turn at 10 % duty. Any key ends
+everything, and so does ESTOP.
 
 The report says for each promise whether it held, with figures: DIR/acceptance.json, and DIR/acceptance.html where CMR
 is installed with pages."""
@@ -36,8 +36,8 @@ EXAMPLE = (
     "  cmr accept --port /dev/ttyACM0 --short --promise 6 --promise 18"
 )
 LIFTED = (
-    "The wheels will turn, again and again, both ways, and go on turning for a second where the device is meant to "
-    "stop them. Are they off the floor, and is nothing in their way? Have a hand at the robot's switch."
+    "The wheels will turn repeatedly, both ways, and go on turning for a second in tests of the device's own stop. "
+    "Are they off the floor, and is nothing in their way? Keep a hand at the robot's switch."
 )
 
 
@@ -46,9 +46,9 @@ class _Page(Protocol):
 
 
 def main(arguments: list[str]) -> int:
-    """Run the protocol; return 0 if all that was tried held, else 1.
+    """Run the protocol; return 0 if all tested promises held, else 1.
 
-    Raises CommandError when it is ended, or a port cannot be used.
+    Raises CommandError if it is ended, or a port cannot be used.
     """
     options, settings = _options(arguments)
     check_writable(options.out)

@@ -1,7 +1,7 @@
 """Interpret and forge the bytes between driver and motor controller.
 
-Requests are known to the last gate (`robot_driver.gate`). This module adds the length and contents of replies, and how
-to make false ones.
+The last gate (`robot_driver.gate`) knows the requests. This module adds the length and contents of replies, and the
+construction of false ones.
 """
 
 import re
@@ -44,39 +44,39 @@ class Dialect(ABC):
 
     @abstractmethod
     def kind(self, request: bytes) -> Kind:
-        """Return what a request is about."""
+        """Return the subject of a request."""
 
     @abstractmethod
     def is_whole(self, request: bytes, reply: bytes) -> bool | None:
-        """Return whether this is a whole reply; None where its length is not known."""
+        """Return whether this is a whole reply; None if its length is not known."""
 
     @abstractmethod
     def acknowledged(self, request: bytes, reply: bytes) -> bool:
-        """Return whether the device did what a request asked for."""
+        """Return whether the device acknowledged a request."""
 
     @abstractmethod
     def counts(self, reply: bytes) -> Pair | None:
-        """Return the counts in a reply (modulo 2^32); None where there are none."""
+        """Return the counts in a reply (modulo 2^32); None without any."""
 
     @abstractmethod
     def watchdog(self, reply: bytes) -> float | None:
-        """Return the watchdog in a reply (s)."""
+        """Return the watchdog timeout in a reply (s)."""
 
     @abstractmethod
     def watchdog_set(self, request: bytes) -> float:
-        """Return the watchdog that a request sets (s)."""
+        """Return the watchdog timeout that a request sets (s)."""
 
     @abstractmethod
     def saying_counts(self, counts: Pair) -> bytes:
-        """Return a reply that says these counts."""
+        """Return a reply that reports these counts."""
 
     @abstractmethod
     def saying_watchdog(self, seconds: float) -> bytes:
-        """Return a reply that says this watchdog."""
+        """Return a reply that reports this watchdog timeout [s]."""
 
     @abstractmethod
     def saying_voltage(self, volt: float) -> bytes:
-        """Return a reply that says this voltage of the battery."""
+        """Return a reply that reports this battery voltage."""
 
 
 class RoboClawDialect(Dialect):
@@ -102,7 +102,7 @@ class RoboClawDialect(Dialect):
     }
 
     def kind(self, request: bytes) -> Kind:
-        """Return what a request is about."""
+        """Return the subject of a request."""
         return self._KINDS.get(request[1], Kind.OTHER) if len(request) > 1 else Kind.OTHER
 
     def is_whole(self, request: bytes, reply: bytes) -> bool | None:
@@ -111,7 +111,7 @@ class RoboClawDialect(Dialect):
         return None if length is None else len(reply) >= length
 
     def acknowledged(self, request: bytes, reply: bytes) -> bool:
-        """Return whether the device did what a request asked for."""
+        """Return whether the device acknowledged a request."""
         del request
         return reply == claw.ACKNOWLEDGED
 
@@ -124,24 +124,24 @@ class RoboClawDialect(Dialect):
         return first, second
 
     def watchdog(self, reply: bytes) -> float | None:
-        """Return the watchdog in a reply (s)."""
+        """Return the watchdog timeout in a reply (s)."""
         data = _checked(claw.READ_WATCHDOG, reply)
         return data[0] * claw.WATCHDOG_STEP if len(data) == 1 else None
 
     def watchdog_set(self, request: bytes) -> float:
-        """Return the watchdog that a request sets (s)."""
+        """Return the watchdog timeout that a request sets (s)."""
         return request[2] * claw.WATCHDOG_STEP
 
     def saying_counts(self, counts: Pair) -> bytes:
-        """Return a reply that says these counts."""
+        """Return a reply that reports these counts."""
         return _saying(claw.READ_ENCODERS, struct.pack(">II", *counts))
 
     def saying_watchdog(self, seconds: float) -> bytes:
-        """Return a reply that says this watchdog."""
+        """Return a reply that reports this watchdog timeout [s]."""
         return _saying(claw.READ_WATCHDOG, bytes((round(seconds / claw.WATCHDOG_STEP),)))
 
     def saying_voltage(self, volt: float) -> bytes:
-        """Return a reply that says this voltage."""
+        """Return a reply that reports this battery voltage."""
         return _saying(claw.READ_BATTERY, struct.pack(">H", round(10 * volt)))
 
 
@@ -150,7 +150,7 @@ def _saying(command: int, data: bytes) -> bytes:
 
 
 def _checked(command: int, reply: bytes) -> bytes:
-    """Return the data of a reply; nothing where its CRC is wrong."""
+    """Return the data of a reply; nothing if its CRC is wrong."""
     data = reply[: -claw.CRC_BYTES]
     return data if _saying(command, data) == reply else b""
 
@@ -163,17 +163,17 @@ class RoboteqDialect(Dialect):
     _KINDS = ((b"!M", Kind.DRIVE), (b"?C", Kind.COUNTS), (b"^RWD", Kind.SET_WATCHDOG), (b"~RWD", Kind.WATCHDOG))
 
     def kind(self, request: bytes) -> Kind:
-        """Return what a request is about."""
+        """Return the subject of a request."""
         if request == b"?V\r":
             return Kind.VOLTAGE
         return next((kind for begin, kind in self._KINDS if request.startswith(begin)), Kind.OTHER)
 
     def is_whole(self, request: bytes, reply: bytes) -> bool | None:
-        """Return whether this is a whole reply: a line, after the echo where there is one."""
+        """Return whether this is a whole reply: a line, after the echo if there is one."""
         return reply.removeprefix(request).endswith(END)
 
     def acknowledged(self, request: bytes, reply: bytes) -> bool:
-        """Return whether the device did what a request asked for."""
+        """Return whether the device acknowledged a request."""
         return reply.removeprefix(request) == DONE
 
     def counts(self, reply: bytes) -> Pair | None:
@@ -182,26 +182,26 @@ class RoboteqDialect(Dialect):
         return (int(found[1]) % COUNTER_RANGE, int(found[2]) % COUNTER_RANGE) if found else None
 
     def watchdog(self, reply: bytes) -> float | None:
-        """Return the watchdog in a reply (s)."""
+        """Return the watchdog timeout in a reply (s)."""
         found = re.fullmatch(rb"(?:~RWD\r)?RWD=(\d+)\r", reply)
         return int(found[1]) / 1000 if found else None
 
     def watchdog_set(self, request: bytes) -> float:
-        """Return the watchdog that a request sets (s)."""
+        """Return the watchdog timeout that a request sets (s)."""
         return int(request.split()[1]) / 1000
 
     def saying_counts(self, counts: Pair) -> bytes:
-        """Return a reply that says these counts, which the device sends as signed numbers."""
+        """Return a reply that reports these counts, which the device sends as signed numbers."""
         half = COUNTER_RANGE // 2
         first, second = ((count + half) % COUNTER_RANGE - half for count in counts)
         return b"C=%d:%d\r" % (first, second)
 
     def saying_watchdog(self, seconds: float) -> bytes:
-        """Return a reply that says this watchdog."""
+        """Return a reply that reports this watchdog timeout [s]."""
         return b"RWD=%d\r" % round(1000 * seconds)
 
     def saying_voltage(self, volt: float) -> bytes:
-        """Return a reply that says this voltage; those of driver stage and logic are usual ones."""
+        """Return a reply that reports this voltage, with usual ones of driver stage and logic."""
         return b"V=120:%d:5000\r" % round(10 * volt)
 
 

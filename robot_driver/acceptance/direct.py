@@ -21,15 +21,15 @@ from robot_driver.serial_port import NUMBERED, PSEUDO_TERMINALS
 
 REFUSED = "Another program is using"
 WARNED = "belongs to another device"
-REFUSING = 10.0  # s that a second driver may take to be refused
+REFUSING = 10.0  # s within which a second driver must be refused
 LONGEST_GAP = 0.25  # s between readings of the first driver while the second one tries
-HAND = 60.0  # s that a person has for pulling a cable
+HAND = 60.0  # s for a person to pull a cable
 SKIPPED = Choice("skip", "I cannot do that with this robot")
 DONE = Choice("done", "it is done")
 
 
 def session(run: Run) -> None:
-    """Run the driver on the port: what it says of a numbered one, who else gets it, what a hand does to it."""
+    """Test the driver on the port: its warning about a numbered one, a second driver, and faults by hand."""
     if not run.wants(5, 10, 11, 12):
         return
     bench, port = run.bench, run.bench.setup.settings.port
@@ -53,7 +53,7 @@ def session(run: Run) -> None:
 
 
 def numbered_name(path: str) -> str | None:
-    """Return the name of a port that goes to whatever is plugged in first, following links; None if it has none."""
+    """Return the name of a port that depends on the order of plugging, following links; None if it has none."""
     seen = 0
     while seen < 10:
         if NUMBERED.fullmatch(path):
@@ -109,7 +109,7 @@ def _second(run: Run, port: str) -> None:
 
 
 def _kernel_lock(port: str) -> Finding:
-    """Judge that the kernel refuses the port, too: by opening it, which only root may, who then sees the lock."""
+    """Judge whether the kernel refuses the port, too: only root may open it; opening it as root reveals the lock."""
     if os.path.realpath(port).startswith(PSEUDO_TERMINALS):
         return Finding(12, "TIOCEXCL", None, "a pseudo-terminal: there the kernel's lock would outlive the driver")
     try:

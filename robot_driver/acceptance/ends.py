@@ -1,4 +1,4 @@
-"""Steps in which the driver or its gate is killed, ended by a signal, or meets an emergency stop."""
+"""Steps that kill the driver or its gate, end it by a signal, or engage an emergency stop."""
 
 import signal
 import time
@@ -10,10 +10,10 @@ from robot_driver.acceptance.findings import Finding
 from robot_driver.acceptance.record import Span
 from robot_driver.acceptance.running import ACCELERATION, RATE, Run
 
-ALONE = 0.1  # s within which the gate sends zero when the driver was killed
-OLD = 2.0  # s, of a release that is too old to be taken
+ALONE = 0.1  # s within which the gate sends zero after the driver was killed
+OLD = 2.0  # s, age of a release that is too old to be accepted
 LISTENING = 1.5  # s after the start, in which nothing may move while a stop is engaged
-STOPPED = 0.25  # s within which an emergency stop is on the wire
+STOPPED = 0.25  # s within which an emergency stop must be on the wire
 
 
 def session(run: Run) -> None:
@@ -64,7 +64,7 @@ def by_signal(run: Run) -> None:
 
 
 def engaged_before(run: Run) -> None:
-    """Start the driver while an emergency stop is engaged: it is heard before any command."""
+    """Start the driver while an emergency stop is engaged: it must receive the stop before any command."""
     run.bench.set_estop(True)
     run.bench.start(rate=RATE, acceleration=ACCELERATION, state="engaged-before")
     begun = time.monotonic_ns()
@@ -78,13 +78,13 @@ def engaged_before(run: Run) -> None:
 
 
 def _served_for(run: Run, begun: int, seconds: float) -> bool:
-    """Return whether the driver has sent duties for so long."""
+    """Return whether the driver has sent duties for this time."""
     times = [one.asked for one in run.bench.wire().drives if one.asked > begun]
     return bool(times) and times[-1] - times[0] > seconds * SECOND
 
 
 def released(run: Run) -> None:
-    """Engage the stop while the robot drives, and release it while a duty is commanded all the time."""
+    """Engage the stop while the robot drives, and release it while a duty is commanded continuously."""
     bench = run.bench
     if not _start(run, "released"):
         _not_driven(run, 18, "released")
@@ -106,7 +106,7 @@ def released(run: Run) -> None:
 
 
 def _release_too_old(run: Run) -> None:
-    """Release the stop by a message that was decided too long ago; then zero, then a duty, none of which may count."""
+    """Release the stop by an outdated message; then send zero, then a duty: all must be ignored."""
     bench = run.bench
     bench.release(age=OLD)
     begun = time.monotonic_ns()
@@ -117,7 +117,7 @@ def _release_too_old(run: Run) -> None:
 
 
 def latched(run: Run) -> None:
-    """Engage the stop, kill the driver, and start it again with nobody who repeats the stop."""
+    """Engage the stop, kill the driver, and start it again while nobody repeats the stop."""
     bench = run.bench
     if not _start(run, "latched"):
         _not_driven(run, 19, "latched")
@@ -163,7 +163,7 @@ def driver_killed(run: Run) -> None:
 
 
 def both_killed(run: Run) -> None:
-    """Kill gate and driver: nobody writes any more, and the device has to stop the motors by itself."""
+    """Kill gate and driver: nobody writes any more, and the device must stop the motors itself."""
     if not _start(run, "both-killed"):
         _not_driven(run, 6, "driver and gate killed")
         return

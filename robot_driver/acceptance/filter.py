@@ -12,14 +12,14 @@ from robot_driver.acceptance.dialects import COUNTER_RANGE, Dialect, Kind, Pair
 
 SECOND = 10**9  # ns; all times are ns of the monotonic clock
 BITS_PER_BYTE = 10  # 8N1
-ADAPTER = 4_000_000  # ns for which a slow adapter holds a reply back
+ADAPTER = 4_000_000  # ns for which a slow adapter delays a reply
 EIGHTH_BIT = 0x80
-VALID_LINE, INVALID_LINE = b"1\r\n", b"0\r\n"  # how lines of a DSP-3000 end
+VALID_LINE, INVALID_LINE = b"1\r\n", b"0\r\n"  # ends of a DSP-3000's lines
 NO_COUNTS = 0, 0
 
 
 class Piece(NamedTuple):
-    """Bytes that are to be passed on at `due`, to the device or to the driver."""
+    """Bytes to be passed on at `due`, to the device or to the driver."""
 
     due: int
     to_device: bool
@@ -27,13 +27,13 @@ class Piece(NamedTuple):
 
 
 class Line(Protocol):
-    """What a relay moves bytes through."""
+    """The interface of a line for a relay."""
 
     def from_driver(self, data: bytes, now: int) -> list[Piece]:
-        """Take bytes of the driver."""
+        """Handle bytes from the driver."""
 
     def from_device(self, data: bytes, now: int) -> list[Piece]:
-        """Take bytes of the device."""
+        """Handle bytes from the device."""
 
 
 @dataclass
@@ -52,10 +52,10 @@ class Exchange:
 class Faults:
     """Faults of the line; may be changed at any time.
 
-    `gap` (ns) stands between the bytes of a reply; `latency` (ns) is added to it. `lose`, `damage`, `delay` are shares
-    of replies: lost whole, with a bit flipped or a byte dropped or inserted, later by `delay_by` (ns). `silent`: no
-    reply comes. `deaf`: what reaches the device makes no sense. `baud`: the line seems as slow as that; 0 for as it is.
-    `withheld` are kinds of requests that are not answered, `lose_next` one kind whose next zero or reply is lost once.
+    `gap` (ns) separates the bytes of a reply; `latency` (ns) is added to it. `lose`, `damage`, `delay` are shares of
+    replies: lost completely; with a bit flipped, or a byte dropped or inserted; delayed by `delay_by` (ns). `silent`:
+    no reply comes. `deaf`: the device receives meaningless bytes. `baud`: apparent rate of the line; 0 for the real
+    one. `withheld` are kinds of requests without replies; the next zero or reply of the kind `lose_next` is lost once.
     """
 
     gap: int = 0
@@ -98,7 +98,7 @@ class Filter:
     def __post_init__(self) -> None:
         self._random = Random(self.seed)
         self._held = b""
-        self._last_due = 0  # of what was passed on to the driver
+        self._last_due = 0  # due time of the last bytes passed on to the driver
 
     def from_driver(self, data: bytes, now: int) -> list[Piece]:
         """Take a request."""
@@ -129,7 +129,7 @@ class Filter:
         return list(self._passed_on(exchange, held, now))
 
     def own_request(self, data: bytes, now: int) -> list[Piece]:
-        """Make a request of our own; the driver must not be there any more."""
+        """Make a request of our own, after the driver has ended."""
         self.exchanges.append(Exchange(now, data, data))
         return [Piece(now, True, data)]
 
@@ -137,7 +137,7 @@ class Filter:
         return self.faults != Faults() or self.forgery != Forgery()
 
     def _passed_on(self, exchange: Exchange, data: bytes, now: int) -> Iterator[Piece]:
-        """Yield what of a reply reaches the driver, and when."""
+        """Yield the parts of a reply that reach the driver, with their times."""
         faults = self.faults
         kind = self.dialect.kind(exchange.request)
         data = self._forged(kind, exchange.reply, data)
@@ -184,7 +184,7 @@ class Filter:
 
 @dataclass
 class GyroFaults:
-    """What is wrong with a gyro's line: held back for `hold` (ns) at a time; a share of bytes damaged; off; not valid.
+    """Faults of a gyro's line: held back for `hold` (ns) at a time; a share of bytes damaged; off; not valid.
 
     Damage sets the eighth bit of a byte: a text protocol without checksum cannot detect a changed digit.
     """
@@ -197,7 +197,7 @@ class GyroFaults:
 
 @dataclass
 class GyroFilter:
-    """The line to a gyro that talks by itself; `heard` are its true readings with times."""
+    """The line to a gyro that sends by itself; `heard` are its true readings with times."""
 
     seed: int = 0
     faults: GyroFaults = field(default_factory=GyroFaults)
@@ -207,11 +207,11 @@ class GyroFilter:
         self._random = Random(self.seed)
 
     def from_driver(self, data: bytes, now: int) -> list[Piece]:
-        """Take what the gyro is sent."""
+        """Handle bytes sent to the gyro."""
         return [] if self.faults.off else [Piece(now, True, data)]
 
     def from_device(self, data: bytes, now: int) -> list[Piece]:
-        """Take what it says."""
+        """Handle bytes from the gyro."""
         faults = self.faults
         if faults.off:
             return []
@@ -228,5 +228,5 @@ class GyroFilter:
 
 
 def shifted(counts: Pair, offset: Pair) -> Pair:
-    """Return counts further on by an offset, modulo 2^32."""
+    """Return counts increased by an offset, modulo 2^32."""
     return (counts[0] + offset[0]) % COUNTER_RANGE, (counts[1] + offset[1]) % COUNTER_RANGE

@@ -1,4 +1,4 @@
-"""Whether yaw rates were reported as promised: judged from what was recorded, without clock or I/O."""
+"""Judge whether yaw rates were reported as promised: from recordings, without clock or I/O."""
 
 import math
 from bisect import bisect_left
@@ -12,9 +12,9 @@ from robot_driver.acceptance.record import Record, Span
 from robot_driver.gyros import Gyro
 
 ALIKE = 1e-6  # rad/s
-ABOUT = SECOND // 4  # ns between a reading and what is published of it
+ABOUT = SECOND // 4  # ns between a reading and its publication
 LARGEST_ERROR = 0.008  # s, rms, of stamps of readings that came in bursts
-LEAST_VALID = 20  # readings, or nothing was shown
+LEAST_VALID = 20  # readings, for a valid test
 
 
 class Said(NamedTuple):
@@ -41,8 +41,8 @@ def increasing(name: str, stamps: Sequence[int], seconds: float) -> Finding:
 def spread(record: Record, truth: Sequence[Said], span: Span, sign: float, rate: float) -> Finding:
     """Judge the stamps of readings that arrived in bursts, against the times at which the gyro sent them.
 
-    A reading is one that has the same rate and came about then. What all stamps are apart from that is the time on the
-    wire and in the gyro; of it a stamp may be early by one period.
+    Readings are matched by rate and approximate time. The common part of all differences is the time on the wire and in
+    the gyro; of this, a stamp may be early by one period.
     """
     moments = [one.moment for one in truth]
     errors = []
@@ -57,7 +57,7 @@ def spread(record: Record, truth: Sequence[Said], span: Span, sign: float, rate:
             errors.append(min((stamp - moment for moment in near), key=abs) / SECOND)
     if len(errors) < LEAST_VALID:
         return Finding(14, "bursts", False, f"only {len(errors)} readings could be compared")
-    half = 0.5 / rate if rate else 0.0  # of a period, which the reading and its time on the wire take
+    half = 0.5 / rate if rate else 0.0  # of a period, for the reading and its time on the wire
     rms = math.sqrt(sum((error + half) ** 2 for error in errors) / len(errors))
     said = f"{len(errors)} readings in bursts, their stamps {1e3 * rms:.1f} ms (rms) from when they were sent"
     return Finding(14, "bursts", rms <= LARGEST_ERROR, said, {"rms_s": rms, "compared": len(errors)})

@@ -15,8 +15,8 @@ from cmr.priority import go_first
 from robot_driver.acceptance.filter import SECOND
 from robot_driver.acceptance.record import Span
 
-PERIOD = 0.005  # s between two looks
-LATE = 0.03  # s; what comes later than that can make a difference
+PERIOD = 0.005  # s between two checks
+LATE = 0.03  # s; longer delays can affect the results
 
 
 class HeldUp:

@@ -15,15 +15,15 @@ from robot_driver.encoders import Wiring
 SLACK = 12_000_000  # ns of tolerance between stamps and the relay's times on a busy computer
 DUTY_STEP = 0.0006  # half of the coarsest step of a controller, and a little
 LEAST_SHARE = 0.95  # share of the readings received by the driver that it must publish
-LEAST_PUBLISHED = 5  # messages, or nothing was shown
+LEAST_PUBLISHED = 5  # messages, for a valid test
 LONGER = 0.5  # periods; tolerance of turn times (95 %) with lost replies
-LEAST_RATE = 0.88  # of the rate that is reached without losses
+LEAST_RATE = 0.88  # of the rate without losses
 HELD_UP = 0.12  # s; tolerated delay of this computer
 STATED = re.compile(r"Motors served at ([\d.]+) Hz .*? answers in ([\d.]+) ms \(99 % within ([\d.]+) ms\)")
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """Return the smallest value that is not exceeded by this share; infinity where there are none."""
+    """Return the smallest value that is not exceeded by this share; infinity without values."""
     return sorted(values)[min(int(share * len(values)), len(values) - 1)] if values else float("inf")
 
 
@@ -53,7 +53,7 @@ class Ticks:
 
 
 def steady_constant(record: Record, wire: Wire, span: Span) -> Constant:
-    """Return by what ticks differ from the truth in a span."""
+    """Return the offset of ticks from the truth in a span."""
     return Ticks(record, wire).constant(record.feedback_in(span))
 
 
@@ -79,7 +79,7 @@ def none_lost(promise: int, check: str, record: Record, wire: Wire, span: Span) 
 
 
 def duties_true(record: Record, wire: Wire, span: Span, wiring: Wiring) -> Finding:
-    """Judge that each duty reported as in force was acknowledged by the device when it is said to have been sent."""
+    """Judge that each duty reported as in force was acknowledged by the device at the reported time."""
     done = [drive for drive in wire.drives if drive.acknowledged]
     messages, false = record.feedback_in(span), 0
     for message in messages:
@@ -117,7 +117,7 @@ def rhythm(wire: Wire, good: Span, bad: Span, rate: float) -> Finding:
 
 
 def _turns(wire: Wire, span: Span, rate: float) -> tuple[float, float]:
-    """Return within how many periods 95 % of turns began, and the rate that was reached (Hz)."""
+    """Return the number of periods within which 95 % of turns began, and the rate (Hz)."""
     times = turn_times(wire, span)
     periods = [(after - before) / SECOND * rate for before, after in pairwise(times)]
     return quantile(periods, 0.95), len(times) / span.seconds
@@ -134,7 +134,7 @@ def cost_of_loss(wire: Wire, span: Span, baud: int) -> Finding:
 
 
 def armed_before_driven(wire: Wire, span: Span) -> Finding:
-    """Judge that the watchdog was set and read back before anything but zero was sent."""
+    """Judge that the watchdog was set and read back before any duty other than zero."""
     dialect = wire.dialect
     first = next((drive.asked for drive in wire.drives_in(span) if drive.moves), span.end)
     before = Span(span.begin, first)
@@ -219,7 +219,7 @@ def round_trips(record: Record, wire: Wire, span: Span) -> dict[str, float]:
 
 
 def said_degraded(record: Record, since: int, until: int, words: str) -> process_status_t | None:
-    """Return the first report in a time that something is wrong, with these words."""
+    """Return the first report of a problem in a time, with these words."""
     return next(
         (
             one

@@ -16,12 +16,12 @@ from robot_driver.acceptance.running import ACCELERATION, RATE, SETTLING, Run
 from robot_driver.controllers import CONTROLLERS
 from robot_driver.gyros import GYROS
 
-BEFORE_WRAP = 100  # counts before the end of the counters, with which they begin
+BEFORE_WRAP = 100  # counts before the counters' wrap, at the start
 JUMP = 2**30  # counts
 GAP = 5_000_000  # ns between the bytes of replies in pieces
-ADDED = 0.016  # s, as a USB adapter holds replies back
-ON_THE_LINE = 1, 2, 3, 4, 5, 6, 7, 8, 10, 13, 14, 15, 17  # promises that are looked at here
-STARTS = 3  # of the driver, on a computer that is held up
+ADDED = 0.016  # s, delay of replies by a USB adapter
+ON_THE_LINE = 1, 2, 3, 4, 5, 6, 7, 8, 10, 13, 14, 15, 17  # promises tested here
+STARTS = 3  # attempts to start the driver on a delayed computer
 BURST = 50_000_000  # ns
 
 
@@ -56,7 +56,7 @@ def session(run: Run) -> None:
 
 
 def restored(step: Callable[[Run], None], run: Run) -> None:
-    """Make a step on a restored line."""
+    """Perform a step on a restored line."""
     run.restore()
     step(run)
 
@@ -69,7 +69,7 @@ def begin_before_wrap(run: Run) -> None:
 
 
 def _last_counts(run: Run) -> tuple[int, int]:
-    """Return what the device really counted last."""
+    """Return the true last counts of the device."""
     said = (run.line.dialect.counts(one.reply) for one in reversed(run.line.exchanges))
     return next((counts for counts in said if counts is not None), (0, 0))
 
@@ -94,7 +94,7 @@ def begin(run: Run) -> bool:
 
 
 def steady(begun: int, run: Run) -> None:
-    """Drive on a good line: forward over the end of the counters, and back; longer where stamps are looked at."""
+    """Drive on a good line: forward over the end of the counters, and back; longer if stamps are tested."""
     seconds = run.pace.steady if run.wants(14, 17) else 3.0
     forth = run.moving("steady", f"Driving steadily, for {seconds:.0f} s. Any key ends everything.", seconds)
     back = run.moving("backward", "Driving backward.", run.pace.brief, run.back)
@@ -128,7 +128,7 @@ def _no_jumps(run: Run, span: Span) -> Finding:
 
 
 def latency(run: Run) -> None:
-    """Hold replies back, as a USB adapter does; the driver states it."""
+    """Hold replies back, as a USB adapter does; the driver must report it."""
     run.line.faults = Faults(latency=round(ADDED * SECOND))
     span = run.moving("latency", "Driving behind a slow adapter.", max(run.pace.faulty / 2, 3.0))
     run.still(SETTLING, run.zero)
@@ -136,7 +136,7 @@ def latency(run: Run) -> None:
 
 
 def pieces(run: Run) -> None:
-    """Have replies come byte by byte."""
+    """Send replies byte by byte."""
     run.line.faults = Faults(gap=GAP)
     span = run.moving("pieces", "Driving while replies come in pieces.", max(run.pace.faulty / 2, 2.0))
     run.line.faults = Faults()
@@ -158,7 +158,7 @@ def losses(run: Run) -> None:
 
 
 def damage(run: Run) -> None:
-    """Damage requests and replies, and have replies be late; the gyro's as well."""
+    """Damage requests and replies, also the gyro's, and delay replies."""
     run.line.faults = Faults(damage=0.2, damage_requests=0.03, delay=0.08)
     if run.bench.gyro is not None:
         run.bench.gyro.faults = GyroFaults(damage=0.01)
@@ -179,7 +179,7 @@ def damage(run: Run) -> None:
 
 
 def said_by_gyro(run: Run) -> list[gyros.Said]:
-    """Return what the gyro on its own port said, nothing where there is none."""
+    """Return the readings of the gyro on its own port; empty without one."""
     if run.bench.gyro is None:
         return []
     kind = GYROS[run.bench.setup.settings.gyro or "dsp3000"]
@@ -187,12 +187,12 @@ def said_by_gyro(run: Run) -> list[gyros.Said]:
 
 
 def sign_of_gyro(run: Run) -> float:
-    """Return which way the driver counts it."""
+    """Return the sign with which the driver counts the gyro."""
     return -1.0 if run.bench.setup.settings.invert_gyro else 1.0
 
 
 def bursts(run: Run) -> None:
-    """Have the gyro's readings come several at a time."""
+    """Send the gyro's readings in bursts."""
     if run.bench.gyro is None:
         run.note(Finding(14, "bursts", None, "no gyro on a port of its own (--gyro-port)"))
         return
@@ -205,7 +205,7 @@ def bursts(run: Run) -> None:
 
 
 def gyro_off(run: Run) -> None:
-    """Have the gyro be off for a while."""
+    """Switch the gyro off for a while."""
     if run.bench.gyro is None:
         return
     run.bench.gyro.faults = GyroFaults(off=True)
@@ -224,7 +224,7 @@ def gyro_off(run: Run) -> None:
 
 
 def jump(run: Run) -> None:
-    """Have the counts jump, once; they are large from then on."""
+    """Make the counts jump, once; they are large from then on."""
     run.moving("before a jump", "Driving.", 1.0)
     run.line.forgery = replace(run.line.forgery, offset=shifted(run.line.forgery.offset, (JUMP, JUMP)))
     jumped = time.monotonic_ns()
@@ -244,7 +244,7 @@ def jump(run: Run) -> None:
 
 
 def silence(run: Run) -> None:
-    """Have the device answer nothing for a while, with its motors running until they stop."""
+    """Withhold all replies for a while, with the motors running until they stop."""
     if not run.drives(5, "silence"):
         return
     begun = time.monotonic_ns()
@@ -273,7 +273,7 @@ def _from_zero(drives: list[Drive]) -> list[Drive]:
 
 
 def deaf(run: Run) -> None:
-    """Have the device hear bytes that make no sense: it has to be left alone until its watchdog stops the motors."""
+    """Send the device meaningless bytes: the driver must leave it alone until its watchdog stops the motors."""
     if not run.drives(6, "a deaf device"):
         return
     begun = time.monotonic_ns()
@@ -287,7 +287,7 @@ def deaf(run: Run) -> None:
 
 
 def watchdog_lost(run: Run) -> None:
-    """Have the device say that it has no watchdog any more."""
+    """Report that the device has lost its watchdog."""
     if not run.drives(7, "armed again"):
         return
     lost = time.monotonic_ns()
@@ -301,7 +301,7 @@ def watchdog_lost(run: Run) -> None:
 
 
 def watchdog_refused(run: Run) -> None:
-    """Have the device acknowledge its watchdog, and have none all the same: then nothing may move."""
+    """Acknowledge the watchdog without setting it: then nothing may move."""
     relay = run.bench.relay
     assert relay is not None
     run.line.forgery.watchdog_lost = run.line.forgery.watchdog_refused = True
@@ -316,7 +316,7 @@ def watchdog_refused(run: Run) -> None:
 
 
 def reset(run: Run) -> None:
-    """Have the device be reset: its counts begin at zero, and it has no watchdog."""
+    """Reset the device: its counts begin at zero, and it has no watchdog."""
     if not run.drives(13, "reset"):
         return
     before, last = run.bench.record.feedback[-1], _last_counts(run)
@@ -340,7 +340,7 @@ def reset(run: Run) -> None:
 
 
 def stale(run: Run) -> None:
-    """Say nothing more; then say old commands; then new ones."""
+    """Stop commanding; then send old commands; then new ones."""
     if not run.drives(8, "stale"):
         return
     last = run.bench.commanded
@@ -359,7 +359,7 @@ def stale(run: Run) -> None:
 
 
 def paused(run: Run) -> None:
-    """Stop the driver's process as by Ctrl-Z while it drives, and have it go on."""
+    """Suspend the driver's process as by Ctrl-Z while it drives, and resume it."""
     if not run.drives(6, "driver stopped (SIGSTOP)"):
         return
     process = run.bench.process
@@ -374,7 +374,7 @@ def paused(run: Run) -> None:
 
 
 def unplugged(run: Run) -> None:
-    """Have the driver's port vanish and come back."""
+    """Remove the driver's port, and bring it back."""
     relay = run.bench.relay
     assert relay is not None
     if not run.drives(10, "reported"):

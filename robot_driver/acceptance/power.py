@@ -1,4 +1,4 @@
-"""The battery, as the device is made to report it; and a slow line."""
+"""Steps with a forged battery voltage, and with a slow line."""
 
 import time
 
@@ -10,15 +10,15 @@ from robot_driver.acceptance.findings import Finding
 from robot_driver.acceptance.record import Span
 from robot_driver.acceptance.running import ACCELERATION, RATE, SETTLING, Run
 
-WARN, STOP = 11.0, 10.0  # V, given to the driver
+WARN, STOP = 11.0, 10.0  # V, settings of the driver
 FULL, LOW, EMPTY = 12.0, 10.5, 9.0  # V, reported to it
 DELAY = 2.0  # s below a threshold before it counts
 SLOW_BAUD = 2400
-SLOW_RATE = 5.0  # Hz; an exchange of all takes 0.16 s at that rate
+SLOW_RATE = 5.0  # Hz; all requests take 0.16 s at that baud rate
 
 
 def session(run: Run) -> None:
-    """Look at batteries."""
+    """Test the battery's thresholds."""
     if run.wants(16):
         run.attempt(battery)
 
@@ -74,7 +74,7 @@ def _empty(run: Run) -> None:
 
 
 def slow_line(run: Run) -> None:
-    """Drive on a line that seems to have 2400 baud and a slow adapter, with a driver that knows the rate."""
+    """Drive on a line with an apparent 2400 baud and a slow adapter, with a driver configured for it."""
     if run.wants(4):
         run.attempt(slow)
 

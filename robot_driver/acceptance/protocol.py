@@ -29,7 +29,7 @@ LEFT_OUT = {
     8: ("a stop of the controller's own", "it can only be provoked at the controller"),
     9: ("an exception", "there is no way to cause one from outside"),
 }
-ATTEMPTS = 10  # at the name of a device
+ATTEMPTS = 10  # to read the name of a device
 
 
 def run_protocol(
@@ -40,9 +40,9 @@ def run_protocol(
     wanted: Collection[int] = tuple(PROMISES),
     hands: bool = True,
 ) -> Report:
-    """Do all steps, and return the report. `front` makes the guide, given a function that waits.
+    """Perform all steps, and return the report. `front` makes the guide, given a function that waits.
 
-    Raises Ended when a person ends it, PortLost when a port cannot be used.
+    Raises Ended if a person ends it, PortLost if a port cannot be used.
     """
     device = name_of(setup)
     bench = Bench(setup)
@@ -83,7 +83,7 @@ def _report(device: str, setup: Setup, run: Run, begun: float) -> Report:
 
 
 def wait(bench: Bench, seconds: float) -> None:
-    """Let time pass while a person thinks; a running driver is commanded zero."""
+    """Let time pass while a person thinks; a running driver gets the command zero."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         bench.turn((0.0, 0.0) if bench.process is not None else None, look=False)
@@ -110,8 +110,8 @@ def name_of(setup: Setup) -> str:
 
 
 def not_tried(run: Run) -> list[Finding]:
-    """Return what was requested but not tried, and why."""
+    """Return the requested promises that were not tried, with reasons."""
     result = [Finding(number, check, None, why) for number, (check, why) in LEFT_OUT.items() if run.wants(number)]
     tried = {finding.promise for finding in run.findings}
-    why = NO_DIALECT if run.bench.setup.dialect is None else "it was not come to"
+    why = NO_DIALECT if run.bench.setup.dialect is None else "the protocol did not reach it"
     return result + [Finding(number, "", None, why) for number in PROMISES if run.wants(number) and number not in tried]

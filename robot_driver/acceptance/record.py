@@ -22,7 +22,7 @@ class Span(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """How long it took (s)."""
+        """Its duration (s)."""
         return (self.end - self.begin) / SECOND
 
     def holds(self, moment: int) -> bool:
@@ -31,7 +31,7 @@ class Span(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """A duty that was sent: time, channels, whether the device acknowledged it and the driver received that."""
+    """A duty on the wire: time, channels, whether the device acknowledged it and the driver received the reply."""
 
     asked: int
     duty: Channels
@@ -81,25 +81,25 @@ class Wire:
         return [one for one in self.exchanges if span.holds(one.asked) and self.dialect.kind(one.request) is kind]
 
     def speed(self, before: int) -> float:
-        """Return how fast the faster wheel turned in the third of a second before a moment (ticks/s)."""
+        """Return the speed of the faster wheel in the third of a second before a moment (ticks/s)."""
         chosen = [one for one in self.readings if before - SECOND // 3 <= one.asked <= before]
         if len(chosen) < 2 or chosen[-1].asked == chosen[0].asked:
             return 0.0
         return _way(chosen[0], chosen[-1]) / ((chosen[-1].asked - chosen[0].asked) / SECOND)
 
     def gained(self, since: int, until: int) -> int | None:
-        """Return how far the faster wheel turned between the last reading before a time and the first after another.
+        """Return the rotation of the faster wheel between the last reading before a time and the first after another.
 
-        In ticks; None where there are no such readings.
+        In ticks; None without such readings.
         """
         before = [one for one in self.readings if one.answered <= since]
         after = next((one for one in self.readings if one.asked > max(since, until)), None)
         return _way(before[-1], after) if before and after else None
 
     def stood_after(self, since: int, until: int) -> float:
-        """Return when both wheels had stopped, after a moment (s), by readings up to another one.
+        """Return the time from a moment until both wheels had stopped (s), by readings up to another moment.
 
-        NaN where there are no readings.
+        NaN without readings.
         """
         chosen = [one for one in self.readings if since <= one.asked <= until]
         if not chosen:
@@ -151,7 +151,7 @@ class Record:
         return [one for one in self.gyro if span.holds(self.moment(one.utime))]
 
     def statuses_in(self, span: Span) -> list[process_status_t]:
-        """Return what the driver reported of itself in a span."""
+        """Return the driver's reports on PROCESS_STATUS in a span."""
         return [one for one in self.statuses if span.holds(self.moment(one.utime))]
 
 

@@ -18,7 +18,7 @@ from robot_driver.host import PORT_ERRORS, Terminal
 from robot_driver.serial_port import PSEUDO_TERMINALS, PortLost, why_not_open
 from robot_driver.terminals.pseudo_terminal import PseudoTerminal
 
-CLOSED_PERIOD = 0.005  # s between looks at a port that no driver has open; such a port cannot be waited on
+CLOSED_PERIOD = 0.005  # s between checks of a port that no driver has open; such a port cannot be waited on
 LONGEST_WAIT = 0.1  # s
 READ_SIZE = 4096  # bytes
 
@@ -26,12 +26,12 @@ READ_SIZE = 4096  # bytes
 class Relay:
     """Between the port at `path` and a pseudo-terminal behind `link`; a context manager, with a thread inside.
 
-    Raises PortLost on entry where the port cannot be opened. `problem` says what became of it later.
+    Raises PortLost on entry if the port cannot be opened. `problem` describes a later loss.
     """
 
     def __init__(self, path: str, baud_rate: int, link: Path, line: Line) -> None:
         self.problem = ""
-        self.late = 0  # ns, of the piece that was passed on with the largest delay
+        self.late = 0  # ns, largest delay of a piece
         self._path, self._baud_rate, self._link, self._line = path, baud_rate, link, line
         self._due: list[tuple[int, int, Piece]] = []
         self._number = 0
@@ -65,12 +65,12 @@ class Relay:
         os.close(self._wake_writer)
 
     def unplug(self) -> None:
-        """Have the port vanish for the driver, as if the cable were pulled."""
+        """Remove the driver's port, as if the cable were pulled."""
         self._plugged_in = False
         self._wake()
 
     def plug_in(self) -> None:
-        """Have it come back."""
+        """Bring the port back."""
         self._plugged_in = True
         self._wake()
 
@@ -126,13 +126,13 @@ class Relay:
             self._pass_on()
 
     def _pass_on(self) -> None:
-        """Pass on what is due."""
+        """Pass on the pieces that are due."""
         while self._due and (now := time.monotonic_ns()) >= self._due[0][0]:
             with self._lock:
                 due, _, piece = heapq.heappop(self._due)
             self.late = max(self.late, now - due)
             if piece.to_device:
-                with suppress(serial.SerialTimeoutException):  # lost, as on a line that takes nothing
+                with suppress(serial.SerialTimeoutException):  # lost, as on a line that accepts nothing
                     self._device.write(piece.data)
             elif self._terminal is not None:
                 self._terminal.write(piece.data)

@@ -1,4 +1,4 @@
-"""What the protocol found, as a report for programs (JSON) and for a terminal."""
+"""The findings of the protocol, as a report for programs (JSON) and for a terminal."""
 
 import json
 import math
@@ -11,7 +11,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class Report:
-    """What was tested, on what, and what was found. `short`: the short form, which shows less."""
+    """The tested hardware and the findings. `short`: the short form, which shows less."""
 
     device: str
     controller: str
@@ -30,7 +30,7 @@ class Report:
 
     @property
     def verdicts(self) -> dict[int, str]:
-        """Whether each promise that was looked at passed, failed or was not tried."""
+        """Whether each tested promise passed, failed or was not tried."""
         looked_at = {finding.promise for finding in self.findings}
         return {number: verdict(number, self.findings) for number in PROMISES if number in looked_at}
 

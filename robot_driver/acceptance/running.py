@@ -105,7 +105,7 @@ class Run:
         self.findings += [finding for finding in findings if finding.promise in self.wanted]
 
     def wants(self, *promises: int) -> bool:
-        """Return whether one of these promises is looked at."""
+        """Return whether one of these promises is to be tested."""
         return any(promise in self.wanted for promise in promises)
 
     def wave(self, elapsed: float) -> Duty:
@@ -140,7 +140,7 @@ class Run:
                 self._motion = None
 
     def still(self, seconds: float, duty: Callable[[float], Duty] | None = None) -> Span:
-        """Let time pass in which nothing is to move."""
+        """Let time pass without any expected motion."""
         return self.bench.go_on(seconds, duty)
 
     def restore(self) -> None:
@@ -167,7 +167,7 @@ class Run:
         return bool(self._turned_since(begin))
 
     def _turned_since(self, begin: int) -> object:
-        """Return whether the wheels have turned for long enough to have the speed that belongs to the duty."""
+        """Return whether the wheels have turned for long enough to reach the speed of the duty."""
         now, record = time.monotonic_ns(), self.bench.record
         recent = [
             one for one in record.feedback[-60:] if record.moment(one.utime) > max(begin, now - AT_SPEED * SECOND)

@@ -8,16 +8,16 @@ from robot_driver.acceptance.judges import HELD_UP, said_degraded
 from robot_driver.acceptance.record import Record, Span, Wire
 
 WATCHDOG = 0.5  # s, of the device
-STANDING = 1.5  # s that lifted wheels may take to come to stand, once the motors get nothing
-COASTING = 0.35  # s of turning on at full speed, that wheels without drive go at most
+STANDING = 1.5  # s until lifted wheels stand without drive
+COASTING = 0.35  # s of coasting from full speed, at most
 REPORTED = 0.5  # s after which the loss of a port is reported
 LONGEST_PAUSE = 1.0  # s between attempts to get a device back
-CONNECTING = 1.0  # s that it takes to connect, at most
-LEAST_SPEED = 20.0  # ticks/s; below that nothing was driven, and no time can be derived
+CONNECTING = 1.0  # s for connecting, at most
+LEAST_SPEED = 20.0  # ticks/s; with less, nothing was driven, and no time can be derived
 
 
 def zero_within(promise: int, check: str, wire: Wire, span: Span, limit: float) -> Finding:
-    """Judge that after the beginning of a span zero came in time and was acknowledged, and that the wheels stood."""
+    """Judge that zero was sent and acknowledged in time after the beginning of a span, and that the wheels stopped."""
     moving = [drive for drive in wire.drives if drive.moves and drive.asked < span.begin]
     zero = wire.first_zero(span.begin)
     after = [drive for drive in wire.drives_in(span) if drive.moves and zero is not None and drive.asked > zero.asked]
@@ -76,7 +76,7 @@ def ended_at_zero(check: str, wire: Wire, asked_at: int, ended_at: int, code: in
 
 
 def unplugged(record: Record, wire: Wire, out: int, back: int, until: int) -> list[Finding]:
-    """Judge a port that went at `out` and was back at `back`."""
+    """Judge a port that disappeared at `out` and was back at `back`."""
     told = said_degraded(record, out, back, "")
     reported = (record.moment(told.utime) - out) / SECOND if told else float("inf")
     first = next((one.asked for one in wire.exchanges if one.asked > back), None)

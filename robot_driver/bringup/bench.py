@@ -24,7 +24,7 @@ LIMIT = 0.20  # duty; limit of confirmed motions
 BELOW = 0.999  # of the desired duty: rounding by the controller may not exceed the limit
 COMMANDED = 0.02  # s between commands
 SILENCE = 0.6  # s without feedback, after which the controller counts as gone
-ZERO_FIRST = 0.6  # s of zero before a motion; a driver that has just begun takes nothing else for 0.4 s
+ZERO_FIRST = 0.6  # s of zero before a motion; a driver that has just started accepts nothing else for 0.4 s
 COASTING = 0.4  # s after a motion in which wheels come to rest
 BITS = motor_feedback_t
 WHY_HELD = {
@@ -46,7 +46,7 @@ class CannotTell(Exception):  # noqa: N818 - it ends a step, as one of its resul
 
 
 class Drivable(Protocol):
-    """The parts of a Driver used by bring-up."""
+    """The part of a Driver's interface used by bring-up."""
 
     def turn(self) -> None:
         """Signal that the process is alive."""
@@ -80,8 +80,8 @@ class World(ABC):
     """The driver's surroundings: time, which passes in turns, the recipient of its messages, and the poses of all
     robots.
 
-    `turn` waits for the next turn, some 5 ms after the last one, passes messages (such as an emergency stop) to the
-    driver, if one runs, and raises whatever ends the procedure.
+    `turn` waits for the next cycle, some 5 ms after the last one, passes messages (such as an emergency stop) to the
+    driver, if one runs, and raises the exception that ends the procedure, if any.
     """
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class World(ABC):
 
     @abstractmethod
     def turn(self, driver: Drivable | None) -> None:
-        """Wait for one turn."""
+        """Wait for one cycle."""
 
     @abstractmethod
     def publish(self, message: Outgoing) -> None:
@@ -124,7 +124,7 @@ class Bench:
         self._listeners: list[Heard] = []
 
     def want(self, left: float, right: float) -> None:
-        """Set the duties that are driven while time passes.
+        """Set the duties to drive while time passes.
 
         Raises ValueError for a duty beyond `limit`: bring-up must not request it.
         """
@@ -139,7 +139,7 @@ class Bench:
             self.turn()
 
     def turn(self) -> None:
-        """Let one turn of the driver pass."""
+        """Let one cycle of the driver pass."""
         self._world.turn(self._driver)
         self._driver.turn()
         now = self.host.monotonic()
@@ -152,7 +152,7 @@ class Bench:
             self._hear(outgoing[2])
             self._world.publish(outgoing)
         list(self._driver.news())  # each step reports by itself
-        self._driver.problems()  # raises whatever ended a thread
+        self._driver.problems()  # raises the error that ended a thread
 
     @contextmanager
     def listening(self) -> Iterator[Heard]:
@@ -166,12 +166,12 @@ class Bench:
 
     @property
     def silent_for(self) -> float:
-        """How long (s) the controller has been silent."""
+        """Duration of the controller's silence (s)."""
         return self.host.monotonic() - self._heard_at
 
     @property
     def ticks(self) -> tuple[int, int]:
-        """The total ticks of both sides now. Raises CannotTell where the controller is silent."""
+        """The total ticks of both sides now. Raises CannotTell if the controller is silent."""
         if self.latest is None or self.silent_for > SILENCE:
             raise CannotTell(f"the motor controller does not answer. {self._driver.problems()}".strip())
         return int(self.latest.ticks_left), int(self.latest.ticks_right)
@@ -185,7 +185,7 @@ class Bench:
                 raise CannotTell(why)
 
     def move(self, guide: Guide, name: str, text: str, duties: tuple[float, float], seconds: float) -> bool:
-        """Announce a motion and make it; return whether a key has ended it. At the end the wheels rest."""
+        """Announce a motion and perform it; return whether a key ended it. At the end the wheels rest."""
         return self.steer(guide, name, text, lambda _elapsed: duties, seconds)
 
     def steer(
@@ -196,7 +196,7 @@ class Bench:
         duties_at: Callable[[float], tuple[float, float] | None],
         seconds: float,
     ) -> bool:
-        """Make a motion with the duties `duties_at` as a function of time; None ends it early."""
+        """Perform a motion with the duties `duties_at` as a function of time; None ends it early."""
         self.want(0.0, 0.0)
         self.run(ZERO_FIRST)
         self.check()
@@ -230,7 +230,7 @@ class Bench:
 def opened(settings: Settings, host: Host, world: World, driver: Opener) -> Iterator[Bench]:
     """Open the robot's ports; at the end the motors are stopped.
 
-    Raises PortLost where one cannot be opened, CannotTell where the controller does not answer.
+    Raises PortLost if one cannot be opened, CannotTell if the controller does not answer.
     """
     with driver(settings) as running:
         bench = Bench(running, host, settings.robot, world)

@@ -1,4 +1,4 @@
-"""cmr bringup: the process around the procedure, with its terminal and bus."""
+"""cmr bringup: the process of the procedure, with its terminal and bus."""
 
 import argparse
 from contextlib import AbstractContextManager, nullcontext
@@ -35,7 +35,7 @@ EXAMPLE = "cmr bringup --ports /dev/serial/by-id/*\n  cmr bringup gyro\n  cmr dr
 
 
 class Interrupted(Exception):  # noqa: N818 - somebody wants it
-    """A signal has come."""
+    """A signal was received."""
 
 
 class QuietProcess(Process):
@@ -56,7 +56,7 @@ class BusWorld(World):
         process.subscribe(POSE, every=True)
 
     def turn(self, driver: Drivable | None) -> None:
-        """Wait for the next turn, and process messages. Raises Interrupted."""
+        """Wait for the next cycle, and process messages. Raises Interrupted."""
         if next(self._turns, None) is None:
             raise Interrupted
         for received in self._process.received():
@@ -68,15 +68,15 @@ class BusWorld(World):
                 self.see(known[1] or 0 if known else 0, (message.utime, message.x, message.y, message.theta))
 
     def publish(self, message: Outgoing) -> None:
-        """Send what the driver has measured."""
+        """Publish a measurement of the driver."""
         stream, robot_id, content = message
         self._process.publish(stream, content, robot_id)
 
 
 def main(arguments: list[str]) -> int:
-    """Run cmr bringup; return its exit code: 1 where a step is left open.
+    """Run cmr bringup; return its exit code: 1 if a step is left open.
 
-    Raises CommandError where a file cannot be used, BusError when there is no bus.
+    Raises CommandError if a file cannot be used, BusError if there is no bus.
     """
     options = _options(arguments)
     settings = options.folder / f"robot_{options.robot}_driver.yaml"
@@ -110,7 +110,7 @@ def _front(is_page: bool) -> AbstractContextManager[Front]:
 
 
 def _closing(robot: int, settings: Path, parameters: Path, open_steps: list[str]) -> str:
-    """Return what was written, and the next step."""
+    """Return the names of the written files, and the next step."""
     written = f"Written: {settings}" + (f" and {parameters}" if parameters.exists() else "")
     if open_steps:
         return f"{written}\nLeft open: {', '.join(open_steps)}. Run again: cmr bringup {' '.join(open_steps)}"

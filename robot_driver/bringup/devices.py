@@ -10,7 +10,7 @@ from robot_driver.host import Host
 from robot_driver.listing import Found, devices_at
 from robot_driver.serial_port import PortLost
 
-At = tuple[str, Found]  # a port, and what answers there
+At = tuple[str, Found]  # a port, and the device there
 
 
 def find_devices(guide: Guide, host: Host, ports: Sequence[str]) -> dict[str, Plain]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-TINY = 1e-12  # share of the largest pivot, below which nothing can be decided
+TINY = 1e-12  # share of the largest pivot, below which the system counts as singular
 
 
 class Undetermined(Exception):  # noqa: N818 - a finding

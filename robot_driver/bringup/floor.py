@@ -9,7 +9,7 @@ from robot_driver.bringup.bench import Bench, CannotTell, Heard
 from robot_driver.bringup.odometry import TURN
 from robot_driver.guided import Guide, no_or_yes
 
-SECONDS = 20.0  # that the drive lasts at most
+SECONDS = 20.0  # longest duration of the drive
 LIMIT = 0.45  # duty; limit of the drive
 SPEED, TURNING_SPEED = 0.15, 0.10  # m/s of the wheels, straight ahead and in turns
 SLOWEST = 0.04  # m/s, at the end of each part
@@ -17,9 +17,9 @@ SLOWING = 0.25  # m/s^2
 BEYOND, BEYOND_ANGLE = 0.15, math.radians(40.0)  # m, rad beyond the plan at which the drive ends
 NEAR, NEAR_ANGLE = 0.004, math.radians(1.0)
 REST = 0.5  # s between parts, and before the first
-STUCK, STUCK_DUTY = 1.0, 0.3  # s with that duty within which a wheel must move
+STUCK, STUCK_DUTY = 1.0, 0.3  # s at that duty within which a wheel must move
 GAIN, GROWTH, STRAIGHT = 0.03, 0.12, 3.0  # duty per rad/s; duty/s per rad/s; rad/s per rad
-WINDOW = 60_000  # us over which speeds are taken
+WINDOW = 60_000  # us over which speeds are averaged
 ROOM = (
     "Put the robot on the floor. It drives 0.5 m ahead, turns a quarter to the left, drives 0.25 m, and turns a "
     "quarter to the right. Its wheels alone hold it to that, not the poses, and it takes at most 20 s. It needs 1.2 m "
@@ -49,7 +49,7 @@ class Body:
 
 
 class FloorDrive:
-    """Controls the drive by wheel counts: `duties` in each turn, None at the end."""
+    """Controls the drive by wheel counts: `duties` in each cycle, None at the end."""
 
     def __init__(self, body: Body, plan: Sequence[Part] = PLAN) -> None:
         self._body = body
@@ -69,7 +69,7 @@ class FloorDrive:
         return not self._parts
 
     def duties(self, elapsed: float, feedback: motor_feedback_t) -> tuple[float, float] | None:
-        """Return the duties now. Raises CannotTell where the robot leaves the plan."""
+        """Return the present duties. Raises CannotTell if the robot leaves the plan."""
         ticks = int(feedback.ticks_left), int(feedback.ticks_right)
         if self._start is None:
             self._start = ticks
@@ -92,7 +92,7 @@ class FloorDrive:
         return self._regulated(wanted, speeds, seconds, elapsed)
 
     def _wheel_speeds(self, ahead: float, turned: float) -> tuple[float, float] | None:
-        """Return the wanted speeds of the wheels (rad/s), None where the part is done."""
+        """Return the desired speeds of the wheels (rad/s), None if the part is complete."""
         part, body = self._parts[0], self._body
         if abs(turned) > abs(part.turn) + BEYOND_ANGLE or abs(ahead) > abs(part.ahead) + BEYOND:
             raise CannotTell(
@@ -115,7 +115,7 @@ class FloorDrive:
         return -side - back, side - back
 
     def _speeds(self) -> tuple[float, float]:
-        """Return how fast both wheels turn (rad/s)."""
+        """Return the speeds of both wheels (rad/s)."""
         first, last = self._recent[0], self._recent[-1]
         seconds = (last.utime - first.utime) / 1e6
         if seconds <= 0.0:
@@ -144,7 +144,7 @@ class FloorDrive:
 
 
 def drive(bench: Bench, guide: Guide, body: Body) -> Heard:
-    """Make the drive, once the person has confirmed the space; return the robot's messages.
+    """Perform the drive, once the person has confirmed the space; return the robot's messages.
 
     Raises CannotTell.
     """

@@ -13,7 +13,7 @@ from robot_driver.bringup.poses_found import PosesFound
 from robot_driver.bringup.turning import GyroFound, angle_of
 from robot_driver.guided import Guide
 
-Seen = Mapping[int, Sequence[SeenPose]]  # by robot, as they came
+Seen = Mapping[int, Sequence[SeenPose]]  # by robot, in order of arrival
 WIDTH_SHARE = 0.3  # share by which a measured base width may differ from the effective one
 TURNED = math.radians(60.0)  # smallest rotation of a quarter turn
 
@@ -25,7 +25,7 @@ class Ground:
     base_width: float
     motors: tuple[float, float] | None
     poses: PosesFound | None
-    problem: str = ""  # why nothing is known about the poses
+    problem: str = ""  # why the poses could not be judged
 
 
 def find_on_the_ground(bench: Bench, guide: Guide, body: Body, gyro: GyroFound, seen: Seen, robot: int) -> Ground:

@@ -1,8 +1,8 @@
 """Results of bring-up for a robot, and their file: the driver's settings, and other findings.
 
-driver: {port: ..., controller: roboclaw, swap: true, ...}   what cmr-driver --settings takes
-undecided: [ticks]                                           the steps that came to no end
-found: {...}                                                 what later steps need, and what a person may want to read
+driver: {port: ..., controller: roboclaw, swap: true, ...}   the options for cmr-driver --settings
+undecided: [ticks]                                           the steps without a result
+found: {...}                                                 findings for later steps and for people
 """
 
 import math

@@ -1,7 +1,7 @@
-"""Estimate the latency of poses, from when each part of the drive begins and ends by wheels and by poses.
+"""Estimate the latency of poses from the start and end of each part of the drive, by wheels and by poses.
 
 In each part the robot goes straight ahead or turns on the spot, from rest to rest. Its places z, or its headings, are
-compared with those by the wheels o at a lateness t as z = a o(time - t) + c with a and c free for each part, so other
+compared with the wheels' o at a latency t as z = a o(time - t) + c, with a and c free for each part, so that other
 disagreements between poses and wheels cannot look like latency: base width, unequal wheels, tracked point. Only slip
 does: the ground speed lags accelerating wheels by some 0.02 s.
 """
@@ -15,7 +15,7 @@ from robot_driver.bringup.fitting import Undetermined, least_squares
 from robot_driver.bringup.odometry import Path
 
 AROUND = 0.15  # s of rest before and after a part that are compared, too
-STILL, WINDOW = 0.001, 0.05  # m that a wheel may move within so many seconds before and after, at rest
+STILL, WINDOW = 0.001, 0.05  # m of allowed wheel motion within so many seconds before and after, at rest
 ARM = 0.08  # m of wheel motion per rad of rotation, approximately
 SHORTEST, FEWEST = 0.5, 12  # s, poses of a part
 AHEAD, TURNED = 0.1, 0.5  # m, rad: smaller motions are not informative
@@ -58,7 +58,7 @@ def lateness_of(path: Path, poses: Sequence[Seen], first: float) -> Lateness | N
 
 
 def _parts(path: Path) -> list[_Part]:
-    """Return when the robot moves by its wheels, from rest to rest."""
+    """Return the intervals of motion by the wheels, from rest to rest."""
     parts, start = [], None
     for time in path.times:
         moves = _moved(path, time - WINDOW, time + WINDOW) > STILL

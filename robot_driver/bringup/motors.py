@@ -82,7 +82,7 @@ def find_motors(bench: Bench, guide: Guide) -> Motors:
 def decided(first: Observation, second: Observation) -> Motors:
     """Combine two observations of different wheels.
 
-    Raises CannotTell where they contradict each other.
+    Raises CannotTell if they contradict each other.
     """
     crossed, against, dead = set(), {}, []
     both = first, second
@@ -137,7 +137,7 @@ def _observed(bench: Bench, guide: Guide, channel: int) -> Observation:
         if seen == "none" and _counting(counts) and not looked_again:
             looked_again = True
             guide.say("motors.counted", "But an encoder counted: something has turned. Look once more.")
-        elif seen == "none":  # or moved too little to be visible
+        elif seen == "none":  # or the motion was too small to be visible
             looked_again = False
             duty = _more(bench, guide, channel, duty, counts)
 
@@ -163,7 +163,7 @@ def _more(bench: Bench, guide: Guide, channel: int, duty: float, counts: tuple[i
 
 
 def _turned(bench: Bench, guide: Guide, channel: int, duty: float) -> tuple[int, int]:
-    """Turn a motor once; return what both channels counted."""
+    """Turn a motor once; return the counts of both channels."""
     bench.run(0.1)
     before = bench.ticks
     text = f"The motor of the {CHANNELS[channel]} channel turns now, for {SECONDS:g} s with {duty:.0%} of full drive."

@@ -124,7 +124,7 @@ def _thinned(poses: Sequence[Pose], most: int = MOST) -> list[Pose]:
 
 
 def _whose(path: Path, others: Mapping[int, Sequence[Pose]]) -> str:
-    """Return why these poses are not of this robot, and whose they are."""
+    """Return why these poses do not belong to this robot, and to which one they do."""
     for robot, poses in others.items():
         thinned = _thinned(poses)
         if len(thinned) < FEWEST or _vertical_axis(path, thinned):

@@ -60,7 +60,7 @@ class PosesFound:
 
     @property
     def unclear(self) -> str:
-        """What could not be decided, with the reason; "" if nothing."""
+        """The undecided property, with the reason; "" if there is none."""
         if not self.unsure_lateness:
             return ""
         return (

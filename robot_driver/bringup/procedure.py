@@ -30,7 +30,7 @@ LIFTED = (Choice("yes", "its wheels are off the floor, and nothing can get caugh
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a step: `decided`, or why not."""
+    """The result of a step: `decided`, or the reason why not."""
 
     step: str
     decided: bool
@@ -39,7 +39,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Place:
-    """The environment: the computer, the bus, the ports, and what drives the robot."""
+    """The environment: the computer, the bus, the ports, and the robot's driver."""
 
     host: Host
     world: World
@@ -67,7 +67,7 @@ class Procedure:
         }
 
     def run(self, steps: Sequence[str]) -> list[Result]:
-        """Do these steps; undecided ones are reported, and the others continue."""
+        """Perform these steps; undecided ones are reported, and the others continue."""
         results = []
         for step in steps:
             before = dict(self.known.driver)

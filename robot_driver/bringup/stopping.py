@@ -1,4 +1,4 @@
-"""How long wheels turn at most after the controller's cable was pulled: counts gained, divided by the speed before."""
+"""Upper bound of the wheels' stopping time after the controller's cable was pulled: counts gained over the speed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -82,7 +82,7 @@ def bound(before: list[motor_feedback_t], after: motor_feedback_t) -> float:
 
 
 def _turned(bench: Bench, guide: Guide, duty: float) -> int | None:
-    """Turn both wheels once; return when that ended (us), None where a key has ended it."""
+    """Turn both wheels once; return the end time (us), None if a key ended it."""
     bench.want(0.0, 0.0)
     bench.run(ZERO_FIRST)
     bench.check()

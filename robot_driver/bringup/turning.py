@@ -21,7 +21,7 @@ LONGEST_GAP = 0.2  # s between readings, over which a rate is held
 
 @dataclass(frozen=True)
 class GyroFound:
-    """Whether it is mounted upside down, and its reading for a turn of 1; `present` is False if none answers."""
+    """The gyro's mounting (upside down or not), and its scale for one turn; `present` is False if none answers."""
 
     present: bool
     inverted: bool = False
@@ -80,7 +80,7 @@ def judged(turned: float, bias: float) -> GyroFound | None:
 
 
 def _none(guide: Guide, marked: int) -> GyroFound:
-    """Return that there is no gyro, if the person confirms it."""
+    """Return the result for a robot without a gyro, if the person confirms it."""
     why = "says only readings that it marks as not valid" if marked else "says nothing"
     text = f"The gyro {why}. Is there to be one?"
     choices = Choice("none", "no, this robot has no gyro"), Choice("yes", "yes, it should be there")

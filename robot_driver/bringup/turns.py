@@ -42,7 +42,7 @@ class Count:
 
 
 def find_turns(bench: Bench, guide: Guide, sides: Sequence[Side], controller: str) -> Turns:
-    """Let the person turn wheels with these encoders by hand; raises CannotTell."""
+    """Let the person turn wheels with these encoders by hand. Raises CannotTell."""
     stated = guide.number(
         "ticks.stated",
         "How many encoder counts has a turn of a wheel, by the data sheets (counts of the encoder, four for each "

@@ -20,7 +20,7 @@ def download_wheels(
 ) -> dict[str, list[Path]]:
     """Download the pinned wheels of an architecture from the package index; return them for each Python version.
 
-    Raises SystemExit with pip's messages if a wheel cannot be download_wheels or has another hash.
+    Raises SystemExit with pip's messages if a wheel cannot be downloaded or has another hash.
     """
     found = {}
     for python in pythons:

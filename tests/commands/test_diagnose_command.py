@@ -40,7 +40,7 @@ WIDEST = 120  # characters of a terminal
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled() -> None:
-    """Have all that the command announces it compiles compiled before: no test is about that."""
+    """Compile beforehand what the command would compile: no test is about that."""
     compile_first([ESTIMATOR], lambda _text: None)
 
 

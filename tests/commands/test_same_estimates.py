@@ -28,7 +28,7 @@ NAMES = ("k2_over_k3", "k1", "base_width")
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled() -> None:
-    """Have all that the commands announce they compile compiled before: no test is about that."""
+    """Compile beforehand what the commands would compile: no test is about that."""
     compile_first([ESTIMATOR], lambda _text: None)
 
 

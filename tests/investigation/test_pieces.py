@@ -67,7 +67,7 @@ def test_a_piece_that_shows_what_is_left_is_chosen_by_its_inputs(pieces: list[Re
 
 
 def test_inputs_are_commands_or_wheels_where_no_commands_were_recorded(pieces: list[Recording]) -> None:
-    """What the sensors said is not among what is known of a piece that was not looked at."""
+    """The inputs of an unexamined piece contain no sensor readings."""
     commanded, rolling = inputs_of(pieces[0]), inputs_of(rolled(pieces[0]))
     assert {name for name, signal in commanded.signals.items() if len(signal)} == {"commands"}
     assert {name for name, signal in rolling.signals.items() if len(signal)} == {"wheels"}

@@ -89,7 +89,7 @@ DIAGNOSIS = Diagnosis(
             "slope left for it, and nothing that "
             "anybody could drive with this robot would tell it apart from what came in its place.",
         ),
-        Decision(2, REJECTED, ("gyro_bias",), 1.3, 44.7, "What it explains may be chance."),
+        Decision(2, REJECTED, ("gyro_bias",), 1.3, 44.7, "Its improvement of the fit may be chance."),
         Decision(2, REMOVED, ("slope",), -0.01, math.nan, "The others explain as much without it."),
         Decision(2, REMOVED, ("gyro_bias",), 62.2, math.nan, TOO_SMALL.sentence, (TOO_SMALL,)),
     ),

@@ -41,7 +41,7 @@ def two_decisions() -> ViewState:
 
 
 def test_bars_shrink_from_what_was_likely_one_decision_before() -> None:
-    """What is gone shrinks to nothing; a decision that is said again does not hide the one before."""
+    """An excluded explanation shrinks to zero; a repeated decision does not hide the previous one."""
     bars = bars_of(investigated(two_decisions(), 0))
     assert bars == [Bar("gyro_bias", 0.995, 0.3), Bar("nothing more", 0.005, 0.6), Bar("wheel_wobble", 0.0, 0.1)]
     shown = card(investigated(two_decisions(), 0))

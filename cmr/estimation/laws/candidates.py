@@ -11,7 +11,7 @@ from functools import cache
 
 from cmr.model.laws.places import PLACES
 
-DEGREES = 3  # of products of two quantities, at most
+DEGREES = 3  # highest degree of products of two quantities
 POWERS = {
     0: ("1",),
     1: ("{0}", "abs({0})"),
@@ -21,11 +21,11 @@ POWERS = {
 HEADINGS = (("cos(theta)", "sin(theta)"), ("cos(2 * theta)", "sin(2 * theta)"))
 PLACE_FACTORS = ("x", "y", "(x ** 2 + y ** 2)")
 TIMES = ("t", "t ** 2")
-SLOW = (1.5, 5.0, 15.0)  # s of what smooths
+SLOW = (1.5, 5.0, 15.0)  # s, time constants of smoothing
 SINCE = (0.3, 1.0, 3.0)  # s since the turn reversed
 WAYS = (0.05, 0.15, 0.5)  # m since the turn reversed
 DECAYS = (5.0, 20.0, 60.0)  # s since the start
-SHARES = (0.15, 0.35, 0.7)  # of a quantity's usual size at which it comes to its limit, or begins
+SHARES = (0.15, 0.35, 0.7)  # of a quantity's usual size, at which it saturates or begins
 SENSORS = tuple(name for name, place in PLACES.items() if place.of_sensors)
 
 
@@ -35,7 +35,7 @@ class Candidate:
 
     The factors of the second and later formulas are in `others`. `size` counts factors with their degree, to order laws
     by simplicity. `constants` are the values named in factors; those `scaled` are shares of the usual size of a
-    quantity in the drive, given by name. `reach` is how far off the best value of a constant may be, in its unit.
+    quantity in the drive, given by name. `reach` is the largest error of a constant, in its unit.
     """
 
     place: str

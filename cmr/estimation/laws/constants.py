@@ -1,4 +1,4 @@
-"""Check whether a drive determines the inner constants of a law, or other constants fit as well.
+"""Check whether a drive determines the inner constants of a law, or whether other constants fit as well.
 
 For example, a spot on the floor that a robot only touched is consistent with many centres and radii, which imply
 different forces elsewhere.
@@ -14,7 +14,7 @@ from cmr.estimation.laws.polish import Polished, around
 from cmr.estimation.laws.scan import scan
 from cmr.recordings.signal import Floats
 
-SAME = 0.98  # share of what a law adds along the drives that another law says, too, from which both say the same
+SAME = 0.98  # share of a law's contribution that another law reproduces, from which both are equivalent
 WIDTHS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # of the steps to other constants, as shares of the reach of each
 
 

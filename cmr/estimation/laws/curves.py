@@ -20,8 +20,8 @@ from cmr.recordings.signal import Floats, Mask
 
 BINS = 13  # of a law's variable, in the report's figure
 EDGE = 0.01  # quantile of the variable beyond which a bin is open
-FEWEST = 50  # white errors squared that a bin's trace must have
-RIDGE = 1e-6  # of the variance: keeps bins that look alike solvable
+FEWEST = 50  # sum of squared white errors required of a bin's trace
+RIDGE = 1e-6  # of the variance: keeps nearly identical bins solvable
 
 
 def curve_of(fit: Polished, number: int, law: Law, tried: Polished | None, rows: Mask | None) -> Curve:
@@ -83,7 +83,7 @@ def _course(fit: Polished, number: int, variable: str, edges: Floats, rows: Mask
 
 
 def _fitted(columns: Floats, left: Floats) -> tuple[Floats, Floats]:
-    """Return the forces in the bins that explain errors best, and their standard deviations; NaN in empty bins."""
+    """Return the least-squares forces in the bins and their standard deviations; NaN in empty bins."""
     normal = columns.T @ columns
     shown = np.diag(normal) > FEWEST
     forces, std = np.full(BINS, math.nan), np.full(BINS, math.nan)

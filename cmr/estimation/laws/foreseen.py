@@ -25,16 +25,16 @@ from cmr.recordings.signal import Floats
 VECTORS = 24  # random sign vectors: a gain is predicted to 30 %
 SURELY = 3.0  # times the predicted gain: exceeded in one case of ten thousand
 MOST = 128  # laws for which the observer runs
-ABREAST = 64  # formulas multiplied side by side
-Formula = tuple[tuple[str, ...], tuple[tuple[str, float], ...]]  # its factors, and the constants that they name
-Kind = tuple[tuple[str, ...], bool]  # of formulas: places that ask for them, and whether of wheels
+ABREAST = 64  # formulas multiplied in one batch
+Formula = tuple[tuple[str, ...], tuple[tuple[str, float], ...]]  # its factors, and the constants in them
+Kind = tuple[tuple[str, ...], bool]  # of formulas: the places that use them, and whether they are of wheels
 
 
 @dataclass(frozen=True)
 class Expected:
     """Predicted `gains` (L, S) of laws on each possible side, else NaN, and their `penalties` (L,).
 
-    `inflation` is how much larger gains are than chance has them.
+    `inflation` is the factor by which gains exceed chance.
     """
 
     laws: Sequence[Candidate]
@@ -180,12 +180,12 @@ def _formulas_of(law: Candidate) -> list[Formula]:
 
 
 def _acting(shares: Mapping[str, float], pulled: Floats) -> Floats:
-    """Return what acts with some shares on DISTURBED pulls in each step, (T, V + 1), where each pulls this."""
+    """Return the weighted sum of the responses to DISTURBED, (T, V + 1)."""
     return np.asarray(sum(share * pulled[:, DISTURBED.index(name)] for name, share in shares.items()))
 
 
 def _gains(products: Floats) -> Floats:
-    """Return the likelihood ratios (L, S) that products (L, S, k, V + 1) with the errors and random vectors foresee."""
+    """Return the predicted likelihood ratios (L, S) from products (L, S, k, V + 1) with errors and random vectors."""
     pull, signs = products[..., :1], products[..., 1:]
     own = signs @ signs.swapaxes(-1, -2) / VECTORS
     if own.shape[-1] == 1:

@@ -1,4 +1,4 @@
-"""Further laws beside a fit: what all of them explain is foreseen, and the most promising are observed."""
+"""Further laws beside a fit: the gains of all are predicted, and the observer runs for the most promising."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ class Further:
 
     @classmethod
     def beside(cls, model: Linearised, rest: Rest) -> "Further":
-        """Look for laws beside a model that leaves a rest."""
+        """Search for laws beside a model with these residuals."""
         foreseen = Foreseen(model, rest)
         expected = foreseen.expected([one for one in candidates() if model.shows(one)])
         return cls(foreseen, expected, scan(model, rest, expected.best()))
 
     def inflation(self, place: str = "") -> float:
-        """Return how much larger the usual law's gain is than chance would have it, at least 1.
+        """Return the inflation of the usual law's gain relative to chance, at least 1.
 
         For laws at one place it measures the model error there; with noisy encoders, only for the motors.
         """
@@ -39,9 +39,9 @@ class Further:
         return max(1.0, float(np.median(gains)) / MEDIAN_OF_CHI2) if len(gains) else 1.0
 
     def best(self, inflation: float, known: Callable[[Candidate], bool]) -> float:
-        """Return the best score that a law has, with this inflation, of those that are not `known`; else 0.
+        """Return the best score among laws that are not `known`, with this inflation; 0 without any.
 
-        What effects of the model do is not left, however exactly they are fitted.
+        Exclude what the model's effects already explain.
         """
         again = [(one.gain / inflation - (one.gain - one.score), one.candidate) for one in self.scores]
         ordered = sorted(again, key=lambda one: -one[0])
@@ -50,7 +50,7 @@ class Further:
     def with_local(self) -> list[Score]:
         """Return the best scores of all laws, with those local in time, space or frequency.
 
-        Of these the best one also has its best time or place: between those of a grid it may explain far more.
+        The best one also gets its best time or place: between grid points it may explain far more.
         """
         model, rest = self.foreseen.model, self.foreseen.rest
         local = scan(model, rest, self.foreseen.promising(local_laws(model, rest)))

@@ -24,10 +24,12 @@ from cmr.recordings.signal import Floats
 
 SMALL = 0.1  # of the usual size, at which an effect is compared with a law, too
 ALIKE = 0.985  # share of a law's own trace that one effect reproduces: they are then equivalent on this drive
-# The same of whole traces, with what the model's parameters could do. What is left beyond these may be so little that
-# the difference between a variable of the observer and one of the model counts: a gyro's scale beside the base width.
+# The same for whole traces, including the directions of the model's parameters. What is orthogonal to these may be so
+# small that the difference between a variable of the observer and one of the model counts: a gyro's scale beside the
+# base width.
 SAME = 0.995
-# The same of an effect that the model has: beside it, the law only says how it acts near rest, and moves its size.
+# The same for an effect in the model: beside it, the law would only describe its behaviour near rest, and shift its
+# size.
 ALIKE_IN_MODEL = 0.9
 
 
@@ -35,8 +37,8 @@ ALIKE_IN_MODEL = 0.9
 class Known:
     """The traces of effects beside a model: orthonormal columns (n, k), and the gain of each, by its name.
 
-    An effect has columns for each size tested, if it has parameters besides its size. `whole` are the same columns with
-    what the model's parameters could do.
+    An effect has columns for each size tested, if it has parameters besides its size. `whole` are the same columns,
+    including the directions of the model's parameters.
     """
 
     columns: list[tuple[str, Floats]]
@@ -45,7 +47,7 @@ class Known:
     rest: Rest
 
     def same_as(self, model: Linearised, law: Candidate) -> str:
-        """Return the name of the effect that does what a law does; empty if there is none."""
+        """Return the name of the effect that is equivalent to a law; empty if there is none."""
         traces = _traces_of(model, law, self.rest)
         return _alike(traces, self.rest.basis, self.columns) or _alike(traces, traces[:, :0], self.whole, SAME)
 
@@ -65,17 +67,17 @@ class Catalogued:
         return known_beside(self.model, self._rest, self._selected)
 
     def has(self, law: Candidate) -> bool:
-        """Tell whether an effect does what a law does: one that the model has, or another one."""
+        """Return whether an effect is equivalent to a law: one in the model, or another one."""
         return self.is_of_model(law) or bool(self.effects.same_as(self.model, law))
 
     def is_of_model(self, law: Candidate) -> bool:
-        """Tell whether an effect of the model does what a law does: one of both would be for nothing."""
+        """Return whether an effect of the model is equivalent to a law: having both would be redundant."""
         basis, columns = self._selected_columns
         return bool(columns and _alike(_traces_of(self.model, law, self._rest), basis, columns, ALIKE_IN_MODEL))
 
     @cached_property
     def _selected_columns(self) -> tuple[Floats, list[tuple[str, Floats]]]:
-        """What the paper's parameters do, orthonormal (n, p), and what each effect of the model does beside them."""
+        """The traces of the paper's parameters, orthonormal (n, p), and of each effect of the model beside them."""
         model, mask = self.model, self._rest.mask[:, None]
         slopes = model.problem.made_white(model.slopes, self._rest.noise) * mask
         basis = np.linalg.qr(slopes[:, [name in PAPER for name in model.names]])[0]
@@ -89,12 +91,12 @@ class Catalogued:
 
     @cached_property
     def best(self) -> float:
-        """What the best effect explains, to first order."""
+        """The gain of the best effect, to first order."""
         return max(self.effects.gains.values(), default=0.0)
 
 
 def _traces_of(model: Linearised, law: Candidate, rest: Rest) -> Floats:
-    """Return the white traces (n, k) of a law, where errors count."""
+    """Return the white traces (n, k) of a law; uncounted errors are 0."""
     signals = seen_in(law.place)
     traces = np.zeros((len(rest.white), len(law.formulas)))
     traces[rest.rows(signals)] = mixed(law, model.white_traces([law], rest.noise, signals))
@@ -102,10 +104,10 @@ def _traces_of(model: Linearised, law: Candidate, rest: Rest) -> Floats:
 
 
 def _alike(traces: Floats, basis: Floats, effects: Sequence[tuple[str, Floats]], share: float = ALIKE) -> str:
-    """Return the first of some effects that does this `share` of what a law does; empty if there is none.
+    """Return the first effect that reproduces this `share` of a law's traces; empty if there is none.
 
-    The traces of the law are (n, k). All is compared beyond what a `basis` (n, p) says, orthonormal, as are the columns
-    of the effects.
+    The traces of the law are (n, k). Compare after projecting out the orthonormal `basis` (n, p); the columns of the
+    effects are orthonormal, too.
     """
     own = _orthonormal(traces - basis @ (basis.T @ traces), traces)
     for name, columns in effects:
@@ -152,7 +154,7 @@ def _made_small(trial: Trial) -> Trial | None:
 
 
 def _alternatives(tried: Sequence[Trial], name: str) -> list[list[int]]:
-    """Return the trials of an effect, by number, grouped by what it can do at once.
+    """Return the trials of an effect, by number, grouped by those that act together.
 
     Each trial of a limit, and each size, is a group of its own, because their traces do not add up.
     """

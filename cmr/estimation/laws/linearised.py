@@ -81,10 +81,10 @@ def shares_of(place: str, values: Mapping[str, float]) -> list[dict[str, float]]
 
 @dataclass(frozen=True)
 class Linearised:
-    """A problem about some `values`: `errors` there, and `slopes` by the free parameters `names`, per unit of each.
+    """A problem at some `values`: `errors` there, and `slopes` by the free parameters `names`, per unit of each.
 
-    Both are errors of each segment, in the units of the signals: one column, and one for each name. Formulas are
-    of these `speeds`.
+    Both are given for each segment, in the units of the signals: one column of errors, and one slope per name. Formulas
+    use these `speeds`.
     """
 
     problem: Problem
@@ -96,7 +96,7 @@ class Linearised:
 
     @classmethod
     def about(cls, problem: Problem, values: Mapping[str, float], names: Sequence[str]) -> "Linearised":
-        """Linearise a problem about some values, of which those called `names` are free."""
+        """Linearise a problem about some values, with `names` free."""
         moves = moves_of(values, names, problem.excitation)
         both = problem.errors(lanes_of([values, *one_by_one(values, names, moves)]))
         errors = [replace(one, of={name: of[:, :1].copy() for name, of in one.of.items()}) for one in both]
@@ -107,7 +107,7 @@ class Linearised:
 
     @cached_property
     def noise(self) -> Noise:
-        """The noise that the errors show."""
+        """The noise estimated from the errors."""
         return self.problem.found(self.errors)
 
     @cached_property
@@ -130,11 +130,11 @@ class Linearised:
 
     @cached_property
     def rolls(self) -> bool:
-        """Whether wheels are as they were measured, in place of being predicted from commands."""
+        """Whether wheels move as measured, instead of being predicted from commands."""
         return any(len(predictor.segment.observations.given) for predictor in self.problem.predictors)
 
     def shows(self, law: Candidate) -> bool:
-        """Tell whether a law would show: what speaks of motors, encoders or commands only where these move wheels."""
+        """Return whether a law is visible: laws of motors, encoders and commands only if commands drive the wheels."""
         if not self.rolls:
             return True
         spoken = {name for text in law.formulas for name in parsed(text, tuple(law.constants)).variables}
@@ -181,7 +181,7 @@ class Linearised:
     def raw(self, laws: Sequence[Candidate], signals: Sequence[str] = SIGNALS) -> list[Errors]:
         """Return the traces of laws of one place in each segment: a column per formula, two for wheels.
 
-        Those of wheels are of the left and of the right, side by side.
+        For wheels, left and right columns stand side by side.
         """
         views = self._only(signals).predictors
         return [
@@ -203,7 +203,7 @@ class Linearised:
     def white_traces_of(self, place: str, courses: Sequence[Sequence[Floats]], noise: Noise) -> Floats:
         """Return white traces, over all errors, of disturbances at a place with these time courses in each segment.
 
-        Of wheels those of the left and the right side stand side by side.
+        For wheels, left and right columns stand side by side.
         """
         acts = shares_of(place, self.values)
         parts = []
@@ -214,7 +214,7 @@ class Linearised:
         return self.problem.made_white(parts, noise)
 
     def course(self, number: int, side: int, factors: Sequence[str], constants: Mapping[str, float]) -> Floats:
-        """Return a product of factors along segment `number`, (T,); of wheels on side 0 or 1, else -1."""
+        """Return a product of factors along segment `number`, (T,); for wheels on side 0 or 1, else -1."""
         result = self._factor(number, side, factors[0], constants)
         for text in factors[1:]:
             result = result * self._factor(number, side, text, constants)
@@ -232,14 +232,14 @@ class Linearised:
         return self._known[key]
 
     def white_traces(self, laws: Sequence[Candidate], noise: Noise, signals: Sequence[str]) -> Floats:
-        """Return traces of laws of one place, made white, in rows of those signals alone."""
+        """Return whitened traces of laws of one place, in the rows of those signals alone."""
         batch = self._only(signals)
         return noise.all_white(batch, batch.joined(self.raw(laws, signals)))
 
 
 @lru_cache(maxsize=4096)
 def parsed(text: str, constants: tuple[str, ...]) -> Formula:
-    """Return a formula; the same texts come again with other values of their constants."""
+    """Return a formula; the same texts recur with other values of their constants."""
     return parse(text, constants)
 
 

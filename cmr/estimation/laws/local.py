@@ -1,4 +1,4 @@
-"""Laws local in time, space or frequency: their time, place or frequency is searched for.
+"""Laws local in time, space or frequency: their time, place or frequency is part of the search.
 
 Vibrations appear as lines in the spectra of the white errors; times and places are tried on a grid over the range of
 the drives and refined later.
@@ -18,7 +18,7 @@ MOMENTS = 11  # candidate start times
 DISCS, RADII = 7, (0.08, 0.15, 0.3)  # centres of discs per axis, and radii as shares of the extent
 FREQUENCIES = 8  # highest lines of a spectrum
 SLOWEST, FASTEST = 0.3, 45.0  # Hz; range of vibrations searched
-HIGH = 12.0  # times the mean of a spectrum: chance makes such a line once in 1e5
+HIGH = 12.0  # times the mean of a spectrum: chance exceeds it once in 1e5
 NEAR = 3  # lines that belong to one peak
 BASES = {
     "wheel_voltage": ("s", "u", "1"),
@@ -32,7 +32,7 @@ BASES = {
     "pose_ahead": ("1",),
     "pose_beside": ("1",),
 }
-SIZE = 4  # of a formula with a time, frequency or place, which counts the selection among many
+SIZE = 4  # of a formula with a time, frequency or place, to account for their selection among many
 
 
 def local_laws(model: Linearised, rest: Rest) -> list[Candidate]:

@@ -33,7 +33,7 @@ def variables_of_law(law: Candidate) -> tuple[str, ...]:
 
 
 def _beyond(fit: Polished, number: int, variable: str) -> float:
-    """Return what factors along one variable of a law explain, minus the most that chance explains."""
+    """Return the gain of factors along one variable of a law, minus the largest gain by chance."""
     rest = fit.rest
     traces = _traces(fit, number, variable) * rest.mask[:, None]
     free = traces - rest.basis @ (rest.basis.T @ traces)
@@ -48,7 +48,7 @@ def _beyond(fit: Polished, number: int, variable: str) -> float:
 
 
 def _traces(fit: Polished, number: int, variable: str) -> Floats:
-    """Return the white traces (n, BINS) of what a law adds in each bin of a variable."""
+    """Return the white traces (n, BINS) of a law's contribution in each bin of a variable."""
     model, law = fit.model, fit.laws[number]
     segments = range(len(model.problem.predictors))
     sides = (0, 1) if is_of_wheels(law.place) else (-1,)
@@ -65,7 +65,7 @@ def _traces(fit: Polished, number: int, variable: str) -> Floats:
 
 
 def _added(fit: Polished, number: int, segment: int, side: int) -> Floats:
-    """Return what a law adds at its place along a segment."""
+    """Return a law's contribution at its place along a segment."""
     law, coefficients = fit.laws[number], fit.coefficients[number]
     parts = [fit.model.course(segment, side, factors, law.constants) for factors in law.all_factors]
     return np.asarray(sum(c * part for c, part in zip(coefficients, parts, strict=True)), np.float64)

@@ -1,4 +1,4 @@
-"""What a search for laws offers or refuses, and the data on which laws are fitted and tried."""
+"""The result of a search for laws, accepted or refused, and the data for fitting and testing laws."""
 
 from dataclasses import dataclass, field, replace
 
@@ -14,18 +14,18 @@ from cmr.estimation.problem import Problem
 from cmr.recordings.signal import Mask
 
 LEFT = 15.0  # score of a further law from which a law is only an approximation
-TRAINING = 2.0 / 3.0  # of the time that is fitted where no data are held out
+TRAINING = 2.0 / 3.0  # share of the time used for fitting, if no data are held out
 
 
 @dataclass(frozen=True)
 class Offer:
-    """Laws beside a model: the fit `before` them and `after`, and what they are worth. `settled` is what is to stand.
+    """Laws beside a model: the fits `before` and `after`, and their scores. `settled` is the fit to use.
 
-    `gain` is the drop of -2 log likelihood on the data fitted, `held_out` that on data held out, `score` that of the
-    laws, and `left` the best further law beside them. `alike` are other fits that are not distinguished, and `tied`
-    those of them that are as good. `misfit` is what the laws' coefficients would explain if they changed along the
-    laws' own variables, beyond what is exact enough: above 0 the formula is not the right one. `further` are laws
-    beside them. `undetermined` says that other constants explain as much, and say something else.
+    `gain` is the drop of -2 log likelihood on the fitted data, `held_out` that on held-out data, `score` that of the
+    laws, and `left` the best further law beside them. `alike` are other fits that cannot be distinguished; `tied` are
+    those of them that are as good. `misfit` is the gain from letting the laws' coefficients change along their own
+    variables, beyond the allowed model error: above 0 the formula is not the right one. `further` are laws beside them.
+    `undetermined` says that other constants explain as much but imply something else.
     """
 
     before: Polished
@@ -48,7 +48,7 @@ class Offer:
 
     @property
     def series(self) -> bool:
-        """Whether two laws at one place have the same variables: terms of a series, in place of a formula unknown."""
+        """Whether two laws at one place have the same variables: terms of a series, in place of an unknown formula."""
         if len(self.laws) < 2:
             return False
         places, variables = ({of(law) for law in self.laws} for of in (_where, variables_of_law))
@@ -56,16 +56,16 @@ class Offer:
 
     @property
     def approximate(self) -> bool:
-        """Whether structure is left, or the formula is not quite right, or its constants need not be."""
+        """Whether structure remains, the formula is slightly wrong, or its constants are not determined."""
         return self.left > LEFT or self.misfit > 0.0 or self.series or self.undetermined
 
 
 @dataclass(frozen=True)
 class Refused:
-    """Why no law stands beside a model, in a sentence; `before` is the model, None where nothing determines it.
+    """Why no law is accepted beside a model, in a sentence; `before` is the model, None if it is not determined.
 
-    `several` says that another drive could tell. `seen` is the best fit with a formula where something is there that
-    no formula holds for.
+    `several` means that another drive could decide. `seen` is the best fit with a formula if structure exists that no
+    formula explains.
     """
 
     reason: str
@@ -77,7 +77,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Data:
-    """A problem, which of its errors are fitted, and on which a law is tried: others of them, or another problem."""
+    """A problem, the errors used for fitting, and those for testing a law: other rows of it, or another problem."""
 
     problem: Problem
     fitted: Mask
@@ -87,7 +87,7 @@ class Data:
 
     @classmethod
     def of(cls, problem: Problem, model: Linearised, other: Problem | None) -> "Data":
-        """Return the data: of a problem alone, the last third of the time is for trying."""
+        """Return the data; of a problem alone, the last third of the time is for testing."""
         times = times_of(model)
         if other is not None:
             return cls(problem, np.ones(len(times), np.bool_), None, other)
@@ -95,7 +95,7 @@ class Data:
         return cls(problem, times < border, times >= border)
 
     def held_out(self, before: Polished, after: Polished) -> float:
-        """Return by how much -2 log likelihood drops with laws on data that nothing was fitted on."""
+        """Return the drop of -2 log likelihood by laws on data that nothing was fitted to."""
         if self.other is None:
             assert self.tried is not None
             return before.quality(self.tried) - after.quality(self.tried)
@@ -103,12 +103,12 @@ class Data:
 
     @property
     def share_tried(self) -> float:
-        """How many errors a law is tried on for each that it is fitted to, at most 1."""
+        """The ratio of errors for testing a law to those for fitting it, at most 1."""
         tried = self.other.batch.rows if self.other is not None else int(np.count_nonzero(~self.fitted))
         return min(1.0, tried / max(int(np.count_nonzero(self.fitted)), 1))
 
     def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
-        """Return where a fit was tried: the other problem, with all as it was fitted, or rows of the same."""
+        """Return where a fit was tested: the other problem with the same values, or other rows of the same one."""
         if self.other is None:
             return None, self.tried
         if fit not in self._elsewhere:
@@ -117,7 +117,7 @@ class Data:
         return self._elsewhere[fit], None
 
     def _left_elsewhere(self, fit: Polished) -> float:
-        """Return -2 log likelihood of the other problem with all as it was fitted."""
+        """Return -2 log likelihood of the other problem with the same values."""
         fixed, _ = self.tried_on(fit)
         return np.inf if fixed is None else fixed.quality()
 

@@ -1,7 +1,7 @@
 """Fit laws together with a model's parameters and the noise, to first order, and relinearise.
 
 With the errors e, the slopes E of the model's parameters and the traces G of the laws, all in the units of the signals,
-and a noise that makes white with W,
+and a whitening filter W of the noise,
 
     minimise  sum rho(W (e + E d - G c))    over steps d (p,) and coefficients c (k,)
 
@@ -27,12 +27,12 @@ from cmr.estimation.prediction import Errors
 from cmr.estimation.problem import LARGE, Problem
 from cmr.recordings.signal import Floats, Mask
 
-RENEWED = 2  # times that the noise is estimated again
-STEPS = 3  # towards the least sum of Huber's loss
+RENEWED = 2  # re-estimations of the noise
+STEPS = 3  # towards the minimum of Huber's loss
 RIDGE = 1e-10  # of a column's square: keeps collinear columns solvable
 ROUNDS = 16  # of a search for inner constants, at most
-WIDEST, NARROWEST = 4.0, 0.015  # of its steps, at first and at last, as shares of the reach of each constant,
-NARROWER = 0.25  # to which share they shrink where none is better
+WIDEST, NARROWEST = 4.0, 0.015  # of its steps, first and last, as shares of the reach of each constant,
+NARROWER = 0.25  # factor by which they shrink if none is better
 SHARES_OF_STEP = (1.0, 0.5, 0.25)  # tested in either direction,
 STRETCH, FURTHEST = 2.0, 64.0  # or a factor, for a constant without a reach; and its largest total change
 
@@ -41,8 +41,8 @@ STRETCH, FURTHEST = 2.0, 64.0  # or a factor, for a constant without a reach; an
 class Polished:
     """A model fitted with laws: its `values`, the laws with their `coefficients`, and the remaining noise.
 
-    `model` is the linearisation, `white` (n,) are its errors made white, `columns` (n, p + k) the white slopes of
-    parameters and traces of laws, `mask` (n,) says which errors were fitted. `sizes` (n,) are those of the noise.
+    `model` is the linearisation, `white` (n,) are its whitened errors, `columns` (n, p + k) the white slopes of
+    parameters and traces of laws, `mask` (n,) selects the fitted errors. `sizes` (n,) are those of the noise.
     """
 
     model: Linearised
@@ -233,7 +233,7 @@ def _sizes(model: Linearised, noise: Noise) -> Floats:
 
 
 def score_of(before: Polished, after: Polished, inflation: float = 1.0) -> float:
-    """Return the improvement by additional laws, minus what a search of this size finds by chance."""
+    """Return the improvement by additional laws, minus the expected chance gain of a search of this size."""
     samples = int(np.count_nonzero(after.mask))
     more = sum(penalty(law, samples) for law in after.laws) - sum(penalty(law, samples) for law in before.laws)
     return (before.quality() - after.quality()) / inflation - more

@@ -41,15 +41,15 @@ from cmr.model.catalogue import LAWS
 from cmr.model.laws.law import Law
 from cmr.model.laws.places import PLACES
 
-WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was looked for."
-LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law does harm,
-LEAST_GAIN = 1.05  # and that some signal's must reach: as of generic terms, what changes nothing to be seen is no law
+WITHOUT_POSES = "Neither poses nor a gyro show how the body moves: no law was searched for."
+LARGEST_LOSS = 0.97  # ratio of free runs' errors on data left out below which a law is harmful,
+LEAST_GAIN = 1.05  # and that at least one signal must reach: a law without visible effect is none
 HARM = "Free runs on data left out of the fit are less accurate with the best formula."
 BUT_HOLDS = (
     "From moment to moment it holds there: what disturbs the robot may matter more in free runs than the formula."
 )
 TOO_LITTLE = "The best formula is too small to matter: no free run on data left out of the fit is 5 % more accurate."
-DOUBTFUL = "Nothing else seems left, and on data left out of the fit the best formula is not beyond doubt."
+DOUBTFUL = "No other structure seems to remain, and on data left out of the fit the best formula is uncertain."
 UNDETERMINED = "The best formulas stand in for each other: the data do not determine the coefficients of each."
 SURE = 3.0  # standard deviations from 0 required of at least one coefficient of each law
 LAST_THIRD = (
@@ -57,11 +57,11 @@ LAST_THIRD = (
     "say more."
 )
 MISFIT = "Its coefficients change along its own variables: the formula is not quite the right one."
-UNSURE = "Other constants explain the errors as well, and say something else: this drive does not determine them."
+UNSURE = "Other constants fit as well but give other values elsewhere: this drive does not determine them."
 SERIES = "Two terms of the same variables stand for one formula that is not known."
-STRUCTURE_LEFT = "Structure is left beside it: it approximates something unknown."
+STRUCTURE_LEFT = "Structure remains beside it: it approximates something unknown."
 MANOEUVRE = "multisine, circles at two speeds and two radii in both directions, big steps at speed"
-UNSEEN = 25.0  # score to first order from which a law is fitted where nothing seems left; a fit takes seconds
+UNSEEN = 25.0  # first-order score from which a law is fitted if nothing seems to remain; a fit takes seconds
 CROSSING = "crossing the place from several sides"
 DECISIVE = 100.0  # improvement in -2 log likelihood on held-out data from which a law matters regardless of free runs
 # Required of a law of a sensor, which free runs do not show. Its variables come from the observer, which follows the
@@ -90,17 +90,17 @@ class Proposal:
 
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
-    """Look for laws beside what a search of a problem found, and without it; `more` says that structure remains."""
+    """Search for laws beside the effects found, and without them; `more` says that structure remains."""
     if not any({"yaw_rate", "heading"} & {*one.times} for one in found.problem.predictors):
         return Proposal(Laws(reasons=(WITHOUT_POSES,)))
     other = _problem_of(held_out, found)
     beside = beside_names(found, other)
-    # Of models that were fitted by free runs, these decide.
+    # For models fitted by free runs, these decide.
     both = cache(beside.offer if more or not problem.one_step else lambda: _unseen(beside))
     effects = effects_of(found)
     several = len(effects) > 1 or (effects and (more or beside.best > ANOTHER))
-    if problem.one_step and several:  # free runs name what motors do, of which errors of the body say nothing
-        # As it was recorded first: what one law explains may have looked as if commands were lost, too.
+    if problem.one_step and several:  # free runs name motor effects, which errors of the body do not show
+        # Use the original recording: one law's effect may also have looked like lost commands.
         for given in [problem] if found.problem is problem else [problem, found.problem]:
             known = set(LAWS)
             proposal = _instead_of_names(without_names(given, found, beside), beside, both, found, held_out)
@@ -111,7 +111,7 @@ def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more:
 
 
 def _acts_by_chance(proposal: Proposal) -> bool:
-    """Return whether effects of chance on the commands show, or may, beside the laws of a proposal."""
+    """Return whether random effects on the commands show, or may show, beside the laws of a proposal."""
     if proposal.extension is None or proposal.problem is None:
         return True
     fit = proposal.extension.fit
@@ -125,9 +125,9 @@ def _instead_of_names(
     found: Search,
     held_out: Sequence[Segment],
 ) -> Proposal | None:
-    """Return the proposal of a law that stands in place of names, or that ties with them; None where names are better.
+    """Return the proposal of a law that replaces effects or ties with them; None if the effects are better.
 
-    `both` returns the law that stands beside them.
+    `both` returns the best law beside them.
     """
     effects = effects_of(found)
     if beside.before is None or not alone.is_worth_it(effects):
@@ -147,7 +147,7 @@ def _instead_of_names(
 
 
 def _alone(alone: Hypothesis, law: Offer, found: Search, held_out: Sequence[Segment]) -> Proposal:
-    """Return the proposal of a law that stands without names, but for those that explain something beside it."""
+    """Return the proposal of a law that replaces the effects, except those that explain something beside it."""
     needed = still_needed(law, found)
     gone = [one.effect.name for one in fitted_of(found) if one.effect.name not in needed]
     if alone.problem is not found.problem:
@@ -193,9 +193,9 @@ def _answered(
 
 
 def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
-    """Return the problem of segments held out; None without any, or where effects of chance were taken out of data.
+    """Return the problem of held-out segments; None without any, or if random effects were removed from the data.
 
-    Beside models that were fitted by free runs, errors are those of the body beside its wheels as they were measured.
+    For models fitted by free runs, errors are those of the body given the measured wheels.
     """
     segments = [one for one in held_out if len(one.observations.given) == 0]
     if not found.problem.one_step:
@@ -208,7 +208,7 @@ def _problem_of(held_out: Sequence[Segment], found: Search) -> Problem | None:
 def _in_the_model(
     beside: Hypothesis, offer: Offer, found: Search, held_out: Sequence[Segment], withdrawn: tuple[str, ...]
 ) -> Proposal:
-    """Put the laws of an offer into the model, and fit it; they are entries of the catalogue from then on."""
+    """Add the laws of an offer to the model, and fit it; from then on they are entries of the catalogue."""
     standing = stood(beside, offer)
     data, before, problem = beside.data, beside.fit, beside.problem
     segments = [predictor.segment for predictor in problem.predictors]
@@ -219,7 +219,7 @@ def _in_the_model(
         standing.forget()
         there = why_not != UNDETERMINED and is_seen(offer.before, offer.after, data)
         seen = offer.after if there else None
-        # Where an effect is named, its own shape may be what is not quite right: then no formula is a rival.
+        # If an effect is named, its own shape may be slightly wrong: then no formula is a rival.
         sure = offer.held_out >= _decisive(offer.laws) and not found.named
         if why_not == HARM and sure and not gain.interval[1] < 1.0:
             rivals = tuple(map(_rival, (offer.settled, *offer.alike)))
@@ -240,9 +240,9 @@ def _in_the_model(
 
 
 def _why_not(offer: Offer, gain: Gain, laws: Sequence[LawFound], problem: Problem) -> str:
-    """Return why laws are not taken as they stand in a fit of a problem; empty if they are.
+    """Return why laws are not accepted as they are in a fit of a problem; empty if they are.
 
-    Single moments of a robot that is judged by free runs prove nothing: there these decide.
+    One-step errors of a robot judged by free runs prove nothing: there free runs decide.
     """
     if min(gain.signals.values(), default=1.0) < LARGEST_LOSS:
         return HARM
@@ -269,9 +269,9 @@ def _decisive(laws: Sequence[Candidate]) -> float:
 
 
 def _unseen(beside: Hypothesis) -> Offer | Refused:
-    """Return the law beside a model where the diagnosis sees no structure in what is left, or why there is none.
+    """Return the law beside a model whose residuals show no structure to the diagnosis, or why there is none.
 
-    It must be decisive: to first order, or on data left out, as the noise may have absorbed most of it before.
+    It must be decisive: to first order, or on left-out data, since the noise may have absorbed most of it before.
     """
     first = beside.first
     likely = [first.scores[0].candidate] if isinstance(first, Scanned) and first.scores else []
@@ -282,7 +282,7 @@ def _unseen(beside: Hypothesis) -> Offer | Refused:
 
 
 def _found(law: Law, fit: Fit, offer: Offer, gain: Gain, inflation: float) -> LawFound:
-    """Return a law as it stands in a fit."""
+    """Return a law as it is in a fit."""
     estimates = {
         name: Estimate(fit.values[name], math.hypot(math.sqrt(inflation) * fit.std(name), INEXACT * fit.values[name]))
         for name in law.coefficients
@@ -299,14 +299,14 @@ def _answer(offer: Offer) -> str:
 
 
 def _deciding(offer: Offer) -> str:
-    """Return what to drive where this drive leaves a formula or its constants open; empty where it leaves neither."""
+    """Return the drive that would determine a formula or its constants; empty if this drive determines both."""
     if _answer(offer) != TIE and not offer.undetermined:
         return ""
     return _manoeuvre(offer.laws)
 
 
 def _manoeuvre(laws: Sequence[Candidate]) -> str:
-    """Return what to drive to decide between laws."""
+    """Return the drive that would decide between laws."""
     return CROSSING if any("disc(" in text for law in laws for text in law.formulas) else MANOEUVRE
 
 

@@ -19,10 +19,10 @@ ANSWERS = (LAW, APPROXIMATION, TIE, NO_LAW)
 class LawFound:
     """A law in the model, with its gains.
 
-    `estimates` are those of its parameters by name. `gain` is that of free runs over the model without the law, on data
-    left out of the fit, `held_out` the log-likelihood that the law adds there. `score` is the drop of -2 log likelihood
-    on the data that it was fitted to, minus what a search of this size finds by chance; `left` is the best score of any
-    further law beside it.
+    `estimates` are those of its parameters by name. `gain` is that of free runs over the model without the law, on
+    left-out data; `held_out` is the log-likelihood added by the law there. `score` is the drop of -2 log likelihood on
+    the fitted data, minus the expected chance gain of a search of this size; `left` is the best score of any further
+    law beside it.
     """
 
     law: Law
@@ -70,10 +70,10 @@ class Curve:
 class Laws:
     """The result of a search for laws.
 
-    `answer` is one of ANSWERS. `found` are at most two laws, which stand in the model together. `rivals` explain the
-    data as well as the first one, or are the tied laws if none is claimed. `names_withdrawn` are effects from the
-    catalogue search that the laws replace. `reasons` are sentences that justify the answer. `manoeuvre` says what drive
-    would decide, empty if this one did.
+    `answer` is one of ANSWERS. `found` are at most two laws, both in the model. `rivals` explain the data as well as
+    the first one, or are the tied laws if none is claimed. `names_withdrawn` are effects of the catalogue search that
+    the laws replace. `reasons` are sentences that justify the answer. `manoeuvre` is the drive that would decide, empty
+    if this one did.
     """
 
     answer: str = NO_LAW

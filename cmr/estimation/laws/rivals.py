@@ -35,12 +35,12 @@ from cmr.estimation.problem import Problem
 from cmr.estimation.search.criteria import THRESHOLD, CandidateEffect, SelectedEffect
 from cmr.estimation.search.selection import Search, small_effects, with_small_effects
 
-# Shares of what effects explain that a law alone must explain in their place: to first order to be fitted at all, and
-# after its first fit, for further fits to be tried.
+# Shares of the effects' gain that a law alone must reach in their place: to first order to be fitted at all, and after
+# its first fit, for further fits to be tried.
 WORTH, WORTH_FITTED = 0.3, 0.5
-APART = 0.5  # share of what an effect explains without a law that it explains beside one with which it is not mixed up
-BY_CHANCE = 3.0  # times the margin of a tie: by how much worse a tied law may be on held-out data
-MANY = 3  # effects that a law makes up for: where one formula does it, that they are no less likely is no wonder
+APART = 0.5  # share of an effect's gain without a law that it keeps beside a law with which it is not confused
+BY_CHANCE = 3.0  # times the margin of a tie: a tied law may be worse by as much on held-out data
+MANY = 3  # effects replaced by a law: if one formula does it, their higher total likelihood is no surprise
 
 
 class Rivalry(Enum):
@@ -53,9 +53,9 @@ class Rivalry(Enum):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model that laws may extend: its data, how laws score beside it, and the fit that is extended.
+    """A model that laws may extend: its data, the scores of laws beside it, and the fit to extend.
 
-    `explained` is how much its effects explain. `problem` is the one that `fit` is a fit of.
+    `explained` is the gain of its effects. `problem` is the one of `fit`.
     """
 
     data: Data
@@ -70,7 +70,7 @@ class Hypothesis:
         return self.first.best if isinstance(self.first, Scanned) else -math.inf
 
     def is_worth_it(self, effects: Sequence[CandidateEffect]) -> bool:
-        """Return whether the best law may replace effects: it explains a sufficient share of what they explain.
+        """Return whether the best law may replace effects: it explains a sufficient share of their gain.
 
         Both to first order, because noise estimated without them hides part of either.
         """
@@ -81,24 +81,24 @@ class Hypothesis:
 
     @property
     def selected(self) -> tuple[str, ...]:
-        """The effects that the model has."""
+        """The effects in the model."""
         return self.first.selected if isinstance(self.first, Scanned) else ()
 
     @property
     def before(self) -> Polished | None:
-        """The model without a law; None where laws cannot be told."""
+        """The model without a law; None if no law is identifiable."""
         return self.first.before
 
     def offer(self, promising: float = PROMISING) -> Offer | Refused:
-        """Return the law that stands beside the model, or why there is none; it must be `promising` to first order."""
+        """Return the accepted law beside the model, or why there is none; it must be `promising` to first order."""
         if isinstance(self.first, Refused):
             return self.first
         return offered_of(self.first, self.explained, promising)
 
     def offer_instead(self, names: Polished) -> Offer | Refused:
-        """Return the best law that may stand in place of effects, of which `names` is the fit, or why there is none.
+        """Return the best law that may replace effects, of which `names` is the fit, or why there is none.
 
-        Its score may be anything: the effects say that something is there, and it must be better than they are.
+        Its score may be anything: the effects show that structure exists, and the law must be better than they are.
         """
         if isinstance(self.first, Refused):
             return self.first
@@ -117,7 +117,7 @@ def effects_of(found: Search) -> list[CandidateEffect]:
 
 
 def by_chance(found: Search) -> list[SelectedEffect]:
-    """Return the effects that a search named and that no fit has, as they act by chance or are read off."""
+    """Return the named effects without a fitted parameter: random ones, and those read off the data."""
     return [one for one in found.named if one.estimates]
 
 
@@ -131,10 +131,10 @@ def beside_names(found: Search, other: Problem | None) -> Hypothesis:
 
 
 def without_names(problem: Problem, found: Search, beside: Hypothesis) -> Hypothesis:
-    """Return the paper's model, of the recordings or, where the search went on without it, of what chance left.
+    """Return the paper's model, of the recordings or, if random effects were removed from the data, of the rest.
 
-    Laws are scored with the noise that all names leave, as that `beside` them is: what a law is to explain instead
-    would be noise, and made white, where the noise was found with neither.
+    Laws are scored with the noise beside all names, as in `beside`. With neither law nor names in the model, the noise
+    would absorb the structure that a law is to explain.
     """
     base = found.base
     if by_chance(found) and problem is found.problem:
@@ -144,7 +144,7 @@ def without_names(problem: Problem, found: Search, beside: Hypothesis) -> Hypoth
 
 
 def with_needed_names(problem: Problem, found: Search, needed: Sequence[str], other: Problem | None) -> Hypothesis:
-    """Return the model of a problem with some of the effects that were named."""
+    """Return the model of a problem with some of the named effects."""
     leaving = [one.effect for one in fitted_of(found) if one.effect.name not in needed]
     (fit,) = found.problem.without(found.final, [leaving])
     if problem is not found.problem:
@@ -162,10 +162,9 @@ def _hypothesis(
     other: Problem | None,
     noise: Noise | None = None,
 ) -> Hypothesis:
-    """Return the model that a fit of a problem is, linearised about another one.
+    """Return the model of a fit, linearised about the fit `about`.
 
-    Laws are judged by one-step errors: of a model that was fitted by free runs, those of the body beside its wheels as
-    they were measured.
+    Laws are judged by one-step errors: for a model fitted by free runs, those of the body given the measured wheels.
     """
     judging, about = problem.one_step_of(about)
     model = Linearised.about(judging, about.values, about.names)
@@ -176,9 +175,9 @@ def _hypothesis(
 def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Rivalry:
     """Compare a law alone with `effects` effects, on the fitted data and on held-out data.
 
-    Both are penalised for their parameters and for selection among many. They are tied where all data together leave
-    them near each other, as one part of the data may prefer either by chance. A single effect is never tied: it names
-    what the law says and is the simpler answer.
+    Both are penalised for their parameters and for selection among many. They are tied if all data together leave them
+    close, as one part of the data may prefer either by chance. A single effect is never tied: it describes the same as
+    the law and is the simpler answer.
     """
     samples = int(np.count_nonzero(data.fitted))
     spared = (len(names.model.names) - len(alone.after.model.names)) * math.log(samples)
@@ -206,10 +205,10 @@ def leaves_nothing(alone: Offer) -> bool:
 
 
 def still_needed(alone: Offer, found: Search) -> list[str]:
-    """Return the named effects that explain something beside laws that do without them.
+    """Return the named effects that explain something beside laws fitted without them.
 
-    That is a share of what the laws explain, or most of what they explain without these: then it has nothing to do with
-    what the laws say, as a gyro's bias has nothing to do with a gear.
+    That is a share of the laws' gain, or most of their own gain without the laws: then they are unrelated to the laws,
+    as a gyro's bias is unrelated to a gear.
     """
     names = [one.effect.name for one in fitted_of(found)]
     if not names:

@@ -1,4 +1,4 @@
-"""Score all laws beside a model: what would each explain of the residuals, to first order?
+"""Score all laws beside a model: the gain of each on the residuals, to first order.
 
 With white errors w (n,), an orthonormal basis Q (n, p) of the parameters' traces, and the traces M (n, k) of a law,
 
@@ -23,9 +23,9 @@ from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels, seen
 from cmr.estimation.laws.rest import Indices, Rest
 from cmr.recordings.signal import Floats
 
-ABREAST = 32  # traces observed side by side
-LEAST_OWN = 3e-4  # share of a trace's square; with less of its own, the model's parameters can imitate it
-NOTHING = 1e-9  # white errors squared: a law with a smaller change has no effect
+ABREAST = 32  # traces observed in one batch
+LEAST_OWN = 3e-4  # share of a trace's square orthogonal to the model's parameters; with less, they can imitate it
+NOTHING = 1e-9  # white errors squared: a smaller change means that a law has no effect
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Score:
 
 
 def scan(model: Linearised, rest: Rest, laws: Sequence[Candidate] | None = None) -> list[Score]:
-    """Return the scores of laws beside a model that leaves `rest`, the best first; by default of all."""
+    """Return the scores of laws beside a model with residuals `rest`, the best first; by default of all laws."""
     chosen = [model.sized(one) for one in (candidates() if laws is None else laws)]
     result: list[Score] = []
     for place in dict.fromkeys(one.place for one in chosen):
@@ -70,7 +70,7 @@ def penalty(candidate: Candidate, samples: int) -> float:
 
 
 def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
-    """Yield laws, as many as are observed side by side."""
+    """Yield laws in batches for the observer."""
     chunk: list[Candidate] = []
     count = 0
     for one in laws:

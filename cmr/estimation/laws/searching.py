@@ -31,27 +31,27 @@ from cmr.model.laws.places import PLACES
 
 LEAST = 10.0  # score, and gain on held-out data, that a law must exceed,
 PROMISING = -5.0  # first-order score from which a law is fitted: noise estimated without it hides part of its gain
-HOLDS = 0.1  # and share of its gain on the data that it was fitted on that must hold there, and beside its best moment
-OF_NAMES = 0.05  # share of what the names explain that a law beside them must explain
+HOLDS = 0.1  # and share of its gain on the fitted data that must remain there, and without its best moment
+OF_NAMES = 0.05  # share of the named effects' gain that a law beside them must reach
 ALONE = 0.1  # share by which names and a law must be better than a law alone
-ANOTHER = 0.0  # score from which a second law is fitted: noise that was found without it hides a part of it
-LARGEST_MOVE = 0.3  # share by which a law may move K2/K3: beyond, law and parameter run away against each other
-BEST, NEWCOMERS = 4, 3  # laws that are polished, and those that the new noise brings
-SETTLED = 3  # best of these whose constants are found again,
-SHARE_TO_SETTLE = 0.5  # unless they lie further behind the best one than by this share of the way to the worst
-SET, SHARE_OF_SET = 6.0, 0.05  # laws as near as this, or this share of the gain, are not distinguished
-SEEN = 100.0  # gain from which something is there, even where no formula holds: what is inexact gains some 50
-INEXACT = 0.01  # share of a law's gain that the shape of its formula may leave: signs, for one, are smoothed
-MOST_ALIKE = 3  # laws that a drive may leave undistinguished: where it leaves more, it says too little for any
+ANOTHER = 0.0  # score from which a second law is fitted: noise estimated without it hides part of its gain
+LARGEST_MOVE = 0.3  # relative change of K2/K3 by a law: beyond it, law and parameter compensate each other
+BEST, NEWCOMERS = 4, 3  # laws that are fitted, and those added with the new noise
+SETTLED = 3  # best of these whose constants are refined,
+SHARE_TO_SETTLE = 0.5  # unless their distance from the best exceeds this share of the range
+SET, SHARE_OF_SET = 6.0, 0.05  # laws closer than this, or this share of the gain, are not distinguished
+SEEN = 100.0  # gain from which structure exists, even if no formula holds: model errors gain some 50
+INEXACT = 0.01  # share of a law's gain due to an inexact shape of its formula: signs, for instance, are smoothed
+MOST_ALIKE = 3  # laws that a drive may leave undistinguished: with more, it says too little for any
 MOVING, FASTEST = 0.1, 0.98  # share of the usual top speed, a quantile of speeds, from which a robot moves
-# Spread of the speed as a share of its mean (0.05 on figure-eights, 0.9 on the rich drive), and of how much of the
-# wheels' way is turning, from 0 to 1: with less the drive has one speed, or one radius.
+# Relative spread of the speed (0.05 on figure-eights, 0.9 on the rich drive), and of the share of turning in the
+# wheels' motion, from 0 to 1: with less, the drive has one speed, or one radius.
 ONE_SPEED, ONE_RADIUS = 0.25, 0.05
-NARROW = "This drive has one speed or one radius, at which formulas cannot be distinguished: no law was looked for."
-IDENTICAL = 0.99  # share of a law's own trace that another does where both are the same mathematics
+NARROW = "This drive has one speed or one radius, at which formulas cannot be distinguished: no law was searched for."
+IDENTICAL = 0.99  # share of a law's own trace that another reproduces if both are mathematically the same
 RESCORED = 400  # best laws that are rescored with the noise of the best one
-SHOWN = 40  # best scores that are compared with what the catalogue has
-NEARLY = 0.7  # of what the best effect of the catalogue explains, to first order, that a formula must explain
+SHOWN = 40  # best scores that are compared with the catalogue
+NEARLY = 0.7  # of the first-order gain of the catalogue's best effect that a formula must reach
 
 
 def offered(
@@ -59,7 +59,7 @@ def offered(
 ) -> Offer | Refused:
     """Return the accepted law beside a model with the effects `selected`, or why there is none.
 
-    `named` is the gain of these effects, of which the law must explain a share. Laws with a first-order score below
+    `named` is the gain of these effects, of which the law must reach a share. Laws with a first-order score below
     `promising` are not fitted.
     """
     first = scanned(data, model, selected)
@@ -91,9 +91,9 @@ class Scanned:
 
 
 def scanned(data: Data, model: Linearised, selected: Sequence[str], noise: Noise | None = None) -> Scanned | Refused:
-    """Score all laws beside a model which has some effects `selected`, or say why none can be told.
+    """Score all laws beside a model with some effects `selected`, or return why none can be identified.
 
-    They are scored with a `noise`; by default with that which the model leaves.
+    They are scored with a `noise`; by default with that of the model's residuals.
     """
     if narrow(model):
         return Refused(NARROW, several=True)
@@ -107,9 +107,9 @@ def scanned(data: Data, model: Linearised, selected: Sequence[str], noise: Noise
 def offered_of(
     first: Scanned, named: float, promising: float = PROMISING, least: float = LEAST, worth: float = 0.0
 ) -> Offer | Refused:
-    """Return the law that stands beside a model where laws were scored, if its score is `least`; see `offered`.
+    """Return the accepted law beside a model with scored laws, if it scores `least` or more; see `offered`.
 
-    Laws of which no first fit gains `worth` are not refined.
+    If no first fit gains `worth`, no law is refined.
     """
     before = first.before
     if first.best < promising:
@@ -121,19 +121,19 @@ def offered_of(
     if isinstance(found, Offer) and found.left > ANOTHER:
         found = _with_second(first.data, found, first.selected)
     if isinstance(found, Offer) and found.left > found.score:
-        return Refused("What is left beside the best formula is more than what it explains.", before, seen=found.after)
+        return Refused("More structure remains beside the best formula than it explains.", before, seen=found.after)
     return found
 
 
 def _fits(first: Scanned, worth: float) -> list[Polished] | Refused:
     """Return the fits of the best laws of a scan, and of further ones found with the best law's noise.
 
-    Finally the constants of the best are refined. Where none of the first fits gains `worth`, there are no others.
+    Finally the constants of the best are refined. If none of the first fits gains `worth`, there are no others.
     """
     data, model, rest, known = first.data, first.before.model, first.rest, first.catalogue
     promising = _promising(first.scores, known)
     if not promising:
-        return Refused("What formulas explain here, effects of the catalogue do as well.")
+        return Refused("Effects of the catalogue explain as much here as formulas.")
     fits = _polished_all(rest, [one.candidate for one in promising[:BEST]], data, known)
     if not fits:
         return Refused("No formula could be fitted together with the model's parameters.")
@@ -163,7 +163,7 @@ def _settled(data: Data, fits: Sequence[Polished], known: Catalogued) -> list[Po
 
 
 def narrow(model: Linearised) -> bool:
-    """Return whether a robot drove at one speed, or round one radius: formulas are then the same to its sensors."""
+    """Return whether a robot drove at one speed, or round one radius: formulas are then equivalent for its sensors."""
     v, w = (np.concatenate([of.body[name] for of in model.variables]) for name in ("v", "w"))
     rim = 0.5 * model.values["base_width"] * np.abs(w)
     moving = np.abs(v) + rim > MOVING * np.quantile(np.abs(v) + rim, FASTEST)
@@ -172,7 +172,7 @@ def narrow(model: Linearised) -> bool:
 
 
 def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
-    """Return the offer with a second law beside the first, if one holds and leaves less."""
+    """Return the offer with a second law beside the first, if one holds and reduces the remaining structure."""
     model, rest = first.after.model, first.after.rest
     known = Catalogued(model, rest, selected)
     promising = [one.candidate for one in _promising(first.further.with_local(), known)]
@@ -193,7 +193,7 @@ def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
 
 
 def _promising(scores: Sequence[Score], known: Catalogued) -> list[Score]:
-    """Return the best scores, without laws that the catalogue has."""
+    """Return the best scores, without laws equivalent to the catalogue."""
     result: list[Score] = []
     for one in scores[:SHOWN]:
         if len(result) >= BEST + NEWCOMERS or one.score <= PROMISING:
@@ -241,10 +241,10 @@ def _judged(
     selected: Sequence[str],
     least: float = LEAST,
 ) -> Offer | Refused:
-    """Return the best of some fits with a law, if it holds, with those that are not distinguished from it."""
+    """Return the best of some fits with a law, if it holds, with the fits that are not distinguished from it."""
     problem, names = data.problem, before.model.names
     best = min(fits, key=lambda fit: _cost(fit, data))
-    # What both wheels do alike, or against each other, is the body's.
+    # A law that acts alike or oppositely on both wheels is a law of the body.
     of_body = [fit for fit in fits if not is_of_wheels(fit.laws[-1].place) and _is_same(fit, best)]
     best = min(of_body, key=lambda fit: _cost(fit, data)) if of_body else best
     after = polished_twice(problem, names, best, data.fitted) or best
@@ -254,13 +254,13 @@ def _judged(
     at_places = max(further.inflation(law.place) for law in after.laws)
     gain, score = before.quality() - after.quality(), score_of(before, after, at_places)
     if score >= least and _is_of_one_moment(after):
-        return Refused("What the best formula explains happened in one moment.", before)
+        return Refused("The best formula explains only one moment.", before)
     held_out = data.held_out(before, after)
     seen = after if score >= least and gain >= OF_NAMES * named and is_seen(before, after, data) else None
     if score < least or gain < OF_NAMES * named:
-        return Refused("What a formula explains is no more than what is inexact about the model explains.", before)
+        return Refused("The best formula explains no more than errors of the model do.", before)
     if held_out < max(LEAST, HOLDS * gain * data.share_tried):
-        return Refused("The best formula does not hold on data that it was not fitted on.", before, seen=seen)
+        return Refused("The best formula does not hold on data that it was not fitted to.", before, seen=seen)
     alike, tied = _alike(data, best, fits, gain)
     if len(tied) >= MOST_ALIKE:
         reason = f"This drive does not distinguish {len(tied) + 1} formulas that explain the errors as well."
@@ -273,9 +273,9 @@ def _judged(
 
 
 def _is_of_one_moment(fit: Polished) -> bool:
-    """Return whether hardly anything of what a fit's last law explains is left without its best moment.
+    """Return whether hardly any of the gain of a fit's last law remains without its best moment.
 
-    The noise is that which the law leaves: a single event raises the noise without it everywhere.
+    The noise is that beside the law: without it, a single event raises the noise everywhere.
     """
     number = len(fit.laws) - 1
     gained = fit.rest_without(number).white ** 2 - fit.rest.white**2
@@ -284,7 +284,7 @@ def _is_of_one_moment(fit: Polished) -> bool:
 
 
 def is_seen(before: Polished, after: Polished, data: Data) -> bool:
-    """Return whether what laws explain is there, whatever the formula: also where speeds are those by commands."""
+    """Return whether the structure explained by laws exists, whatever the formula: also with the commanded speeds."""
     if before.quality() - after.quality() < SEEN:
         return False
     by_commands = polished(replace(after.model, speeds=Speeds.COMMANDED), after.laws, data.fitted)
@@ -292,9 +292,9 @@ def is_seen(before: Polished, after: Polished, data: Data) -> bool:
 
 
 def _steadily(fit: Polished, data: Data) -> Polished:
-    """Return a fit with the inner constants that laws have where their variables owe less to the observer.
+    """Return a fit with inner constants found with variables that depend less on the observer.
 
-    What they gain so is no evidence: a law could take the observer's noise out, too.
+    The gain from this is no evidence: a law could also remove the observer's noise.
     """
     laws = list(fit.laws)
     moving = [k for k, law in enumerate(laws) if law.constants and not PLACES[law.place].of_sensors]

@@ -1,4 +1,4 @@
-"""Laws that stand in the model: entries of the catalogue from then on, fitted with all else."""
+"""Accepted laws in the model: entries of the catalogue from then on, fitted with all other parameters."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from cmr.model.laws.law import Law
 
 @dataclass(frozen=True)
 class Standing:
-    """Laws in the model, and the `fit` with them, whose coefficients are called `names`.
+    """Laws in the model, and the `fit` with them; their coefficients are `names`.
 
     `new` are those of the laws that were not in the catalogue.
     """
@@ -24,19 +24,19 @@ class Standing:
     new: tuple[Law, ...]
 
     def forget(self) -> None:
-        """Take laws that were only tried out of the catalogue."""
+        """Remove laws that were only tested from the catalogue."""
         forget(self.new)
 
 
 def forget(laws: Iterable[Law], known: Collection[str] = ()) -> None:
-    """Take laws that were only tried out of the catalogue, except those `known` before, by name."""
+    """Remove laws that were only tested from the catalogue, except those `known` before, by name."""
     for law in laws:
         if law.name not in known:
             unlearn(law.name)
 
 
 def stood(beside: Hypothesis, offer: Offer) -> Standing:
-    """Put the laws of an offer beside a model into it, and fit it."""
+    """Add the laws of an offer to the model of a hypothesis, and fit it."""
     before, known = beside.fit, set(LAWS)
     laws = tuple(law_of(candidate) for candidate in offer.laws)
     sizes = {

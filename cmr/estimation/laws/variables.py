@@ -14,8 +14,8 @@ from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
 SIDES = ("left", "right")
-STEADY = 0.2  # s to either side over which what encoders and poses say beyond the model is smoothed, less and less
-BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share takes off the duty; see cmr.model.stages
+STEADY = 0.2  # s to either side: smooths the deviation of encoders and poses from the model, with decreasing weight
+BACK_EMF_OF_LOAD = 0.8  # of K1 psi, which the load share subtracts from the duty; see cmr.model.stages
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def variables_of(
 
 
 class Speeds(Enum):
-    """Which speeds of the wheels formulas are of: the observer's, its own apart, or those by commands alone."""
+    """The wheel speeds used in formulas: the observer's, smoothed measured ones, or those from commands alone."""
 
     OBSERVED = "as the observer has them"
     STEADY = "by commands, and smoothly as encoders say"
@@ -45,9 +45,9 @@ class Speeds(Enum):
 
 
 def commanded(motion: Floats, free: Floats) -> Floats:
-    """Return how a robot moved, (T + 1, columns of MOTION), with the speeds that its wheels have by commands, `free`.
+    """Return the motion (T + 1, columns of MOTION) with the wheel speeds predicted from commands alone, `free`.
 
-    They have none of the readings' noise, so that what a formula of them explains is there (instrumental variables;
+    These contain no noise of the readings, so what a formula of them explains is real (instrumental variables;
     L. Ljung, System Identification, 2nd ed., 1999, section 7.6).
     """
     columns = [MOTION.index(f"psi_{name}") for name in SIDES]
@@ -57,11 +57,11 @@ def commanded(motion: Floats, free: Floats) -> Floats:
 
 
 def steadied(motion: Floats, free: Floats, segment: Segment) -> Floats:
-    """Return how a robot moved, (T + 1, columns of MOTION), with the speeds of its wheels found without an observer.
+    """Return the motion (T + 1, columns of MOTION) with wheel speeds found without an observer.
 
-    An observer is drawn to where its model holds a wheel, and away from where a law does that the model lacks: a
-    formula's limit then seems to lie elsewhere. So a wheel is taken to turn as by the commands alone, `free`, and what
-    its encoder says beyond that is smoothed over STEADY.
+    An observer is drawn towards its model, and away from a law that the model lacks: a formula's limit then seems to
+    lie elsewhere. So a wheel turns as by the commands alone, `free`, plus its encoder's deviation from that, smoothed
+    over STEADY.
     """
     result = motion.copy()
     if not len(segment.rolled):
@@ -79,11 +79,11 @@ def steadied(motion: Floats, free: Floats, segment: Segment) -> Floats:
 
 
 def placed(error: Errors, predictor: Predictor) -> Mapping[str, Floats]:
-    """Return x and y of an observed robot at the middle of each step, each (T,), smoothly as the poses have it.
+    """Return x and y of an observed robot at the middle of each step, each (T,), smoothed by the poses.
 
-    Where a law slows it down that the observer lacks, the observer's place is ahead by centimetres, until poses have
-    corrected it: the border of a spot on the floor would seem to lie further ahead. Where a formula varies smoothly
-    with the place, the observer's is better: it has nothing of the noise of the pose that is predicted.
+    If a law slows the robot down that the observer lacks, the observer's place is centimetres ahead until poses correct
+    it: the border of a spot on the floor would seem to lie further ahead. If a formula varies smoothly with the place,
+    the observer's is better: it contains no noise of the pose that is predicted.
     """
     columns = {name: error.motion[:, MOTION.index(name)] for name in ("x", "y")}
     if "forward" in predictor.times:
@@ -143,7 +143,7 @@ def _of_segment(predictor: Predictor, motion: Floats, values: Mapping[str, float
 
 
 def _of_body(left: Floats, right: Floats, values: Mapping[str, float]) -> tuple[Floats, Floats]:
-    """Return forward and turning motion of wheels that move like this."""
+    """Return forward and turning motion from that of the wheels."""
     radius = values["wheel_radius"]
     return 0.5 * radius * (left + right), radius / values["base_width"] * (right - left)
 

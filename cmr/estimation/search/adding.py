@@ -1,4 +1,4 @@
-"""Choose the effect that a search adds next: the one that explains most, with its rivals, and why not the others."""
+"""Choose the effect that a search adds next: the one that explains most, with its rivals and the rejected ones."""
 
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.problem import Problem
@@ -15,9 +15,9 @@ LESS = "It explains less than the effect named."
 def next_effect(
     problem: Problem, current: Fit, screening: Screening, inflation: Inflation
 ) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
-    """Return the effect to be added next, and why each of the others is not.
+    """Return the effect to add next, and for each other effect the reason why it is not added.
 
-    If one that is too small explains so much that others are not promising beside it, these are fitted, too.
+    If one that is too small explains so much that others do not seem promising beside it, these are fitted, too.
     """
     chosen, others = _choose(problem, current, ranked_fits(problem, current, screening), inflation)
     significant = THRESHOLD * inflation.all
@@ -32,10 +32,10 @@ def next_effect(
 def _choose(
     problem: Problem, current: Fit, ranked: list[CandidateEffect], inflation: Inflation
 ) -> tuple[SelectedEffect | None, list[tuple[CandidateEffect, str]]]:
-    """Return the best valid effect with its rivals, and why each of the others is not added.
+    """Return the best valid effect with its rivals, and for each other effect the reason why it is not added.
 
     An effect that is too small to be named is added first if it explains more than a nameable one, which may only
-    imitate it, or if it is nearly large enough: what it does in free runs decides in the end.
+    imitate it, or if it is nearly large enough: free runs decide in the end.
     """
     others: list[tuple[CandidateEffect, str]] = []
     chosen: CandidateEffect | None = None

@@ -32,7 +32,7 @@ from cmr.model.catalogue import CATALOGUE, definition
 ALIKE = 12.0  # log-likelihoods (twice) that differ by less cannot be distinguished
 MAYBE_CHANCE = 10.0  # drop from which the delays of single commands are evident; below THRESHOLD both effects are named
 STD_OF_JITTER = 0.05  # of its size: the distribution of delays is not known
-ELECTRONICS = 1.5e-3  # s of the mean delay that may be one of all commands, by wires and electronics, and not jitter
+ELECTRONICS = 1.5e-3  # s of the mean delay that may be common to all commands (wires and electronics), not jitter
 SURE_LOSS = 8.0  # drop from which commands are lost
 PERHAPS = 2.0  # standard deviations by which the counted share may be too small, given that commands are certainly lost
 TICKS = "encoder_quantisation"
@@ -46,7 +46,7 @@ def chance_on_commands(
     final: Fit,
     seen: Fit,
 ) -> tuple[SelectedEffect, Problem] | None:
-    """Return jitter or loss of commands if the residuals of the final fit show it, and the problem without it.
+    """Return jitter or loss of commands if the final fit's residuals show it, and the problem without it.
 
     A delay among `others`, too small to be named, may be the mean of jitter that is large enough. Friction that is too
     small to be named would look like a loss, so `seen` is the fit with all effects present.
@@ -58,7 +58,7 @@ def chance_on_commands(
         late, beside = [SelectedEffect(small[0], (), final)], small[0].fit or final
     jitter = _jitter(problem, beside, late) if late else None
     if jitter and LAG in beside.names:
-        # Delays that differ smooth the response as a lag does, and their mean was split between both.
+        # Different delays smooth the response as a lag does: their mean was split between delay and lag.
         delayed = _delayed_only(problem, beside)
         instead = _jitter(problem, delayed, late)
         jitter = instead if instead and delayed.squares - beside.squares < instead.spread else jitter
@@ -103,7 +103,7 @@ def _size(mean: float, timing: Timing) -> float:
 
 
 def _mean_delay(fit: Fit) -> float:
-    """Return the mean delay of the commands [s] that a fit has found."""
+    """Return the mean delay of the commands [s] in a fit."""
     return sum(fit.values[name] for name in MEANS if name in fit.names)
 
 
@@ -116,7 +116,7 @@ def _delayed_only(problem: Problem, fit: Fit) -> Fit:
 
 
 class _Jitter(NamedTuple):
-    """Jitter, the problem without it, and by how much the spread of the delays explains the responses."""
+    """Jitter, the problem without it, and the gain from spread delays."""
 
     effect: SelectedEffect
     cleaned: Problem
@@ -132,7 +132,7 @@ def _jitter(problem: Problem, fit: Fit, late: Sequence[SelectedEffect]) -> _Jitt
     spread = timing.jitter(size)
     if spread < MAYBE_CHANCE:
         return None
-    # The mean of the delays is known better than their spread.
+    # The mean of the delays is better known than their spread.
     largest = largest_delay(mean, timing.period)
     rivals = tuple(one.candidate.effect.name for one in late) if spread < THRESHOLD else ()
     doubt = largest - largest_delay(max(mean - ELECTRONICS, 0.0), timing.period)
@@ -160,7 +160,7 @@ def coarse_ticks(problem: Problem, final: Fit) -> SelectedEffect | None:
         return None
     value = 2.0 * np.pi / tick
     readings = sum(int(np.sum(predictor.segment.observations.wheel_use)) for predictor in problem.predictors)
-    # Each reading that lies exactly on a tick is evidence, since those of a fine encoder would lie anywhere.
+    # Each reading exactly on a tick is evidence: those of a fine encoder would lie anywhere.
     drop = 2.0 * readings * float(np.log(tick / COARSE) + 1.0)
     return read_off(TICKS, Estimate(value, value * READ_OFF), drop, (), final)
 

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 REACH = 0.5  # s after which the trace of a command's delay has decayed
-IMPULSES = 4  # in place of the pulse of duty of a lost command, which may last as long as readings are apart
+IMPULSES = 4  # replace the pulse of duty of a lost command, which may last as long as the reading interval
 LEAST_CHANGE = 1e-3  # duty; a smaller change of a command does not reveal its delay
 LOSSES = np.geomspace(2e-3, 0.4, 25)  # probabilities of a loss that are tested
 UNEVEN = np.array([0.0002, 0.0005, 0.001, 0.002, 0.004])  # s by which constant delays may appear to differ
 OUTLIERS = np.array([0.001, 0.003, 0.01, 0.03])  # shares of commands that are outliers
-OUTLYING = 0.05  # s, the standard deviation of theirs
+OUTLYING = 0.05  # s, standard deviation of outliers
 # Prior standard deviation of the other commands' delays, as a share of the period. More hides jitter; with less, the
 # neighbours of a delayed command appear lost.
 UNSURE_OF_LOSS, UNSURE_OF_JITTER = 0.25, 0.1
@@ -38,12 +38,12 @@ CLEAR = 1.0  # required ratio of the squared delay sought to its variance, for a
 FEWEST_CLEAR = 10  # commands that must count
 PARTS = 8  # of the commands that count
 PAUSE = 1.5  # times the period between two commands that indicates a delayed sender
-SHARED = 2.0  # times its deviation a share may be off: neighbours depend on the same readings (8 made-up drives)
+SHARED = 2.0  # times its deviation that a share may differ: neighbours depend on the same readings (8 simulated drives)
 LEAST = 1e-3  # 1/s^2; a delay with less information counts as unknown
 SIDES = ("psi_left", "psi_right")
 SMALLEST_BLOCK = 32  # of a banded matrix processed block by block
 AGES = 200  # at which the age of the command in force is computed
-MOST_OVERTAKEN = 100.0  # times the seeming delay: no jitter is larger
+MOST_OVERTAKEN = 100.0  # times the apparent delay: no jitter is larger
 CLOSE = 1e-13  # of the largest delay: tolerance of the solution
 DELAY, LAG = "command_delay", "electrical_lag"
 MEANS = (DELAY, LAG)  # whose parameter is a mean delay [s]
@@ -98,7 +98,7 @@ class Timing:
         return Loss(float(share), std, _throughout(2.0 * np.log(density / steady)), which)
 
     def jitter(self, size: float) -> float:
-        """Return by how much delays spread evenly over a size [s] explain the responses better than constant ones.
+        """Return the gain of delays spread evenly over a size [s] over constant ones.
 
         It is twice a log-likelihood ratio, 0 with too little information.
         """
@@ -146,8 +146,8 @@ class Timing:
 def timing_of(problem: Problem, fit: Fit, *, until_next: bool = False) -> Timing | None:
     """Return the information on delays of commands beside a fit; None if there is none.
 
-    Delays are taken to be short, so that the duty of a late command is an impulse, or `until_next` to last until the
-    next command.
+    Delays are assumed to be short, so that the duty of a late command is an impulse, or with `until_next` to last until
+    the next command.
     """
     commanded = [len(predictor.segment.observations.commands.time) > 1 for predictor in problem.predictors]
     if not all(commanded) or not any(SIDES[0] in predictor.times for predictor in problem.predictors):
@@ -162,7 +162,7 @@ def _normal(late: Floats, variance: Floats) -> Floats:
 
 
 def _throughout(drops: Floats) -> float:
-    """Return the sum of the drops of commands in order of time, scaled up from all but the part that has most of it.
+    """Return the sum of the drops of commands in order of time, scaled up from all parts but the one with most of it.
 
     A computer overloaded for some seconds causes a burst of late commands, whereas loss occurs throughout.
     """
@@ -171,7 +171,7 @@ def _throughout(drops: Floats) -> float:
 
 
 def _best(laws: Sequence[Floats], late: Floats, variance: Floats) -> tuple[float, int, Floats]:
-    """Return the largest log-likelihood of several densities with outliers, which it is, and it with its outliers."""
+    """Return the largest log-likelihood of several densities with outliers, its index, and that mixture."""
     outlying = _normal(late, variance + OUTLYING**2)
     # Densities of errors beyond any outlier round to 0.
     tiny = np.finfo(np.float64).tiny
@@ -187,7 +187,7 @@ def period_of(problem: Problem) -> float:
 
 
 def largest_delay(mean: float, period: float) -> float:
-    """Return the largest of evenly spread delays [s] by which commands, one each `period` [s], seem `mean` [s] late.
+    """Return the largest of evenly spread delays [s] of commands, one each `period` [s], that seem `mean` [s] late.
 
     The mean is half of the largest while that is shorter than the period; beyond, newer commands overtake older ones.
     """

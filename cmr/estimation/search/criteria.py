@@ -1,14 +1,14 @@
 """Acceptance criteria of an effect: significance, validity on other data, possible values, and size.
 
-With the drop D = S(before) - S(after) that its k parameters bring, and the inflation of its score (inflation.py):
+With the drop D = S(before) - S(after) by its k parameters, and the inflation of its score (inflation.py):
 
-    is there      D >= inflation (THRESHOLD + PER_PARAMETER (k - 1) + OF_A_PLACE if it chose a place)
-    not unusual   D >= inflation (the same + unlikelihood of its sizes, less what the model had before)
-    its own       what a gyro or a tracker does may not raise S of its own readings by as much
-    not at once   of what begins at a time or is at a place, D without its best AT_ONCE seconds is enough as well
+    significant   D >= inflation (THRESHOLD + PER_PARAMETER (k - 1) + OF_A_PLACE if it chose a place)
+    usual sizes   D >= inflation (the same + unlikelihood of its sizes, minus that of the model before)
+    own readings  a gyro or tracker effect may not raise S of its own sensor's readings by as much
+    lasting       with a start time or a place, D without its best AT_ONCE seconds is sufficient as well
     holds         G > 0, with G = (S_left_out(before) - S_left_out(after)) / 2
     possible      values inside their ranges, and the paper's parameters not those of another robot
-    matters       a parameter larger than SMALLEST of its typical size, and than SURE standard deviations; of NEARLY
+    large enough  a parameter larger than SMALLEST of its typical size, and than SURE standard deviations; of NEARLY
                   this size, if free runs on left-out data are much better with it (elimination.py)
 
 S_left_out predicts each fold f without it, to first order from the fit's errors w (n,) and slopes J (n, p):
@@ -16,7 +16,7 @@ S_left_out predicts each fold f without it, to first order from the fit's errors
     w_f + J_f step_f,    step_f = -(J'J - J_f'J_f)^-1 (J'w - J_f'w_f)
 
 References: S. S. Wilks, Annals of Mathematical Statistics 9, 1938 (likelihood ratio); D. M. Allen, Technometrics 16,
-1974 (errors of prediction of what is left out).
+1974 (prediction errors of left-out data).
 """
 
 import math
@@ -65,10 +65,10 @@ LARGEST_STRETCH = 0.5  # largest distortion of poses, relative to a usual distan
 FARTHEST = 1.5  # times its RMS distance from the origin, about the largest distance on a drive of loops
 AT_ONCE = 1.0  # s; an effect of one such moment may be a bump, or a command with a late stamp
 AT_ITS_END = 1e-3  # of a bound; nearer values count as being at it
-READINGS = {"gyro": ("yaw_rate",), "pose": POSE_SIGNALS}  # of sensors that move nothing, by their stage
+READINGS = {"gyro": ("yaw_rate",), "pose": POSE_SIGNALS}  # of sensors that do not affect the motion, by their stage
 TOO_SMALL = "It is too small to matter."
-MAY_BE_CHANCE = "What it explains may be chance."
-IN_ONE_MOMENT = "What it explains happened in one moment."
+MAY_BE_CHANCE = "Its improvement of the fit may be chance."
+IN_ONE_MOMENT = "It explains only one moment."
 TOO_UNUSUAL = "It explains too little for sizes that are so unusual."
 
 
@@ -150,7 +150,7 @@ def _objections(
 ) -> Iterator[tuple[str, Measure]]:
     """Yield objections to naming an effect, each with the measure that decides."""
     values, drop, inflated = candidate.values, candidate.drop, inflation.of(candidate.effect.name)
-    # A rare effect may only be what is not quite right about others: its rarity counts twice.
+    # A rare effect may only imitate small errors of others: its rarity counts twice.
     least = needed(candidate.effect) + rarity(candidate.effect.name)
     if drop < least * inflated:
         yield MAY_BE_CHANCE, likelihood_ratio(drop, least * inflated)
@@ -186,14 +186,14 @@ def _lost_readings(problem: Problem, before: Fit, candidate: CandidateEffect) ->
 
 
 def _at_once(problem: Problem, before: Fit, candidate: CandidateEffect) -> float:
-    """Return the most that an effect explains within AT_ONCE; 0 where no fit shows when it does."""
+    """Return the largest gain of an effect within AT_ONCE; 0 if no fit localises it in time."""
     if candidate.fit is None or not problem.one_step:
         return 0.0
     return most_at_once(problem, before.rest**2 - candidate.fit.rest**2)
 
 
 def most_at_once(problem: Problem, gained: Floats) -> float:
-    """Return the largest sum within AT_ONCE of what is `gained` at each white error, (n,); prior terms come after."""
+    """Return the largest sum within AT_ONCE of the gains at each white error, (n,); prior terms come after."""
     when = np.concatenate([t + p.segment.observations.time for p in problem.predictors for t in p.times.values()])
     of = np.concatenate([np.full(len(t), p.segment.recording) for p in problem.predictors for t in p.times.values()])
     most = 0.0
@@ -281,7 +281,7 @@ def held_out_gain(problem: Problem, before: Fit, after: Fit) -> float:
 def left_out(fit: Fit, folds: np.typing.NDArray[np.int64]) -> float:
     """Return the sum of squared white errors of folds, each predicted by a fit without it (to first order).
 
-    It is infinite where the fitted model does not hold.
+    It is infinite if the fitted model is invalid.
     """
     if not math.isfinite(fit.squares):
         return math.inf

@@ -29,7 +29,7 @@ from cmr.recordings.signal import Floats
 
 LEAST_SEEN = 4.0  # drop of the sum of squares that each part alone must show
 LOST = 0.1  # of the drop on one part that may be lost on the other, since no model is exact
-LEAST_GAIN = 10.0  # log-likelihood that an effect must add to the parts that it was not fitted on
+LEAST_GAIN = 10.0  # log-likelihood that an effect must add on the parts that it was not fitted to
 LEAST_SHARE = 0.05  # of a signal's squares on data left out that an effect must explain to matter
 IN_COMMON = 0.5  # correlation of the traces of two effects above which either may replace the other
 SEEN = 0.7  # of the fastest rotation, to allow for sensor errors and soft ground

@@ -1,13 +1,13 @@
 """Backward elimination: remove effects that are redundant or too small, refine the values, and order the effects.
 
 First, effects that are too small to be named are removed together, except those that matter in free runs on left-out
-data (`_matters`). For each effect k that is left, with S the sum of squares of the model and S_k that without k,
+data (`_matters`). For each remaining effect k, with S the sum of squares of the model and S_k that without k,
 
     D_k = S_k - S
 
-must pass criteria.py again beside all others. Of those that fail, the one with the least D_k compared with what it
-needs is removed, and the rest is judged again. S_k is taken to first order where it exceeds CLEARLY times what is
-needed, else fitted.
+must pass criteria.py again beside all others. Of those that fail, the one with the least D_k relative to its required
+drop is removed, and the rest is judged again. S_k is taken to first order if it exceeds CLEARLY times the required
+drop, else fitted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -93,7 +93,7 @@ def _failing(problem: Problem, standing: Sequence[SelectedEffect], inflation: In
 def _standing_again(
     problem: Problem, standing: list[SelectedEffect], failing: Sequence[int], fit: Fit, inflation: Inflation
 ) -> list[int]:
-    """Return which of the `failing` effects, by number, pass in another fit, with what they explain there."""
+    """Return which of the `failing` effects, by number, pass in another fit, with their drops there."""
     again = _beside_the_others(problem, [standing[number] for number in failing], fit, inflation)
     still = _failing(problem, again, inflation)
     found = [index for index in range(len(failing)) if index not in still]
@@ -105,14 +105,14 @@ def _standing_again(
 
 
 def _at(final: Fit, one: SelectedEffect) -> SelectedEffect:
-    """Return a single effect with its final values; what it explains is already known."""
+    """Return a single effect with its final values; its drop is already known."""
     return replace(one, candidate=replace(one.candidate, values=final.values, fit=final))
 
 
 def _beside_the_others(
     problem: Problem, standing: Sequence[SelectedEffect], final: Fit, inflation: Inflation
 ) -> list[SelectedEffect]:
-    """Return each effect with what it explains beside all others, and the fit without it.
+    """Return each effect with its drop beside all others, and the fit without it.
 
     If an effect is clearly needed, first order is sufficient, except for free runs and for effects that others can
     imitate, which are not linear enough. A fit without an effect starts both from the first-order solution and from the
@@ -181,7 +181,7 @@ def _without_small(
 
 
 def _matters(problem: Problem, one: SelectedEffect, fit: Fit) -> bool:
-    """Return whether an effect of a fit is nearly large enough, and free runs on left-out data much better with it."""
+    """Return whether an effect is nearly large enough, and free runs on left-out data are much better with it."""
     if not nearly_large(replace(one.candidate, values=fit.values, fit=fit), problem.excitation):
         return False
     before = problem.fit(*without(problem, fit, [one]), fit.noise, renew=0)

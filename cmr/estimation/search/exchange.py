@@ -7,8 +7,8 @@ without another run of the model: for added trials A,
 
     S_A = S_left - pull_A' N_A^-1 pull_A
 
-with S_left that of the model without what leaves, pull_A and N_A the trials' products with what is left and with each
-other, beside the parameters that stay. The best exchanges are then fitted; one is made if
+with S_left that of the model without the removed effects, pull_A and N_A the trials' products with the residuals and
+with each other, beside the remaining parameters. The best exchanges are then fitted; one is made if
 
     S(exchange) + penalty < S - BETTER inflation.
 """
@@ -43,11 +43,11 @@ OWN = 1e-4  # of a trace's square that must be orthogonal to the traces it is co
 BEST_PAIRS = 60  # per set of removed effects
 LARGEST_SHARE = 5.0  # of the typical size: beyond it first order is invalid
 # By how much the predicted score may be worse than the current one, as first order is inexact; number of fits.
-WORSE_BY_ONE, FITTED_BY_ONE = 60.0, 6  # of exchanges in which one effect comes
-WORSE_BY_TWO, FITTED_BY_TWO = 10.0, 3  # in which two come
-FITTED_INSTEAD = 2  # of exchanges in which one effect comes for one that is known from data sheets
+WORSE_BY_ONE, FITTED_BY_ONE = 60.0, 6  # of exchanges that add one effect
+WORSE_BY_TWO, FITTED_BY_TWO = 10.0, 3  # that add two
+FITTED_INSTEAD = 2  # of exchanges that replace an effect known from data sheets
 WORSE_QUICKLY = 15.0  # by how much a quick fit may be worse
-SURELY_MORE = 0.02  # of what an effect that is in data sheets explains, the exchange for which it comes must explain
+SURELY_MORE = 0.02  # of the drop of an effect in data sheets that the exchange that adds it must explain
 BETTER = 2.0  # by which the score must fall; less is a tie
 
 
@@ -81,7 +81,7 @@ class Exchange:
 def best_exchange(
     problem: Problem, current: Fit, screening: Screening, named: Sequence[SelectedEffect], inflation: Inflation
 ) -> Exchange | None:
-    """Return the best exchange whose effects are possible, None if none explains the data better."""
+    """Return the best exchange with possible effects, None if none explains the data better."""
     selected = [one.candidate.effect.name for one in named]
     proposals = _proposals(screening, current, selected, inflation)
     starts = _quickly_fitted(problem, current, screening, proposals)
@@ -126,7 +126,7 @@ def too_rare(current: Fit, fit: Fit, leaving: Sequence[str], candidates: Sequenc
 def without_idle_swaps(problem: Problem, current: Fit, exchange: Exchange, inflation: Inflation) -> Exchange:
     """Return the exchange, or a smaller one without one of its swaps, if that is as good.
 
-    Otherwise that swap would also get credit for what the other added effects explain.
+    Otherwise that swap would also get credit for the gain of the other added effects.
     """
     if len(exchange.coming) < 2:
         return exchange
@@ -259,8 +259,8 @@ def _proposals(screening: Screening, current: Fit, selected: Sequence[str], infl
     ranked = sorted(found.values(), key=lambda one: one.score)
     by_one = [one for one in ranked if len(one.trials) == 1 and one.score < current.squares + WORSE_BY_ONE]
     by_two = [one for one in ranked if len(one.trials) == 2 and one.score < current.squares + WORSE_BY_TWO]
-    # An encoder scale error is exactly equivalent to a different wheel size, which is more likely; but if it explains
-    # much, first order is off by thousands.
+    # An encoder scale error is exactly equivalent to a different wheel size, which is more likely. But if it explains
+    # much, first order is wrong by thousands.
     instead = [one for one in ranked if len(one.trials) == 1 and len(one.leaving) == 1 and one not in by_one]
     rare = [one for one in instead if CATALOGUE[one.leaving[0]].in_data_sheets]
     return [*by_one[:FITTED_BY_ONE], *rare[:FITTED_INSTEAD], *by_two[:FITTED_BY_TWO]]

@@ -69,7 +69,7 @@ def two_kinds(shares: Floats) -> Mask:
 
 
 def _shares(predictors: Sequence[Predictor]) -> Floats:
-    """Return what shares of its time the robot stood, drove straight, turned left, turned right and spun, (SHARES,)."""
+    """Return the shares of time that the robot stood, drove straight, turned left, turned right and spun, (SHARES,)."""
     steps = np.concatenate([_steps(predictor) for predictor in predictors])
     if len(steps) == 0:
         return np.asarray(np.arange(SHARES) == 0, np.float64)
@@ -81,7 +81,7 @@ def _shares(predictors: Sequence[Predictor]) -> Floats:
 
 
 def _steps(predictor: Predictor) -> Floats:
-    """Return how far each wheel turned in each window [rad], (n, 2)."""
+    """Return the rotation of each wheel in each window [rad], (n, 2)."""
     observations = predictor.segment.observations
     borders = np.arange(0.0, observations.seconds, WINDOW)
     if len(observations.wheel_time) == 0:

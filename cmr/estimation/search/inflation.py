@@ -16,8 +16,8 @@ import numpy as np
 from cmr.recordings.signal import Floats, Mask
 
 ASIDE, ASIDE_OF_BODY = 6, 3  # best trials that do not count
-FEWEST = 10  # others that must be left
-LEFT = 0.1  # of a trial's size that must be its own to count
+FEWEST = 10  # others that must remain
+LEFT = 0.1  # of a trial's size that must be orthogonal to the model
 NOTHING = 1e-6  # white errors squared; a trial with a smaller change has no effect
 MEDIAN_OF_CHI2 = 0.4549  # with one degree of freedom
 
@@ -37,7 +37,7 @@ class Inflation:
         return min(self.of_body, self.all) if effect in self.body else self.all
 
     def at_least(self, least: float) -> "Inflation":
-        """Return the inflation raised to this, of all effects."""
+        """Return the inflation raised to this value, for all effects."""
         return Inflation(max(self.all, least), max(self.of_body, least), self.body)
 
 
@@ -55,7 +55,7 @@ class Beside:
 
     @classmethod
     def of(cls, white: Floats, free: int, wheels: Mask) -> "Beside":
-        """Return the sums from `white` (n, 1 + free + c): errors, what the model moves, and the moves.
+        """Return the sums from `white` (n, 1 + free + c): errors, changes by the model's parameters, and by the trials.
 
         `wheels` (n,) says which errors are of wheels.
         """
@@ -71,7 +71,7 @@ class Beside:
 
     @property
     def sizes(self) -> Floats:
-        """The sums of the squares of the moves, (c,)."""
+        """The sums of the squares of the trials' changes, (c,)."""
         return np.diag(self.normal)
 
     def only(self, numbers: Indices) -> "Beside":

@@ -14,7 +14,7 @@ WHY = "The gyro turns before the wheels do: their lag was estimated from this an
 
 
 def with_late_wheels(found: Search, late: Lag | None) -> Search:
-    """Add the effect of wheels that report `late` to a search of recordings in which that was corrected."""
+    """Add the effect of wheels that report `late` to a search of recordings in which this was corrected."""
     if late is None:
         return found
     statistic = (late.seconds / late.std) ** 2

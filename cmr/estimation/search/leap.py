@@ -1,4 +1,4 @@
-"""Leap to another set of effects: the likeliest that a random walk over all sets finds.
+"""Leap to another set of effects: the likeliest one found by a random walk over all sets.
 
 Exchanges of two effects at a time fail if three or four imitate each other. The random walk of the averaging explores
 all sets; its likeliest set is fitted and accepted if it explains the data better. The walk starts from the current
@@ -31,7 +31,7 @@ from cmr.model.catalogue import CATALOGUE
 
 ASIDE = (-8e-3, -4e-3, 4e-3, 8e-3)  # s; less than a step
 SOMEWHAT = 0.03  # s; least command delay when a slew limit is replaced by a current limit
-BY_ITS_SIZE = 8.0  # of the required drop, this much is already implied by the walk's prior on sizes (Occam factor)
+BY_ITS_SIZE = 8.0  # part of the required drop that the walk's prior on sizes already contains (Occam factor)
 
 
 def best_leap(
@@ -84,7 +84,7 @@ def _exchange(
     values: Mapping[str, float],
     concerned: Collection[str],
 ) -> Exchange | None:
-    """Return the exchange that leads to the effects that some values switch on, if it explains the data better.
+    """Return the exchange that leads to the effects switched on by some values, if it explains the data better.
 
     Only the effects in `concerned`, by name, may be added or removed.
     """

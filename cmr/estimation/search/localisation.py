@@ -13,8 +13,8 @@ from cmr.recordings.signal import Floats, Mask
 EDGE = 0.06  # of an effect's total trace; a change in the first or last part would be an outlier
 CELL = 0.1  # m; resolution of places
 RADII = (0.2, 0.3, 0.38, 0.46, 0.55)  # m; of the discs that are tested
-MOST_CELLS = 1500  # with more, no place is looked for
-FARTHEST = 1 << 31  # cells from the origin, and more than there are
+MOST_CELLS = 1500  # with more, no place is searched for
+FARTHEST = 1 << 31  # cells from the origin; exceeds any real number of them
 LARGEST_PART = 0.6  # largest share of the trace within a place, if acting everywhere would explain as much
 NOTHING = 1e-6  # white errors squared; a smaller trace has no effect
 
@@ -34,7 +34,7 @@ NOWHERE = Local(0.0, {}, np.zeros(0, np.bool_))
 def best_moment(moves: Floats, rest: Floats, basis: Floats, time: Floats) -> Local:
     """Return the moment [s] from which on some moves (n, m) together explain most of `rest` (n,).
 
-    `basis` (n, p), orthonormal, is what the model explains itself; `rest` is free of it. `time` (n,) is that of each.
+    `basis` (n, p), orthonormal, spans the model's own traces; `rest` is orthogonal to it. `time` (n,) is that of each.
     Traces are treated as orthogonal: their drops are added.
     """
     order = np.argsort(-time, kind="stable")
@@ -83,7 +83,7 @@ def _sums(move: Floats, rest: Floats, basis: Floats, cell: np.typing.NDArray[np.
 
 
 def _drops_within(sums: Floats, near: Floats) -> Floats:
-    """Return by how much a move drops the squares in discs about each cell; `near` (cells, discs) is 1 within."""
+    """Return the drop of the squares by a move in discs about each cell; `near` (cells, discs) is 1 within."""
     within, everywhere = sums @ near, sums.sum(axis=1, keepdims=True)
     drops, of_all = (_drops(one[0], one[1], one[2:].T) for one in (within, everywhere))
     size, whole = within[1], everywhere[1]
@@ -92,6 +92,6 @@ def _drops_within(sums: Floats, near: Floats) -> Floats:
 
 
 def _drops(pulls: Floats, sizes: Floats, along: Floats) -> Floats:
-    """Return by how much moves of these pulls (m,), sizes (m,) and shares along the basis (m, p) drop the squares."""
+    """Return the drop of the squares by moves of these pulls (m,), sizes (m,) and shares along the basis (m, p)."""
     free = sizes - np.sum(along**2, axis=1)
     return np.where(free > NOTHING + 1e-6 * sizes, pulls**2 / np.maximum(free, NOTHING), 0.0)

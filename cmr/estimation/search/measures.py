@@ -1,4 +1,4 @@
-"""The numbers that decide about an effect, each with its limit and a sentence that states the comparison."""
+"""The numbers that decide about an effect, each with its limit and a sentence with the comparison."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -60,7 +60,7 @@ def likelihood_ratio(drop: float, least: float, *, unusual: bool = False) -> Mea
 
 
 def moment_at_an_end(name: str, moment: float, moving: tuple[float, float]) -> Measure:
-    """Return the moment [s] at which an effect would begin, when the robot has hardly moved or does no more."""
+    """Return the moment [s] at which an effect would begin, when the robot has hardly moved or will hardly move."""
     first = moment <= moving[0]
     limit, end = (moving[0], "earliest") if first else (moving[1], "latest")
     sentence = f"It would begin at {moment:.1f} s; this drive can show a change at {limit:.1f} s at the {end}."
@@ -68,13 +68,13 @@ def moment_at_an_end(name: str, moment: float, moving: tuple[float, float]) -> M
 
 
 def place_everywhere(name: str, reach: float, extent: float) -> Measure:
-    """Return how far around the origin a place extends [m], in which all of the drive lies."""
+    """Return the radius around the origin [m] of a place that contains the whole drive."""
     sentence = f"The place would contain all of the drive, {with_unit(extent, 'm')} around the start."
     return Measure(name, reach, extent, "m", sentence)
 
 
 def turns_exceeded(name: str, value: float, seen: float) -> Measure:
-    """Return a limit [rad/s] of the turns that the robot was seen to exceed."""
+    """Return a limit [rad/s] of the turns that the robot exceeded in the measurements."""
     sentence = f"It limits turns to {value:.2g} rad/s, but the robot was measured at {seen:.2g} rad/s."
     return Measure(name, value, seen, "rad/s", sentence)
 
@@ -104,7 +104,7 @@ def left_out_gain(gain: float) -> Measure:
 
 
 def of_one_moment(rest: float, least: float, seconds: float) -> Measure:
-    """Return what an effect explains beside the moment in which it explains most."""
+    """Return the gain of an effect without the moment in which it explains most."""
     sentence = (
         f"Without the {seconds:.2g} s in which it explains most, it lowers -2 log likelihood by {rest:.1f}; "
         f"{least:.1f} would be needed."
@@ -113,7 +113,7 @@ def of_one_moment(rest: float, least: float, seconds: float) -> Measure:
 
 
 def readings_lost(rise: float, most: float) -> Measure:
-    """Return by how much the readings of a sensor are less likely with what it is said to do."""
+    """Return by how much less likely an effect of a sensor makes that sensor's readings."""
     sentence = (
         f"It raises -2 log likelihood of its own sensor's readings by {rise:.1f}; at most {most:.1f} may be chance."
     )
@@ -121,6 +121,6 @@ def readings_lost(rise: float, most: float) -> Measure:
 
 
 def coarse_tick(tick: float, coarse: float) -> Measure:
-    """Return the size [rad] of an encoder's tick, which is coarse."""
+    """Return the size [rad] of a coarse encoder's tick."""
     sentence = f"One tick of the encoders is {tick:.2g} rad; more than {coarse:.2g} rad is coarse."
     return Measure("tick", tick, coarse, "rad", sentence)

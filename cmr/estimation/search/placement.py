@@ -29,7 +29,7 @@ WARMTH = 2.0  # temperature, since the noise is not exactly as assumed
 
 
 def placed(problem: Problem, effect: Effect, values: Mapping[str, float], noise: Noise) -> Mapping[str, float]:
-    """Return the values from which a fit with an effect begins: with its best place, if it has one."""
+    """Return the start values of a fit with an effect: with its best place, if it has one."""
     if effect.locality != "place":
         return values
     best = dict(values)

@@ -14,7 +14,7 @@ from cmr.model.catalogue import definition
 from cmr.model.effect import Effect
 from cmr.recordings.signal import Floats
 
-POINTS, FEWEST_POINTS = 16, 6  # of a scan, in one block of the compiled model; of those at which the model holds
+POINTS, FEWEST_POINTS = 16, 6  # of a scan, in one batch of the compiled model; of valid ones among them
 FARTHEST = 0.12  # of the value,
 FARTHEST_OF = {"m": 0.25, "s": 1.0, "rad": 0.4}  # of places, times and angles
 FEWEST_STDS = 4.0  # or so many standard deviations, if that is more
@@ -22,7 +22,7 @@ BEYOND = 1e4  # values this many times above the lower quarter of a scan count a
 ROUGH = 10.0  # scatter of the sum of squares about a parabola that counts as rough
 LOWER = 1.0  # drop below the fit's sum of squares that is worth following
 STARTS = 2  # number of new fits if the sum is rough
-MOMENTS, MOMENT_STEP, MOMENTS_APART = 128, 0.125, 0.6  # of the scan for when an effect begins; s between them; s
+MOMENTS, MOMENT_STEP, MOMENTS_APART = 128, 0.125, 0.6  # of the scan over start times; s between them; s
 LIKELY = 4.0  # above the least: within 95 % limits
 NEAR = 0.25  # of the scan's reach: least distance between starts
 
@@ -88,7 +88,7 @@ def along(fit: Fit, name: str, offset: float) -> dict[str, float]:
 
 
 def parabola(offsets: Floats, squares: Floats) -> tuple[float, float]:
-    """Return the standard deviation of where a parabola through the sums of squares is lowest, and their scatter."""
+    """Return the standard deviation of the minimum of a parabola through the sums of squares, and their scatter."""
     unit = float(np.max(np.abs(offsets)))
     lowest = np.min(squares)
     if not np.isfinite(lowest):  # the model is invalid along the whole scan

@@ -2,8 +2,8 @@
 
 1. Of the screening's effects, those with a large score are fitted quickly: only their own parameters iterate, the
    slopes of the model's parameters are taken from its last fit (`Problem.fit_beside`).
-2. The FINALISTS are fitted with everything free (Levenberg-Marquardt, gauss_newton.py), from the best place where they
-   belong to one.
+2. The FINALISTS are fitted with everything free (Levenberg-Marquardt, gauss_newton.py), effects of a place from their
+   best place.
 3. Each has its drop of S, D = S(model) - S(model with it), and is ranked by the evidence D - PER_FURTHER (k - 1) -
    rarity with k parameters of its own (Schwarz, Annals of Statistics 6, 1978).
 4. `judged` adds the verdict of criteria.py and, if needed, of cross_validation.py.
@@ -28,7 +28,7 @@ from cmr.model.catalogue import CATALOGUE
 PROMISING = 12  # effects that are fitted after the score test,
 PROMISING_SHARE = 0.08  # if they explain this share of what the best explains
 FINALISTS = 3  # that are fitted with everything free
-TRUSTED_SHARE = 0.3  # of a trial's size: a score found at a share nearer to it than this is reliable
+TRUSTED_SHARE = 0.3  # of a trial's size: a score found at a share closer to it than this is reliable
 CLOSE = 0.7  # of the best drop: an effect that explains less is no finalist
 LEAST_DROP = 20.0  # of a finalist
 LEAST_SCORE = 10.0  # least drop of the sum of squares for a fit
@@ -37,7 +37,7 @@ LEAST_SCORE = 10.0  # least drop of the sum of squares for a fit
 def fit_where_asked(
     problem: Problem, current: Fit, ranked: list[CandidateEffect], inflation: Inflation
 ) -> list[CandidateEffect]:
-    """Refit candidates with everything free as far as judging the best valid one requires.
+    """Refit candidates with everything free, as far as needed to judge the best valid one.
 
     Fitting them side by side is faster than one after the other.
     """
@@ -50,7 +50,7 @@ def fit_where_asked(
 def judged(
     problem: Problem, current: Fit, tested: CandidateEffect, inflation: Inflation
 ) -> tuple[CandidateEffect, str]:
-    """Return an effect and why it is not named; an acceptable one is refitted with everything free."""
+    """Return an effect and the reason why it is not named; an acceptable one is refitted with everything free."""
     why = why_not(problem, current, tested, inflation)
     if tested.fit is None and why in ("", TOO_SMALL):
         tested = fit_fully(problem, current, [tested], [True])[0]

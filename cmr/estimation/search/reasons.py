@@ -1,4 +1,4 @@
-"""Put the decisions of a search in words: the rows of its trace."""
+"""The reasons for a search's decisions in words: the rows of its trace."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -12,7 +12,7 @@ from cmr.estimation.search.trace import ADDED, INCLUDED, INDISTINCT, REJECTED, R
 
 LARGEST = "It has the largest likelihood ratio."
 TOGETHER = "The likelihood ratio of these effects together is above the threshold."
-STAYS = "What is too small stays in the model only during the search, so that it hides no other effect."
+STAYS = "Effects that are too small stay in the model only during the search, to hide no other effect."
 NOTED = 4  # rejected effects per step kept in the trace
 
 
@@ -34,7 +34,7 @@ def rows_of_added(
 
 
 def row_of_exchange(exchange: Exchange, drop: float, inflation: Inflation, excitation: Excitation) -> Row:
-    """Return the row of an exchange that lowers the sum of squares by `drop`; what it adds may be too small to name."""
+    """Return the row of an exchange that lowers the sum of squares by `drop`; its effects may be too small to name."""
     found = [too_small(one.candidate, excitation) for one in exchange.selected]
     small = [measure for measure in found if measure]
     reason = f"In place of {' and '.join(exchange.leaving)}." if exchange.leaving else TOGETHER
@@ -45,7 +45,7 @@ def row_of_exchange(exchange: Exchange, drop: float, inflation: Inflation, excit
 
 
 def rows_of_rejected(others: Sequence[tuple[CandidateEffect, str]], inflation: Inflation) -> Iterator[Row]:
-    """Yield the rows of the effects that explain most of those that are not added, with why."""
+    """Yield the rows of the rejected effects with the largest drops, with the reasons."""
     for candidate, why in sorted(others, key=lambda other: -other[0].drop)[:NOTED]:
         least, reason = least_of(candidate, inflation), candidate.reason(why)
         yield Row(REJECTED, [candidate.effect.name], candidate.drop, least, reason, [candidate.measure])

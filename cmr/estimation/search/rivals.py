@@ -29,14 +29,14 @@ ALIKE_SHARE = 0.02  # nor those that differ by less than this share, as long as 
 # between steps is approximate (a late gyro at 20 Hz: 0.15 %).
 ALIKE_AT_THE_END = 0.002
 # Share of the loss without an effect that a candidate must compensate to first order to be fitted; and the same for
-# encoders, and for what explained as much before other effects were found.
+# encoders, and for earlier rivals.
 NEARLY_ALL, FIRST_ORDER = 0.95, 0.5
 MOST = 4  # rivals that are searched
 AS_WELL = "It explains the data as well as {}: the difference is below the threshold."
 
 
 class Rival(NamedTuple):
-    """A rival: its name, how much less it explains than the named effect, the limit for that, and its own fit."""
+    """A rival: its name, the deficit of its drop relative to the named effect, the limit for that, and its own fit."""
 
     name: str
     less: float
@@ -52,7 +52,7 @@ def margin_of(candidate: CandidateEffect, inflation: Inflation, share: float = A
 def rivals_of(
     problem: Problem, current: Fit, screening: Screening, one: SelectedEffect, inflation: Inflation
 ) -> tuple[Rival, ...]:
-    """Return the effects that explain the data as well as one of those in the model, beside all others in it.
+    """Return the effects that explain the data as well as one of the model's, beside all others in it.
 
     The screening beside the model proposes them to first order; these are then fitted. A data-sheet effect is a rival
     only if it explains as much, or is mathematically equivalent.
@@ -82,12 +82,12 @@ def rivals_of(
 
 
 def _proposed(current: Fit, screening: Screening, one: SelectedEffect, margin: float) -> dict[str, dict[str, float]]:
-    """Return the start values of effects that explain, to first order, what an effect in the model does."""
+    """Return the start values of effects that explain, to first order, as much as an effect in the model."""
     own = {parameter.name for parameter in one.candidate.effect.parameters}
     left = screening.linear.beside([free for free in current.names if free not in own], [one.candidate.effect.name])
     sizes = np.maximum(np.diag(left.normal), np.finfo(np.float64).tiny)
     shares, drops = -left.pulls / sizes, left.pulls**2 / sizes
-    # Far from neutral the slopes promise that more is lost than is.
+    # Far from neutral, slopes overestimate the loss.
     lost = min(left.squares - current.squares, one.candidate.drop)
     starts: dict[str, dict[str, float]] = {}
     for number in np.argsort(-drops):
@@ -114,17 +114,17 @@ def better_than(
 
 
 def _holds(problem: Problem, before: Fit, effect: Effect, fit: Fit, inflation: Inflation) -> bool:
-    """Return whether an effect that was fitted could be named in another's place."""
+    """Return whether a fitted effect could be named in another's place."""
     tested = CandidateEffect(effect, before.squares - fit.squares, fit.values, fit)
     tested = replace(tested, held_out=held_out_gain(problem, before, fit))
     return is_possible_instead(problem, before, tested, inflation)
 
 
 def is_possible_instead(problem: Problem, before: Fit, candidate: CandidateEffect, inflation: Inflation) -> bool:
-    """Return whether an effect that explains as much as another may be what is there.
+    """Return whether an effect that explains as much as another may be the true one.
 
-    One that is too small to be named may, too: it explains as much by doing nothing that matters. Encoders may not:
-    data sheets rule small errors of theirs out, and they imitate most.
+    This includes one that is too small to be named: it explains as much without relevant consequences. Encoder errors
+    are excluded: data sheets rule small ones out, and they imitate most other effects.
     """
     why = why_not(problem, before, candidate, inflation)
     return not why or (why == TOO_SMALL and not candidate.effect.in_data_sheets)

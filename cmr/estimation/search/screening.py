@@ -10,7 +10,7 @@ With n white errors, p free parameters and c trials (an effect at a typical size
     share_c   = -pull_c / size_c, of the trial's size; one sign only where the effect has one
     drop_c    = -(2 share_c pull_c + share_c^2 size_c), which is pull_c^2 / size_c where the share is free
 
-`drop` estimates by how much S would fall, and chance makes it inflation times chi-squared (inflation.py).
+`drop` predicts the drop of S; by chance it is inflation times chi-squared (inflation.py).
 
 The noise is estimated from the residuals after all effects together, and the free parameters, are fitted (to first
 order, with a ridge 1 / reach^2 for each trial): noise estimated with a wrong model would absorb the model's errors.
@@ -191,7 +191,7 @@ def _localised(
 def _locals(
     problem: Problem, attempts: Sequence[Trial], changes: Sequence[Errors], free: int, noise: Noise, rows: Floats
 ) -> dict[str, Local]:
-    """Return where each local effect explains most, by name; start times are not searched in several recordings."""
+    """Return the time or place where each local effect explains most, by name; no start times of several recordings."""
     own = [number for number, trial in enumerate(attempts) if trial.local]
     white = problem.made_white(chosen(changes, [*range(1 + free), *(1 + free + number for number in own)]), noise)
     rest, basis = left_by(white, free)
@@ -233,7 +233,7 @@ def noise_of_all(problem: Problem, changes: Sequence[Errors], noise: Noise, reac
 
 
 def _explained(changes: Errors, shares: Floats) -> Errors:
-    """Return the errors (n, 1) left when each candidate but the first has explained its share."""
+    """Return the errors (n, 1) after subtracting each candidate's share, except for the first."""
     weights = np.append(1.0, shares)[:, None]
     return replace(changes, of={name: every @ weights for name, every in changes.of.items()})
 

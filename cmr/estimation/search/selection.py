@@ -4,11 +4,11 @@ From the paper's model on, each step
 
 1. screens all effects beside the model (screening.py),
 2. adds the effect that explains most, if it also predicts data on which it was not fitted (ranking.py, ties.py), or
-3. exchanges effects where others explain more (exchange.py), or leaps to a likelier set (leap.py), and
-4. removes whatever the others explain as well (`pruned` of elimination.py).
+3. exchanges effects if others explain more (exchange.py), or leaps to a likelier set (leap.py), and
+4. removes effects that the others make redundant (`pruned` of elimination.py).
 
-Where none of that improves the model, but a rival of an effect explains more than it does (rivals.py), it takes the
-effect's place, and the steps go on.
+If none of this improves the model, but a rival explains more than its effect (rivals.py), it takes the effect's place,
+and the steps go on.
 
 A set visited before is accepted again only if its sum of squares is lower by BETTER, so the search terminates. When
 nothing improves any more, each effect is judged once more beside all others (`finished` of elimination.py). Random
@@ -58,7 +58,7 @@ REDUNDANT = "The other effects explain nearly as much without it."
 SMALLER_SHOWN = 0.5  # of the typical size: an effect is unseen if only larger sizes would be detected
 MOST_SMALL = 8  # such effects that are fitted to see what remains
 COARSE_INFLATION = 40.0  # quantisation errors of coarse encoders depend on the speed
-LEFT_BY_CHANCE = 0.05  # of what a random effect explains may remain, because the delays of single commands are inexact
+LEFT_BY_CHANCE = 0.05  # of a random effect's drop that may remain, because the delays of single commands are inexact
 MUCH = 5.0  # times the required drop: if a second effect explains more, there may be several
 
 
@@ -156,7 +156,7 @@ class _Selection:
         )
         self.current = self.problem.renewed(self.current, screening.noise)
         inflation = screening.inflation.at_least(COARSE_INFLATION if tick_of(self.problem) > COARSE else 1.0)
-        # The screening classifies the others; what is selected stays what it was before.
+        # The screening classifies the others; the selected ones keep their status.
         body = inflation.body | (self.inflation.body & {*self.names})
         inflation = replace(inflation, all=max(inflation.all, self._least_inflation), body=body)
         self.inflation = inflation if self.problem.one_step else Inflation(FREE_RUN_INFLATION)
@@ -185,7 +185,7 @@ class _Selection:
             for candidate, why in self.others
         ]
         self.trace.note(*rows_of_rejected(self.others, self.inflation))
-        if not self.problem.one_step:  # of effects alike in free runs, keep the one that predicts left-out data best
+        if not self.problem.one_step:  # among effects alike in free runs, keep the one that predicts left-out data best
             return False
         exchange = best_exchange(self.problem, self.current, screening, self.named, self.inflation)
         if self._exchanged(exchange):
@@ -206,7 +206,7 @@ class _Selection:
     def _exchanged(self, exchange: Exchange | None, added: Sequence[Row] = ()) -> bool:
         """Make an exchange, if there is one, and remove what it makes redundant; return whether the model is new.
 
-        An addition is an exchange for nothing, with its own rows for the trace.
+        An addition is an exchange that removes nothing, with its own rows for the trace.
         """
         if exchange is None:
             return False
@@ -233,7 +233,7 @@ class _Selection:
     def rivals(self, screening: Screening) -> dict[str, tuple[Rival, ...]]:
         """Return the rivals of the selected effects beside all others, by name.
 
-        What explained as much as an effect before others were found may no longer do so.
+        A former rival may no longer explain as much once other effects are found.
         """
         found = {}
         for one in self.named:
@@ -243,9 +243,9 @@ class _Selection:
         return found
 
     def exchanged_for_one_of(self, rivals: Mapping[str, Sequence[Rival]]) -> bool:
-        """Put a rival in an effect's place if it explains more; return whether one did, and led to a new model.
+        """Replace an effect by a rival that explains more; return whether this led to a new model.
 
-        That happens where a fit got stuck on the way.
+        This happens if a fit got stuck.
         """
         better = (better_than(self.problem, self.current, name, own, self.inflation) for name, own in rivals.items())
         return any(self._exchanged(exchange) for exchange in better)
@@ -309,7 +309,7 @@ def small_effects(found: Search) -> list[CandidateEffect]:
 def with_small_effects(found: Search) -> Fit:
     """Return the final fit with the significant effects that are too small to be named.
 
-    What they explain does not count as unexplained.
+    Their gain does not count as unexplained.
     """
     small = small_effects(found)
     if not small:

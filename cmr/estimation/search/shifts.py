@@ -1,4 +1,4 @@
-"""Shifts of the paper's parameters with each effect: parameters absorb what a model lacks."""
+"""Shifts of the paper's parameters with each effect: parameters absorb missing physics of the model."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -13,7 +13,7 @@ def shifts(found: Search) -> list[Moved]:
     """Return the shift of the baseline parameters with each named effect added, in order.
 
     The models are nested: the paper's, with the first effect, with the first two, and so on to the final one. So the
-    shifts add up to what lies between the first and the last.
+    shifts add up to the difference between the first and the last.
     """
     return [moved(before, after, found.base.names) for before, after in pairwise(_nested(found))]
 

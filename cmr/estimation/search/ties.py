@@ -35,9 +35,9 @@ def decided(
 ) -> Tie:
     """Choose between the effect that explains most and valid ones `close` to it that explain the same.
 
-    Where the data do not distinguish them, the simplest is named: one that neither chooses a place nor is rare. Of
-    several it is the one with the least unusual size, then the first in the catalogue. A rare effect must explain more
-    by its rarity. In free runs, left-out errors count as well as fitted ones.
+    If the data do not distinguish them, the simplest is named: one that neither chooses a place nor is rare. Among
+    several it is the one with the least unusual size, then the first in the catalogue. A rare effect must explain more,
+    in proportion to its rarity. In free runs, left-out errors count as well as fitted ones.
     """
     if problem.one_step:
         holding = [one for one in close if one.fit and not why_not(problem, current, one, inflation)]

@@ -1,4 +1,4 @@
-"""What a search decided, step by step, and why: the table that `cmr-diagnose --why` prints."""
+"""The decisions of a search, step by step, with reasons: the table that `cmr-diagnose --why` prints."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -46,7 +46,7 @@ class Decision:
 def with_removed(
     decisions: Sequence[Decision], removed: Iterable[tuple[str, float]], reason: str, measures: tuple[Measure, ...] = ()
 ) -> tuple[Decision, ...]:
-    """Return decisions with those that removed effects, each with its statistic, once the search was over."""
+    """Return decisions with those that removed effects after the search, each with its statistic."""
     step = max((decision.step for decision in decisions), default=0)
     return (*decisions, *(Decision(step, REMOVED, (name,), drop, math.nan, reason, measures) for name, drop in removed))
 

@@ -21,7 +21,7 @@ REGRESSORS = {
 def structure_of(fit: Polished) -> Unexplained:
     """Return the structure that the last law of a fit explains: the main signal, and its regressors.
 
-    What other parameters of the model also explain is not counted.
+    The gain of other parameters of the model is not counted.
     """
     law = fit.laws[-1]
     columns = fit.columns * fit.mask[:, None]

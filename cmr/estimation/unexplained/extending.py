@@ -51,7 +51,7 @@ class Extended:
         return bool(self.laws.found) and not self.found.named and all(one.law.at.of_sensors for one in self.laws.found)
 
     def without_term(self) -> "Extended":
-        """Return the same without its term, which did harm."""
+        """Return the same without its term, which made predictions worse."""
         if not self.laws.found:
             return replace(self, term=None)
         laws = Laws(reasons=(*self.laws.reasons, OF_NO_USE))
@@ -73,7 +73,7 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
     proposal = proposed(problem, found, held_out, unexplained.present)
     if proposal.extension:
         return _with_laws(found, proposal, unexplained)
-    # Single moments of a robot that is judged by free runs prove nothing.
+    # One-step errors of a robot judged by free runs prove nothing.
     if problem.one_step and proposal.seen and not unexplained.present and not unexplained.not_judged:
         return Extended(found, structure_of(proposal.seen), laws=proposal.laws)
     if not unexplained.present:
@@ -83,7 +83,7 @@ def extended(problem: Problem, found: Search, held_out: Sequence[Segment] = ()) 
 
 
 def _with_laws(found: Search, proposal: Proposal, without: Unexplained) -> Extended:
-    """Return what was found with the laws that stand in the model, and what remains beside them and `without` them."""
+    """Return the result with the laws in the model, and the structure remaining beside them and `without` them."""
     assert proposal.extension is not None
     assert proposal.before is not None
     assert proposal.problem is not None
@@ -96,13 +96,13 @@ def _with_laws(found: Search, proposal: Proposal, without: Unexplained) -> Exten
 
 
 def _matters(result: Extended) -> bool:
-    """Return whether the structure beside free runs exceeds what odometry of any real robot leaves."""
+    """Return whether the structure beside free runs exceeds the usual odometry errors of real robots."""
     gained = result.term.gain.ratio if result.term else 1.0
     return result.unexplained.share > MUCH_UNEXPLAINED or gained > MUCH_GAINED
 
 
 def _with_term(problem: Problem, found: Search, unexplained: Unexplained) -> Extended:
-    """Return what was found with what remains beside it, and the generic term that extends the model, if any."""
+    """Return the result with the remaining structure, and the generic term that extends the model, if any."""
     beside = extension(found.problem, found.final)
     if found.named:
         alone = extension(problem, found.base)
@@ -115,9 +115,9 @@ def _with_term(problem: Problem, found: Search, unexplained: Unexplained) -> Ext
 
 
 def _unexplained(found: Search) -> Unexplained:
-    """Return what remains, whether effects too small to be named are taken in or not.
+    """Return the remaining structure; it must be there with and without the effects too small to be named.
 
-    What these explain is not unexplained; but two of them that compensate each other may create structure.
+    Their gain is not unexplained; but two of them that compensate each other may create structure.
     """
     fits = [with_small_effects(found)]
     fits += [found.final] if fits[0] is not found.final else []
@@ -130,7 +130,7 @@ def _unexplained(found: Search) -> Unexplained:
 
 
 def _without_names(problem: Problem, found: Search, why: str, names: Collection[str], final: Fit) -> Search:
-    """Return what was found of a problem as if some effects had not been named, for a reason; `final` is without."""
+    """Return the result as if some effects had not been named, with the reason `why`; `final` is without them."""
     leaving = [one for one in found.named if one.candidate.effect.name in names]
     others = [*((one.candidate, why) for one in leaving), *found.others]
     removed = [(one.candidate.effect.name, one.candidate.drop) for one in leaving]
@@ -143,7 +143,7 @@ def _without_names(problem: Problem, found: Search, why: str, names: Collection[
 
 
 def _makes_up_for(alone: Extension, beside: Extension | None, problem: Problem, found: Search) -> bool:
-    """Return whether a generic term alone predicts far better than what was named, and as well as the two together.
+    """Return whether a generic term alone predicts far better than the named effects, and as well as both together.
 
     It must not need more products than beside them, since the additional ones may imitate the effects. No error may be
     worse by as much as a term must gain to be accepted.

@@ -8,7 +8,7 @@ A sparse regression chooses the products: the one that predicts left-out folds b
 is removed when the others make it redundant (stepwise regression with cross-validation; T. Hastie, R. Tibshirani and J.
 Friedman, The Elements of Statistical Learning, 2nd ed., 2009, sections 3.3 and 7.10). The coefficients are then fitted
 together with the model's other parameters, and the term is accepted only if free runs improve on blocks of time that it
-was not fitted on.
+was not fitted to.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from cmr.recordings.signal import Floats
 
 MOST_PRODUCTS = 4  # of a generic term
 LEAST = 20.0  # drop of the sum of squared white errors on left-out folds that a product must bring,
-LEAST_SHARE = 0.05  # and share of what the term then brings in all
+LEAST_SHARE = 0.05  # and share of the term's final total drop
 LARGEST_LOSS = 0.99  # no signal's free runs may get worse by more,
 LEAST_GAIN = 1.05  # and some signal's must get better by as much
 
@@ -64,7 +64,7 @@ def _products(problem: Problem, fit: Fit) -> tuple[str, ...]:
 
 
 def _accepted(problem: Problem, before: Fit, after: Fit, names: tuple[str, ...]) -> Extension | None:
-    """Return the extension if data that it was not fitted on improve, in one step ahead and in free runs."""
+    """Return the extension if data that it was not fitted to improve, in one step ahead and in free runs."""
     every = range(len(after.names))
     own = [index for index, name in enumerate(after.names) if name not in names]
     left_out = [
@@ -79,7 +79,7 @@ def _accepted(problem: Problem, before: Fit, after: Fit, names: tuple[str, ...])
 
 
 def formula(values: Mapping[str, float]) -> str:
-    """Describe a term in words: its coefficients and what they multiply."""
+    """Describe a term in words: its coefficients and their factors."""
     *others, last = (_product(definition(name), value) for name, value in values.items())
     return f"{', '.join(others)} and {last}" if others else last
 

@@ -23,12 +23,12 @@ from cmr.estimation.unexplained.terms import ACCELERATION, drives_of
 LEAST, LEAST_SHARE = 40.0, 1e-3  # drop of the sum of squares, and share of it, from which a term is reported
 SURELY = 1.5  # factor beyond doubt, without the few blocks that support the term most,
 AGREED = 5e-5  # or a drop on which all parts of the drive agree, with this probability by chance
-PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be the better one
-HOLDS = 0.5  # of the drop must hold on data that it was not fitted on
-LEFT_BY_EFFECTS = 0.01  # of what the named effects explain may remain, since none is exactly as modelled
+PER_COEFFICIENT = 3.0  # drop that one more coefficient must bring for a term to be better
+HOLDS = 0.5  # of the drop must hold on data that it was not fitted to
+LEFT_BY_EFFECTS = 0.01  # of the named effects' gain that may remain, since none is exactly as modelled
 SMALLEST_SHARE = 0.005  # of the variance of a signal's prediction errors: less does not matter
-BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and least share that they have in all of a signal's squared errors
-BURSTS_LEFT_BY_EFFECTS = 0.2  # of what the effects named explain may remain in bursts
+BURSTS, BURST_SHARE = 3, 0.1  # fewest bursts, and their least share of all of a signal's squared errors
+BURSTS_LEFT_BY_EFFECTS = 0.2  # of the named effects' gain that may remain in bursts
 WHEELS_ALONE = (
     "The motors were fitted to simulated wheel speeds, whose errors accumulate, and neither poses nor a gyro show how "
     "the body moves."
@@ -105,7 +105,7 @@ def only_rounding(signal: str, problem: Problem, errors: Sequence[Errors]) -> bo
 
 
 def may_beat(score: Score) -> bool:
-    """Return whether rounding may make what a term explains: ticks beat with the speed, not with what swings."""
+    """Return whether rounding may cause a term's drop: ticks alias with the speed, not with oscillations."""
     return ACCELERATION not in score.term.regressors
 
 
@@ -115,7 +115,7 @@ def spread_of(tested: Sequence[Score]) -> float:
 
 
 def holds(score: Score, spread: float, least: float) -> bool:
-    """Return whether a term explains something beyond doubt, and at least so much."""
+    """Return whether a term explains something beyond doubt, and at least `least`."""
     if score.held_out < max(HOLDS * score.drop, least):
         return False
     return min(score.steady, score.held_out) > SURELY * least or score.chance(spread) < AGREED
@@ -127,7 +127,7 @@ def bursts_count(one: Bursts, explained: float) -> bool:
 
 
 def least_excess(one: Bursts, explained: float) -> float:
-    """Return what the excess of bursts must exceed beside effects that explain so much."""
+    """Return the limit for the excess of bursts beside effects with this gain."""
     return max(BURST_SHARE * one.whole, BURSTS_LEFT_BY_EFFECTS * explained)
 
 

@@ -12,9 +12,9 @@ from cmr.estimation.gain import Gain
 class GenericTerm:
     """A term without physical meaning that improves the predictions of the extended model.
 
-    `estimates` are its coefficients by name, `formula` is it in words. `held_out` is the log-likelihood that it adds
-    on data it was not fitted on, `gain` that over the same model without it. `shift` says how far each parameter of
-    the paper's model moved, in its unit, when the term was added to all effects named.
+    `estimates` are its coefficients by name, `formula` describes it in words. `held_out` is the log-likelihood that it
+    adds on data that it was not fitted to, `gain` that over the same model without it. `shift` is the change of each
+    parameter of the paper's model, in its unit, when the term was added to all named effects.
     """
 
     estimates: Mapping[str, Estimate]

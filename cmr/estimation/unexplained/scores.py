@@ -32,12 +32,12 @@ Indices = np.typing.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Score:
-    """What a term explains.
+    """The score of a term.
 
-    `drop` is that of the sum of squared white errors, `freedom` the number of its free coefficients. These are found
-    only for a term that may explain something: `agreement`, the drop tested by the variation between `blocks` of time;
-    `steady`, the drop without the few blocks that support the term most; `held_out`, the drop on folds left out, and
-    the `signal` that has most of it.
+    `drop` is that of the sum of squared white errors, `freedom` the number of its free coefficients. The others are
+    computed only for a promising term: `agreement`, the drop tested by the variation between `blocks` of time;
+    `steady`, the drop without the few blocks that support the term most; `held_out`, the drop on left-out folds, and
+    the `signal` with most of it.
     """
 
     term: Term
@@ -82,7 +82,7 @@ class Remainder:
     fold: Indices
 
     def blocks(self, seconds: float) -> Indices:
-        """Return the number of the block of time in which each error arose."""
+        """Return the number of each error's block of time."""
         return np.asarray(np.floor(self.time / seconds).astype(np.int64) + 10**9 * self.recording, np.int64)
 
 
@@ -127,7 +127,7 @@ def jerky(predictor: Predictor, motion: Floats, values: Mapping[str, float], siz
 def scores(
     problem: Problem, fit: Fit, errors: Sequence[Errors], rest: Remainder, drives: Sequence[Drive]
 ) -> list[Score]:
-    """Return the scores of all terms, beside a fit that leaves `rest`, in the `drives` of a problem."""
+    """Return the scores of all terms beside a fit with residuals `rest`, in the `drives` of a problem."""
     predicted = all(len(predictor.segment.observations.given) == 0 for predictor in problem.predictors)
     result = []
     terms = terms_for(drives, predicted)
@@ -148,7 +148,7 @@ def predicted_by(
 ) -> Floats:
     """Return a term's prediction of each white error (n,), fitted on the other folds.
 
-    `drives` are those with which the term was made.
+    `drives` are those of the term's columns.
     """
     signals = SEEN_IN[term.disturbed]
     views, rows = [only(predictor, signals) for predictor in problem.predictors], _rows(rest, signals)
@@ -182,7 +182,7 @@ def _moves(
 class _Rows:
     """White errors of some signals, and the `order` that sorts them by fold and block.
 
-    In that order are `signal`, and `there`, where each stands among all errors; blocks begin at `begins`, and `folds`
+    In that order are `signal`, and `there`, the index of each among all errors; blocks begin at `begins`, and `folds`
     are slices by number.
     """
 
@@ -286,7 +286,7 @@ def _mixing(moves: Floats, along: Floats) -> Floats:
 
 
 def _judged(term: Term, pull: Floats, moves: Floats, rows: _Rows) -> Score:
-    """Return the score of a term with orthonormal traces (n, k), free of what the model does, which pull like this."""
+    """Return the score of a term with orthonormal traces (n, k), orthogonal to the model's, and with these pulls."""
     moves, white = moves[rows.order], rows.white[rows.order]
     of_blocks = _of_blocks(moves, rows)
     steady = pull - of_blocks[np.argsort(of_blocks @ pull)[-FEW_BLOCKS:]].sum(axis=0)
@@ -306,7 +306,7 @@ def _judged(term: Term, pull: Floats, moves: Floats, rows: _Rows) -> Score:
 
 
 def _of_blocks(moves: Floats, rows: _Rows) -> Floats:
-    """Return how each block pulls, (blocks, k), at traces (n, k) in the order of the blocks."""
+    """Return the pull of each block, (blocks, k), at traces (n, k) in the order of the blocks."""
     return np.asarray(np.add.reduceat(moves * rows.white[rows.order][:, None], rows.begins, axis=0))
 
 

@@ -20,8 +20,8 @@ def share_predicted(
 ) -> float:
     """Return the share of the variance of a signal's one-step prediction errors that is predicted.
 
-    Of all errors made white, shape (n,), `predicted` is known beforehand. Errors of poses are those that other sensors'
-    errors leave. 0 where what is predicted makes them no smaller.
+    Of all errors made white, shape (n,), `predicted` is the predicted part. Errors of poses are those beyond the
+    influence of other sensors' errors. 0 if the prediction does not reduce them.
     """
     whole = left = 0.0
     for number, name, rows in _signals(predictors):
@@ -40,13 +40,13 @@ def coloured(white: Floats, segment: int, name: str, noise: SignalNoise) -> Floa
     spans = noise.spans(name)
     weights = np.concatenate([[1.0], -np.repeat(noise.past, spans)])
     count = len(white)
-    length = 1 << int(np.ceil(np.log2(2 * (count + len(weights)))))  # room for what rings on after the end
+    length = 1 << int(np.ceil(np.log2(2 * (count + len(weights)))))  # space for ringing after the end
     spectrum = np.fft.rfft(white * noise.sizes[segment], length) / np.fft.rfft(weights, length)
     return np.asarray(np.fft.irfft(spectrum, length)[:count], np.float64)
 
 
 def _signals(predictors: Sequence[Predictor]) -> Iterator[tuple[int, str, slice]]:
-    """Yield segment, signal and rows of all white errors, which stand segment by segment and signal by signal."""
+    """Yield segment, signal and rows of all white errors, segment by segment and signal by signal."""
     begin = 0
     for number, predictor in enumerate(predictors):
         for name, times in predictor.times.items():

@@ -13,19 +13,19 @@ from cmr.estimation.prediction import Errors, Predictor
 from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats
 
-SPACING, FEWEST, MOST = 0.4, 3, 10  # m between the knots of what depends on the place; how many knots
+SPACING, FEWEST, MOST = 0.4, 3, 10  # m between the knots of functions of the place; numbers of knots
 MOMENTS = 7  # knots of functions of time
 RIPPLES = (1, 2, 3, 4, 6, 8)  # in a turn of a wheel
 STILL = 0.03  # of the top speed; a robot that is clearly faster moves
 FRICTION = (0.02, 0.1)  # of the top speed; where friction may set in
 IDLE = 0.01  # duty below which a motor is not driven
-MEMORIES = (0.1, 1.0)  # s for which a command may be remembered
-REVERSED = 0.02  # of the top speed, beyond which a direction counts
+MEMORIES = (0.1, 1.0)  # s, time constants of memories of the command
+REVERSED = 0.02  # of the top speed, from which a direction counts
 SINCE_REVERSAL = ((0.0, 0.15), (0.15, 0.3), (0.3, 0.5), (0.5, 1.0))  # s since a wheel reversed: edges of the terms
-SPEEDS = 5  # knots of what an encoder may miss at speed
+SPEEDS = 5  # knots of an encoder's speed-dependent miscount
 # Hz at which something on the robot may swing, three to an octave, and how its swings fade, as a share of critical.
 SWINGS, FADING = (0.5, 0.63, 0.79, 1.0, 1.26, 1.59, 2.0, 2.52, 3.17, 4.0), 0.1
-FADED = 6.0  # times the time in which a swing fades to 1/e, after which it has no part in what follows
+FADED = 6.0  # times the time in which an oscillation fades to 1/e, after which it is neglected
 NOTHING = 1e-6  # the least range of a quantity
 ACCELERATION = "acceleration"  # a regressor
 
@@ -37,8 +37,8 @@ WHEELS = ("left", "right")
 class Drive:
     """The motion in one segment, at the middle of each step, all of shape (T,).
 
-    `duty`, `effort` (the duty that is left to accelerate), `psi` and `angle` are those of left and right. Speeds are
-    shares of the top ones that were driven, places are in [m], and `dt` [s] is the step.
+    `duty`, `effort` (the duty left for acceleration), `psi` and `angle` are those of left and right. Speeds are
+    shares of the top speeds of the drives, places are in [m], and `dt` [s] is the step.
     """
 
     time: Floats
@@ -55,7 +55,7 @@ class Drive:
 
     @classmethod
     def of(cls, predictor: Predictor, motion: Floats, top: float, k1: float) -> "Drive":
-        """Return the drive of a segment in which the robot moved like this; `top` [rad/s] is its top wheel speed."""
+        """Return the drive of a segment with this motion; `top` [rad/s] is its top wheel speed."""
         observations = predictor.segment.observations
         column = dict(zip(MOTION, (0.5 * (motion[1:] + motion[:-1])).T, strict=True))
         psi = column["psi_left"] / top, column["psi_right"] / top
@@ -76,7 +76,7 @@ class Drive:
 
 
 def drives_of(predictors: Sequence[Predictor], errors: Sequence[Errors], k1: float) -> list[Drive]:
-    """Return how the robot, whose back-EMF is `k1` [s/rad], moved in all segments."""
+    """Return the motion of the robot, whose back-EMF is `k1` [s/rad], in all segments."""
     wheels = [MOTION.index("psi_left"), MOTION.index("psi_right")]
     top = max(float(np.max(np.abs(error.motion[:, wheels]))) for error in errors)
     return [Drive.of(p, e.motion, max(top, NOTHING), k1) for p, e in zip(predictors, errors, strict=True)]
@@ -97,7 +97,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Knots:
-    """Knots over which places [m] and times [s] are spread; none where the drives hardly left the place."""
+    """Knots over the range of places [m] and times [s]; none if the drives hardly left a place."""
 
     x: Floats
     y: Floats
@@ -105,7 +105,7 @@ class Knots:
 
     @classmethod
     def over(cls, drives: Sequence[Drive]) -> "Knots":
-        """Return knots over all that the drives reached."""
+        """Return knots over the range of the drives."""
         x, y = (_spaced(*_reach(drives, name)) for name in ("x", "y"))
         return cls(x, y, np.linspace(*_reach(drives, "time"), MOMENTS))
 
@@ -121,7 +121,7 @@ def terms_for(drives: Sequence[Drive], predicted: bool) -> list[Term]:
 
 
 def _of_wheels(longest: Drive) -> list[Term]:
-    """Return disturbances of each wheel's acceleration that go with its own command, speed and angle."""
+    """Return disturbances of each wheel's acceleration that depend on its own command, speed and angle."""
     commands = ("command_left", "command_right")
     terms = [
         _each(WHEELS, commands, lambda u, _: [np.abs(u), u * u, u * np.abs(u), u**3]),
@@ -135,7 +135,7 @@ def _of_wheels(longest: Drive) -> list[Term]:
 
 
 def _of_encoders() -> list[Term]:
-    """Return disturbances of what each encoder counts."""
+    """Return disturbances of each encoder's counts."""
     knots = np.linspace(0.0, 1.0, SPEEDS)
 
     def missed(_: Floats, psi: Floats) -> list[Floats]:
@@ -145,7 +145,7 @@ def _of_encoders() -> list[Term]:
 
 
 def _of_both_wheels(knots: Knots) -> list[Term]:
-    """Return disturbances that push both wheels on, or turn them against each other."""
+    """Return disturbances that push both wheels forward, or turn them against each other."""
     terms = []
     for name, sides in (("forward", {"left": 1.0, "right": 1.0}), ("turning", {"left": -1.0, "right": 1.0})):
         terms += [
@@ -208,7 +208,7 @@ def _one(sides: Mapping[str, float], regressors: tuple[str, ...], shapes: Callab
 
 
 def _each(names: tuple[str, str], regressors: tuple[str, ...], of: Callable[[Floats, Floats], list[Floats]]) -> Term:
-    """Return a term with columns of each wheel, which go with its command and speed."""
+    """Return a term with columns of each wheel, which depend on its command and speed."""
 
     def columns(drive: Drive) -> list[Column]:
         pairs = zip(names, drive.duty, drive.psi, strict=True)
@@ -242,7 +242,7 @@ def _products(drive: Drive) -> list[Floats]:
 
 
 def _swinging(frequency: float, drive: Drive) -> list[Floats]:
-    """Return how far something swings on a robot that accelerates, and how fast: liquids do, and loads that hang."""
+    """Return displacement and speed of an oscillation that the robot's acceleration excites: liquids, hanging loads."""
     rate = 2.0 * np.pi * frequency
     acceleration = np.diff(drive.speed, prepend=drive.speed[:1])
     count = min(len(acceleration), int(FADED / (FADING * rate * drive.dt)) + 1)
@@ -282,7 +282,7 @@ def _with_angle(longest: Drive, ripples: int, drive: Drive) -> list[Column]:
 
 
 def _after_a_change(drive: Drive) -> list[Column]:
-    """Return by how much each wheel's command is ahead of its mean over some time before."""
+    """Return the difference between each wheel's command and its mean over some time before."""
     columns: list[Column] = []
     for name, duty in zip(WHEELS, drive.duty, strict=True):
         sums = np.concatenate([[0.0], np.cumsum(duty)])
@@ -295,7 +295,7 @@ def _after_a_change(drive: Drive) -> list[Column]:
 
 
 def _after_reversal(drive: Drive) -> list[Floats]:
-    """Return spans of time after the robot reversed: by themselves, with its direction, and to each side in turn."""
+    """Return spans of time after the robot reversed: alone, with its direction, and to each side in turn."""
     since, number, direction = _reversals(drive.speed, drive.dt)
     spans = [((since >= begin) & (since < end)).astype(np.float64) for begin, end in SINCE_REVERSAL]
     return [span * sense for sense in (1.0, direction, 1.0 - 2.0 * (number % 2)) for span in spans]
@@ -311,7 +311,7 @@ def _after_a_wheels_reversal(drive: Drive) -> list[Column]:
 
 
 def _reversals(speed: Floats, dt: float) -> tuple[Floats, Floats, Floats]:
-    """Return how long ago the speed last changed its sign [s], how often it has, and its sign; each (T,)."""
+    """Return the time since the speed last changed its sign [s], the number of changes, and its sign; each (T,)."""
     index = np.arange(len(speed))
     latest = np.maximum.accumulate(np.where(np.abs(speed) > REVERSED, index, -1))
     direction = np.where(latest >= 0, np.sign(speed[np.maximum(latest, 0)]), 0.0)

@@ -44,7 +44,7 @@ DISTURBED = (
 ) = range(len(DISTURBED))  # fmt: skip
 # The entries of `numbers` in `follow_traces`.
 DT, SLOWING, RADIUS, WIDTH, HOLDS, ROLLING, GAIN_ANGLE, GAIN_PSI, GAIN_POSITION, GAIN_THETA = range(10)
-PSI, ANGLE, ANGLE_BEFORE, ROLLED = range(4)  # what a disturbance adds to one side's wheels, now and a step before
+PSI, ANGLE, ANGLE_BEFORE, ROLLED = range(4)  # a disturbance's contribution to one side's wheels, now and a step before
 X, Y, TURNED, TURNING, TURNING_BEFORE = range(5)  # and to the body
 ALL = SIGNALS
 BODY = ("yaw_rate", *POSE_SIGNALS)
@@ -68,7 +68,7 @@ HOLDING = tuple(  # friction that a wheel must overcome to start
     for parameter in effect.parameters
     if parameter.name in changed_with(effect, "acceleration", "break_away")
 )
-EARLY = 1e-3  # of a step, by which a gyro reading may seem to come early; as in the observer
+EARLY = 1e-3  # of a step, by which a gyro reading may appear to be early; as in the observer
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def traces(
 ) -> Errors:
     """Return the traces of disturbances in a robot's prediction errors, (n, C) by signal.
 
-    `predictor` may be one of some signals `only`; `motion` is how the robot moved without them.
+    `predictor` may be restricted to some signals (`only`); `motion` is the robot's motion without disturbances.
     """
     observations = predictor.segment.observations
     count = disturbances.courses.shape[1]
@@ -110,7 +110,7 @@ def traces(
 
 
 def numbers_of(predictor: Predictor, values: Mapping[str, float], gains: Gains, *, rolling: bool = True) -> Floats:
-    """Return the numbers that the recursion is given; `rolling` says whether any wheel is disturbed."""
+    """Return the numbers for the recursion; `rolling` says whether any wheel is disturbed."""
     slowing = max(values["k1"] * values["k2_over_k3"], 1e-9)
     holds = float(any(values.get(name, 0.0) > 0.0 for name in HOLDING))
     robot = slowing, values["wheel_radius"], values["base_width"]
@@ -140,7 +140,7 @@ def roll_on(side, course, pushed, miscounted, free, dt, response):  # type: igno
         side[ANGLE_BEFORE, i] = side[ANGLE, i]
         side[ROLLED, i] = free * coasted * side[PSI, i] + driven * push
         side[PSI, i] = free * kept * side[PSI, i] + coasted * push
-        # What an encoder miscounts is as if the wheel were elsewhere; the body does not follow it.
+        # A miscount is equivalent to another wheel angle, which the body does not follow.
         side[ANGLE, i] += side[ROLLED, i] + miscounted[i] * course[i] * dt
 
 
@@ -193,7 +193,7 @@ def read_pose(  # type: ignore[no-untyped-def]
 ):
     """Read the pose, which has this heading, and correct the body by it; fully at a restart of the path.
 
-    The robot moves as the row `now` of its motion says: a late pose shows where it was.
+    The robot moves as the row `now` of its motion says: a late pose shows an earlier place.
     """
     speed = 0.5 * numbers[RADIUS] * (now[PSI_LEFT] + now[PSI_RIGHT])
     turning = numbers[RADIUS] / numbers[WIDTH] * (now[PSI_RIGHT] - now[PSI_LEFT])
@@ -234,7 +234,7 @@ def follow_traces(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Run the observer on disturbances, one per lane.
 
-    `numbers` are dt [s], the rate at which wheels slow down [1/s], radius and width [m], whether friction holds a wheel
+    `numbers` are dt [s], the deceleration rate of wheels [1/s], radius and width [m], whether friction holds a wheel
     that rests, whether any wheel is disturbed at all, and the gains.
     """
     steps, lanes = courses.shape

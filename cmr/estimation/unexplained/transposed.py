@@ -62,11 +62,10 @@ X, Y = range(2)
 def pulls(
     predictor: Predictor, motion: Floats, values: Mapping[str, float], gains: Gains, vectors: Mapping[str, Floats]
 ) -> Floats:
-    """Return the transposed traces of each of DISTURBED for vectors over a predictor's errors, in each step, (T, 14,
-    K).
+    """Return the transposed traces of each of DISTURBED for vectors over a predictor's errors, (T, 14, K).
 
-    `vectors` (n, K) by signal weigh the errors; those of signals that are missing are 0. The sum over the steps of a
-    course times what it disturbs here is the product of its traces and the vectors.
+    `vectors` (n, K) by signal weigh the errors; those of missing signals are 0. The sum over the steps of a course
+    times these traces is the product of its own traces and the vectors.
     """
     observations = predictor.segment.observations
     (count,) = {one.shape[1] for one in vectors.values()}

@@ -80,8 +80,8 @@ def failures(scores: Mapping[str, Sequence[Scores]]) -> list[str]:
         never, partly = sum(share == 0.0 for share in shares), sum(0.0 < share < 1.0 for share in shares)
         if never:
             found.append(
-                f"{name}: in {never} of {len(shares)} laboratories nothing was found; there virtual robots moved by "
-                "what is believed."
+                f"{name}: in {never} of {len(shares)} laboratories nothing was found; there virtual robots moved with "
+                "the believed parameters."
             )
         if partly:
             found.append(

@@ -26,7 +26,7 @@ def figure_of(findings: Sequence[Finding]) -> "Figure":
 
     figure = Figure(figsize=(max(4.2 * len(findings), 8.0), 8.5), dpi=100, layout="constrained")
     if not findings:
-        figure.text(0.05, 0.5, "No metric means anything for this team.")
+        figure.text(0.05, 0.5, "No metric is defined for this team.")
         return figure
     axes = figure.subplots(2, len(findings), squeeze=False)
     for column, finding in enumerate(findings):

@@ -71,7 +71,7 @@ def calibrated(laboratory: Laboratory, believed: ParameterFile, robot_id: int, s
 def diagnosed(laboratory: Laboratory, believed: ParameterFile, robot_id: int, seed: int) -> ParameterFile | None:
     """Return the parameters and effects from cmr-diagnose on a real robot's figure-eight and rich drive.
 
-    None where the paper's model cannot be fitted.
+    None if the paper's model cannot be fitted.
     """
     nominal = replace(believed, robot_id=robot_id)
     cast = Cast(nominal, (robot_id,), laboratory)

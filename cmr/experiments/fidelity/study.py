@@ -28,7 +28,7 @@ Scores = Mapping[str, float]  # of one experiment, by metric, and PREPARED
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What is compared.
+    """The subject of the study.
 
     `real` is the id of the robot that is real in mixed teams, `believed` its parameter file before any preparation.
     `size` scales the differences between real robots, as in Laboratory.

@@ -17,7 +17,7 @@ RUNS, TABLE, DOCUMENT, FIGURE = "runs.csv", "fidelity.csv", "fidelity.json", "fi
 def write(
     folder: Path, scores: Mapping[str, Sequence[Scores]], findings: Sequence[Finding], about: object
 ) -> list[Path]:
-    """Write all files into a folder, which exists; `about`, a mapping, tells how the study was made.
+    """Write all files into a folder, which exists; `about`, a mapping, describes the study.
 
     Raises OSError when it cannot be written.
     """

@@ -1,4 +1,4 @@
-"""Live runs of a scenario: its processes, when it is over, and the report.
+"""Live runs of a scenario: its processes, its end, and the report.
 
 `jobs` are the processes with their commands, `preparing` writes the files that they read, `live_run` starts them with
 the supervisor (on other computers with `elsewhere`), sends waypoints, and measures with `watch`. `report` writes the

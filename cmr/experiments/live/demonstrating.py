@@ -22,11 +22,11 @@ START_UP = 240.0  # s until all processes are running, on a slow machine
 PORTS = 60.0  # s until an emulator offers its ports
 ENDING = 5.0  # s for a process that has the terminal to end
 RATE = 20.0  # Hz
-SERVED = re.compile(r"(http://\S+)  token for its buttons: (\S+)")  # what cmr-view says at its start
+SERVED = re.compile(r"(http://\S+)  token for its buttons: (\S+)")  # printed by cmr-view at its start
 
 
 class Demonstration:
-    """The processes of a scenario, whose files lie in the folder of `children`, on the bus of a process."""
+    """The processes of a scenario, with files in the folder of `children`, on the bus of a process."""
 
     def __init__(self, process: Process, children: Children, scenario: Scenario) -> None:
         self._process, self._children = process, children
@@ -58,7 +58,7 @@ class Demonstration:
         return address, token
 
     def _end(self, process: "subprocess.Popen[bytes]") -> None:
-        """End a process that has the terminal: it is asked to, and given time to leave the terminal as it was."""
+        """End a process that has the terminal: request it, and give it time to restore the terminal."""
         process.terminate()
         try:
             process.wait(ENDING)
@@ -83,7 +83,7 @@ def wait_for(
 ) -> bool:
     """Dispatch messages to `handle` until a condition holds; return False if a signal comes first.
 
-    Shows progress: `what`, as a share of the `expected` time [s] if that is known. Raises CommandError when a child
+    Shows progress: `what`, as a share of the `expected` time [s] if that is known. Raises CommandError if a child
     process has failed, or after `seconds`.
     """
     began = time.monotonic()

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-WARN_BELOW = 1e9  # bytes that are left
+WARN_BELOW = 1e9  # bytes of free space
 CALM_ABOVE = 1.1e9  # bytes; the warning can repeat after free space was above this
 END_BELOW = 100e6  # bytes reserved for the end of the log and the report
 END_SHARE = 0.1  # of a small disk

@@ -38,7 +38,7 @@ class Elsewhere:
         self.with_pilot = frozenset(job.robot_id for job in jobs if job.role == PILOT)
 
     def silent(self) -> str:
-        """Return which programs are not running (any more); empty if all are."""
+        """Return the programs that are not running; empty if all are."""
         there = Counter(status.process for status in self._in_service())
         lacking = [name for name, count in self._wanted.items() if there[name] < count]
         return f"{', '.join(lacking)} on other machines" if lacking else ""

@@ -10,7 +10,7 @@ from cmr.processes.children import our_command
 
 ROBOT = 0
 FLOOR = "-1,-1,1,-1,1,1,-1,1"
-FOUND = "found"  # folder of what cmr-investigate writes
+FOUND = "found"  # folder of cmr-investigate's results
 SCENARIO = f"""\
 about: An emulated robot that finds out by itself what its model gets wrong
 duration: 86400
@@ -34,7 +34,7 @@ class Investigating(Demonstration):
     def run(self, further: Sequence[str]) -> Path | None:
         """Return the folder with the results; None if a signal ended it. `further` are options of cmr-investigate.
 
-        Raises CommandError where a process failed.
+        Raises CommandError if a process failed.
         """
         self._start()
         address, _token = self._open_page(f"--geofence={FLOOR}")

@@ -22,7 +22,7 @@ from cmr.processes.job import (
 )
 
 OPEN_LOOP = "manoeuvre"  # the open-loop behaviour
-ENDING = (OPEN_LOOP, "investigate")  # behaviours that end, and are not started again
+ENDING = (OPEN_LOOP, "investigate")  # behaviours that end and are not restarted
 LOG = "run.lcm"
 SIM_SCENARIO = "sim.yaml"
 STATE = "state"  # folder in which drivers of emulated robots store an emergency stop: it ends with the run

@@ -69,7 +69,7 @@ class Leading(Demonstration):
         return not self._watch.missing() and running == driven
 
     def _summary(self) -> str:
-        """Return how far each robot drove, and the closest approach of two robots."""
+        """Return the distance driven by each robot, and the closest approach of two robots."""
         ways = dict(zip(self._watch.ids.tolist(), self._watch.distance.tolist(), strict=True))
         led = ways.pop(LEADER)
         followed = ", ".join(f"robot {robot_id} {way:.2f} m" for robot_id, way in sorted(ways.items()))

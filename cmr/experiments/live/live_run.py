@@ -28,14 +28,14 @@ from cmr.world.others import named
 
 RATE = 20.0  # Hz
 START_UP = 240.0  # s for all robots and processes to be ready, on a slow computer that compiles the robot model
-START_UP_BY_HAND = 1800.0  # s, where somebody has to start processes on other machines
+START_UP_BY_HAND = 1800.0  # s, if somebody has to start processes on other machines
 GRACE = 30.0  # s for all processes to report no problem once all robots are present; then the run begins anyway
 ANOTHER_WORD = 1.2  # s; within it each process has reported again: the first report comes before it knows its state
 LISTENING = 0.4  # s in which a cmr-sim publishes its robots at least eight times
 END_THE_OTHER = "end that cmr-run or cmr-sim, or use another --lcm-url"
 SETTLING = 10.0  # s in which robots come to rest after the last waypoint
 AT_REST = 1.0  # s without motion after which robots have come to rest
-MOST_EVENTS = 2000  # that are kept for the report
+MOST_EVENTS = 2000  # kept for the report
 REQUESTED_EVERY = 1.0  # s
 STOPPED_TIMES = 5
 WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's buffer
@@ -43,9 +43,9 @@ WAYPOINTS_A_TURN = 20  # messages; a thousand at once would overrun a socket's b
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: in words, and how many seconds after all were ready.
+    """The end of a run: its reason, and the time [s] since all were ready.
 
-    `failed` if it never began, or could not be recorded to its end.
+    `failed` means that it never began, or could not be recorded to its end.
     """
 
     ended_by: str
@@ -90,7 +90,7 @@ class LiveRun:
         self._there_since: float | None = None  # when all robots were in the world
         self._over_since: float | None = None
         self._moved = 0.0  # when a robot last moved, in seconds since all were ready
-        self._to_send: set[int] = set()  # robots that have to be sent their waypoints
+        self._to_send: set[int] = set()  # robots whose waypoints are still to be sent
         process.subscribe(WORLD_STATE, every=True)
         process.subscribe(PROCESS_STATUS, every=True)
         process.subscribe(ESTOP, every=True)
@@ -179,7 +179,7 @@ class LiveRun:
         return Outcome("somebody ended it", self._seconds, interrupted=True)
 
     def _turn(self) -> None:
-        """Receive, restart what died, and report the state on PROCESS_STATUS."""
+        """Receive messages, restart dead processes, and report the state on PROCESS_STATUS."""
         self._process.dispatch(self._hear)
         if self.elsewhere.newcomers():
             waypoints = self.watch.remaining_waypoints()
@@ -192,14 +192,14 @@ class LiveRun:
         self._report_state()
 
     def _report_state(self) -> None:
-        """Report STARTING until all are ready, whatever happens; then report what is not running."""
+        """Report STARTING until all are ready, whatever happens; then report missing processes."""
         down = self.supervisor.down()
         begun = process_status_t.DEGRADED if down else process_status_t.RUNNING
         self._process.state = begun if self._is_ready else process_status_t.STARTING
         self._process.message = f"Not running: {', '.join(down)}." if down else self._disk.shortage
 
     def _supervise(self) -> None:
-        """Restart what died, and check the free disk space."""
+        """Restart dead processes, and check the free disk space."""
         try:
             sentences = [self._disk.look(), *self.supervisor.poll(time.monotonic())]
         except OSError as error:  # files of a process that was to be restarted
@@ -227,7 +227,7 @@ class LiveRun:
             self.say(f"ESTOP is engaged by {stop.reason}." if stop.engaged else "ESTOP is released.")
 
     def _missing(self) -> str:
-        """Return which robots or processes are not there; empty if all are."""
+        """Return the missing robots or processes; empty if there are none."""
         if elsewhere := self.elsewhere.silent():
             return elsewhere
         missing = self.watch.missing()

@@ -17,7 +17,7 @@ from cmr.report.svg import Curve, Floats, Frame, dots, line, plot
 from cmr.report.table import table
 
 WIDTH, TEXT = 600.0, 14.0  # so that text is legible on phones and screens
-LABELS_X, LABELS_Y = 76.0, 66.0  # what a frame's labels take of its width and height
+LABELS_X, LABELS_Y = 76.0, 66.0  # space for a frame's labels in its width and height
 ROOM = 0.3  # m, free margin
 LEAST, MOST = 0.35, 1.1  # height of the map over its width
 MOST_ROWS = 40  # robots in the table
@@ -38,7 +38,7 @@ def run_page(document: RunDocument) -> str:
 
 
 def _header(document: RunDocument) -> Html:
-    """Return how it ended."""
+    """Return how the run ended."""
     words = f"{document['scenario']}: {document['seconds']:.0f} s, then {document['ended_by']}"
     badge = tag("span", "failed" if document["failed"] else "done", class_="badge")
     said = f" Began {document['began']}, seed {document['seed']}. {document['about']}"

@@ -92,7 +92,7 @@ def first_seen(watch: TeamWatch) -> int:
 
 
 def mean_rate(watch: TeamWatch) -> float:
-    """Return how often the world was published on average [Hz], since all were ready if they are."""
+    """Return the mean publishing rate of the world [Hz], since all were ready if they are."""
     if not len(watch.track):
         return 0.0
     span = (watch.utime - (watch.first_utime or first_seen(watch))) * 1e-6
@@ -130,7 +130,7 @@ def _path(seconds: Floats, places: Floats) -> PathDocument:
 
 
 def _paces(run: LiveRun) -> list[Pace]:
-    """Return how the processes kept time that move robots, as far as received."""
+    """Return the timing of the processes that move robots, as far as received."""
     states = (state for state in run.supervisor.states.values() if state.job.role in MOVES_ROBOTS)
     return [pace for state in states if (pace := _pace(run, state)) is not None]
 
@@ -161,5 +161,5 @@ def _processes(run: LiveRun, seconds: float) -> list[ProcessDocument]:
 
 
 def _number(value: float) -> float | None:
-    """Return a number that JSON can hold."""
+    """Return a number for JSON, None if it is not finite."""
     return round(value, 4) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""What is in report.json, by name: lengths in m, times in s since all robots were ready."""
+"""The contents of report.json, by name: lengths in m, times in s since all robots were ready."""
 
 from typing import TypedDict
 
@@ -14,7 +14,7 @@ class PathDocument(TypedDict):
 
 
 class RobotDocument(TypedDict):
-    """What was measured of one robot."""
+    """The measurements of one robot."""
 
     id: int
     kind: str
@@ -27,7 +27,7 @@ class RobotDocument(TypedDict):
 
 
 class ProcessDocument(TypedDict):
-    """What was measured of one process."""
+    """The measurements of one process."""
 
     name: str
     command: list[str]
@@ -41,7 +41,7 @@ class ProcessDocument(TypedDict):
 
 
 class EventDocument(TypedDict):
-    """Something that happened."""
+    """An event of the run."""
 
     at_s: float
     words: str
@@ -55,7 +55,7 @@ class ObstaclesDocument(TypedDict):
 
 
 class RunDocument(TypedDict):
-    """What was measured of a run."""
+    """The measurements of a run."""
 
     schema: int
     scenario: str

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_MOMENTS = 6_000
-FEWEST_MOMENTS = 2_000  # half of them remain after thinning: fewer do not show how a team drove
+FEWEST_MOMENTS = 2_000  # half of them remain after thinning: fewer do not show a team's paths
 MOST_PLACES = 2_000_000  # of all robots together, 16 MB
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -33,12 +33,12 @@ class Track:
 
     @property
     def utime(self) -> Integers:
-        """When the moments were [us], shape (moments,)."""
+        """The times of the moments [us], shape (moments,)."""
         return self._utime[: self._count]
 
     @property
     def places(self) -> Places:
-        """Where robots were then [m], shape (moments, 2, robots): x and y, NaN where a robot was not there."""
+        """The positions of robots at the moments [m], shape (moments, 2, robots): x and y, NaN for absent robots."""
         return self._places[: self._count]
 
     def add(self, utime: int, places: NDArray[np.float64]) -> None:

@@ -14,7 +14,7 @@ from cmr.msg import waypoints_t
 from cmr.world.behaviours import make_behaviours
 from cmr.world.world import VirtualRobot
 
-COMMANDED = "commanded"  # the behaviour that does what MOTOR_COMMAND_N says
+COMMANDED = "commanded"  # the behaviour that follows MOTOR_COMMAND_N
 
 
 @dataclass(frozen=True)

@@ -82,16 +82,16 @@ class TeamWatch:
                 keep(self.statuses_elsewhere, (usable.host, usable.pid), usable)
 
     def missing(self) -> list[int]:
-        """Return the robots that are not in the world (any more)."""
+        """Return the robots that are not in the world."""
         gone = (self.seen == 0) | (self.utime - self.seen > OLDEST)
         return [int(robot_id) for robot_id in self.ids[gone]]
 
     def poses(self) -> dict[int, Pose]:
-        """Return where robots were seen last."""
+        """Return the last known pose of each robot."""
         return {robot_id: self.pose(robot_id) for robot_id in self.ids[self.seen > 0].tolist()}
 
     def pose(self, robot_id: int) -> Pose:
-        """Return where a robot was seen last."""
+        """Return the last known pose of a robot."""
         k = int(np.searchsorted(self.ids, robot_id))
         return Pose(float(self.x[k]), float(self.y[k]), float(self.theta[k]))
 
@@ -113,7 +113,7 @@ class TeamWatch:
     def _time_to_goal(self) -> float:
         """Return the time [s] from when all were ready until the last robot had passed its waypoints, or until now.
 
-        NaN where no robot has any, or not all were ready yet.
+        NaN if no robot has any, or not all were ready yet.
         """
         if not (self.first_utime and self._goals):
             return math.nan
@@ -133,7 +133,7 @@ class TeamWatch:
         self._late_before = {pid: int(status.loop_overruns) for pid, status in self.statuses.items()}
 
     def late_turns(self, pid: int) -> int | None:
-        """Return for how many turns of its loop a process was late; None if it was never heard."""
+        """Return the number of late loop cycles of a process; None if it was never received."""
         status = self.statuses.get(pid)
         return None if status is None else int(status.loop_overruns) - self._late_before.get(pid, 0)
 
@@ -143,7 +143,7 @@ class TeamWatch:
 
     @property
     def overruns(self) -> int:
-        """How many turns of their loops all processes were late for."""
+        """The number of late loop cycles of all processes."""
         return sum(self.late_turns(pid) or 0 for pid in self.statuses)
 
     def is_degraded(self, pid: int) -> bool:

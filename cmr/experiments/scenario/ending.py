@@ -21,7 +21,7 @@ NEEDED = {
 
 
 def read_ending(item: Item | None) -> Ending:
-    """Return what ends a run early: `waypoints_reached`, or a metric with `below` or `above`.
+    """Return the condition that ends a run early: `waypoints_reached`, or a metric with `below` or `above`.
 
     Raises ScenarioError naming line and key.
     """

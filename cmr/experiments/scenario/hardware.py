@@ -14,7 +14,7 @@ class EmulatorPlan(Protocol):
 
     @property
     def command(self) -> str:
-        """What kind of command the robot takes."""
+        """The kind of command that the robot takes."""
         ...
 
     @property
@@ -53,24 +53,24 @@ class Hardware(Protocol):
     def connection(self, item: Item) -> object:
         """Return the dataclass of the options of cmr-driver that an item describes.
 
-        Raises the document's error for what the driver does not allow.
+        Raises the document's error for values that the driver does not allow.
         """
         ...
 
     def bridging(self, item: Item, folder: Path) -> BridgePlan:
         """Return the dataclass of the options of cmr-ros2 that an item describes; files are named from `folder`.
 
-        Raises the document's error for what cmr-ros2 does not allow.
+        Raises the document's error for values that cmr-ros2 does not allow.
         """
         ...
 
     def emulation(self, item: Item | None) -> EmulatorPlan:
         """Return the dataclass of the options of cmr-emulate that an item describes; without one, of its defaults.
 
-        Raises the document's error for what the emulator does not allow.
+        Raises the document's error for values that the emulator does not allow.
         """
         ...
 
     def check_emulator(self, settings: Path) -> None:
-        """Raise DocumentError unless an emulator can be made by the settings of this file."""
+        """Raise DocumentError unless the settings of this file describe a valid emulator."""
         ...

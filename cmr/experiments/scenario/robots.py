@@ -22,7 +22,7 @@ PREVIOUS = "previous"  # as a setting's value: the id before the robot's own
 
 
 class Placed(NamedTuple):
-    """A robot, and where the file describes it."""
+    """A robot, and its place in the file."""
 
     plan: RobotPlan
     place: Place
@@ -207,7 +207,7 @@ def read_path(item: Item | None, folder: Path) -> Path | None:
 
 
 def _emulator(item: Item | None, folder: Path, hardware: Hardware) -> EmulatorPlan:
-    """Return how a robot is emulated; its settings file is validated."""
+    """Return the emulation of a robot; its settings file is validated."""
     emulator = hardware.emulation(item)
     if item is None or emulator.settings is None:
         return emulator

@@ -1,4 +1,4 @@
-"""Where robots start: one pose for one robot, a rule for many."""
+"""Start poses of robots: one pose for one robot, a rule for many."""
 
 from cmr.documents.document import Item
 from cmr.geometry.figures import circle, grid, line

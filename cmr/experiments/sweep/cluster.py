@@ -25,7 +25,7 @@ AHEAD = 3  # runs handed out per thread; the others wait here
 
 
 class ClusterError(Exception):
-    """There are no workers; the text says why and what to do."""
+    """There are no workers; the text gives the reason and the remedy."""
 
 
 @contextmanager

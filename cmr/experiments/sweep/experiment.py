@@ -26,7 +26,7 @@ ONE_AT_A_TIME = Lock()  # two threads of a worker would compile the same code at
 
 
 class ExperimentError(Exception):
-    """A scenario cannot be swept; the text says why and what to do."""
+    """A scenario cannot be swept; the text gives the reason and the remedy."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ Result: TypeAlias = dict[str, float | str | bool | None]  # numbers and texts by
 
 
 class JournalError(Exception):
-    """The journal cannot be used; the text says why and what to do."""
+    """The journal cannot be used; the text gives the reason and the remedy."""
 
 
 class Journal:
@@ -50,7 +50,7 @@ class Journal:
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
         if self._stream.tell() == 0:
-            self.path.unlink(missing_ok=True)  # nothing was done
+            self.path.unlink(missing_ok=True)  # no run was finished
         self._close()
 
     def _close(self) -> None:

@@ -12,7 +12,7 @@ from cmr.experiments.scenario.plan import BehaviourPlan
 
 Value: TypeAlias = float | int | str | bool | list[object] | dict[str, object] | None
 SEED = "seed"  # of the scenario; varied separately
-NOTHING = ("null", "~")  # as YAML has it: the scenario without this key
+NOTHING = ("null", "~")  # in YAML: the scenario without this key
 
 
 class SettingError(Exception):

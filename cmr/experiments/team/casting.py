@@ -1,6 +1,6 @@
 """Roles in an experiment: which robots are real, and which parameters move the others.
 
-The protocols describe what is needed of `cmr.experiments.scenario`, which imports this package and must not be
+The protocols describe the required part of `cmr.experiments.scenario`, which imports this package and must not be
 imported.
 """
 
@@ -50,7 +50,7 @@ class RobotLike(Protocol):
 
     @property
     def waypoints(self) -> Sequence[tuple[float, float]]:
-        """Its waypoints [m]."""
+        """Its start pose [m, m, rad]."""
 
 
 class ScenarioLike(Protocol):
@@ -74,7 +74,7 @@ class ScenarioLike(Protocol):
 
     @property
     def geofence(self) -> Sequence[tuple[float, float]] | None:
-        """The polygon [m] that real robots must not leave; None where there is none."""
+        """The polygon [m] that real robots must not leave; None without one."""
 
     @property
     def process_noise(self) -> bool:

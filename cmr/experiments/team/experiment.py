@@ -28,12 +28,12 @@ from cmr.world.view import VIRTUAL, world_messages
 from cmr.world.world import VirtualRobot, World
 
 Floats = NDArray[np.float64]
-EPOCH = 1_700_000_000_000_000  # us; when experiments begin
+EPOCH = 1_700_000_000_000_000  # us; start time of experiments
 RECORD_EVERY = 2  # periods: trajectories at 25 Hz
 
 
 class ExperimentError(Exception):
-    """The experiment cannot be run; the text says why and what to do."""
+    """The experiment cannot be run; the text gives the reason and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def run(
     *,
     listen: Callable[[int, OnChannel], None] = lambda _utime, _message: None,
 ) -> TeamRun:
-    """Run a scenario until its duration is over, or its waypoints are reached where it ends then.
+    """Run a scenario until its duration is over, or its waypoints are reached if this ends it.
 
     `seed` determines all random numbers. `listen` gets all messages from and to real robots, with their time [us].
     Raises ExperimentError for a robot without a start or a behaviour, and if the scenario has process noise that the

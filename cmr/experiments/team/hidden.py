@@ -1,4 +1,4 @@
-"""The true parameters of robots: what a laboratory's robots have in common, and how they differ.
+"""The true parameters of robots: the common and the individual deviations of a laboratory's robots.
 
 These values stay hidden: a calibration only sees the sensors of such a robot.
 """
@@ -27,7 +27,7 @@ class HiddenRobot:
 
     With a `response_time` it has a velocity controller, which assumes a wheel speed of 1 / k1 at duty 1.
 
-    What moves it are parameters of the plant, by the plant's names.
+    The parameters of its motion are those of the plant, with the plant's names.
     """
 
     wheel_radius: float = 0.04  # m
@@ -35,8 +35,8 @@ class HiddenRobot:
     k1: float = 0.054  # s/rad
     base_width: float = 0.161  # m
     response_time: float = 0.0  # s
-    speed_scale: float = 1.0  # share of the commanded speed that is reached
-    command_base_width: float = 0.0  # m, by which the controller counts turns
+    speed_scale: float = 1.0  # reached share of the commanded speed
+    command_base_width: float = 0.0  # m, with which the controller computes turns
     motor_gain_asymmetry: float = 0.0  # share by which the left side has more, and the right one less
     wheel_radius_asymmetry: float = 0.0  # likewise
     coulomb_friction: float = 0.0  # rad/s^2
@@ -47,7 +47,7 @@ class HiddenRobot:
     longitudinal_slip: float = 0.0  # s; ground speed = wheel speed - this * wheel acceleration
     torque_noise: float = 0.0  # rad/s^2, standard deviation
     torque_noise_time: float = 0.1  # s, its correlation time
-    slip_noise: float = 0.0  # m, standard deviation of the way of a wheel after 1 m
+    slip_noise: float = 0.0  # m, standard deviation of a wheel's distance after 1 m
     gyro_bias: float = 0.0  # rad/s
     gyro_noise: float = 0.005  # rad/s, of each sample
     position_noise: float = 0.003  # m, of each coordinate of a pose
@@ -119,7 +119,7 @@ def believed_of(file: ParameterFile) -> dict[str, float]:
 class Laboratory:
     """The robots of a laboratory: one per id, always the same for the same `seed`.
 
-    `believed` are the parameters that everybody assumes, as from `believed_of`. `size` scales the differences of the
+    `believed` are the parameters assumed by all programs, as from `believed_of`. `size` scales the differences of the
     robots from these and from each other: 1 is usual, 0 is none.
     """
 

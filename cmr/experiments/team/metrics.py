@@ -38,7 +38,7 @@ class Bond(NamedTuple):
 
 
 def formation_error(x: Floats, y: Floats, bonds: Sequence[Bond]) -> float:
-    """Return the root mean square, over time and bonds, of the distance between two robots less the one wanted [m]."""
+    """Return the RMS, over time and bonds, of the distance between two robots minus the desired one [m]."""
     if not bonds:
         return float("nan")
     errors = [np.hypot(x[:, a] - x[:, b], y[:, a] - y[:, b]) - distance for a, b, distance, _ in bonds]
@@ -46,7 +46,7 @@ def formation_error(x: Floats, y: Floats, bonds: Sequence[Bond]) -> float:
 
 
 def passed(x: float, y: float, way: Way, before: int) -> int:
-    """Return how many waypoints a robot at x, y [m] has passed, given that it had passed `before` of them.
+    """Return the number of waypoints that a robot at x, y [m] has passed, given that it had passed `before` of them.
 
     They are passed in order, so a path may end where it began. If all are passed, the robot has reached its goal.
     """

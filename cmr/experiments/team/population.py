@@ -23,7 +23,7 @@ FURTHEST = 3.0  # standard deviations along each axis of the covariance; robots 
 
 
 class PopulationError(Exception):
-    """No population can be drawn from these files; the text says why and what to do."""
+    """No population can be drawn from these files; the text gives the reason and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Population:
     """A population of robots: normal in `names`, or in the logarithms of the `logarithmic` ones.
 
     `mean` and `logarithmic` are of shape (p,), `spread`, of shape (p, p), is a square root of the covariance.
-    `signs` (p,) are those of what is logarithmic.
+    `signs` (p,) are those of the logarithmic ones.
     """
 
     names: tuple[str, ...]
@@ -75,7 +75,7 @@ def population_of(files: Sequence[ParameterFile]) -> Population:
 def drawn_from(paths: Sequence[Path], robot_ids: Sequence[int], seed: int) -> dict[int, RobotParameters]:
     """Return parameters, by robot id, drawn from the robots of these files.
 
-    Raises PopulationError where a file cannot be read, or nothing tells how robots differ.
+    Raises PopulationError if a file cannot be read, or nothing determines how robots differ.
     """
     try:
         population = population_of([load(path) for path in paths])

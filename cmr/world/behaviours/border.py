@@ -1,4 +1,4 @@
-"""The border of a geofence, which robots do not cross whatever else they want."""
+"""The border of a geofence, which robots never cross."""
 
 import math
 

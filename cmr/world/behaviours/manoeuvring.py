@@ -18,7 +18,7 @@ class DriveManoeuvre(Behaviour):
 
     `speed` multiplies all duties, `repeats` is the number of repetitions. The robot is not steered, so it stops for
     good if its centre is further than `space` [m] from its start, or if the drive was interrupted: it must not resume
-    unexpectedly. By default `space` is what the manoeuvre needs for a robot of this speed and width
+    unexpectedly. By default `space` is the space of the manoeuvre for a robot of this speed and width
     (`cmr.geometry.manoeuvres.table`).
     """
 

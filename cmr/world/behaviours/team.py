@@ -19,7 +19,7 @@ ROOM = 16  # initial capacity in robots; doubled when full
 
 
 class TeamBehaviour(ABC):
-    """Decides for many robots at once, from what they know of the world.
+    """Decides for many robots at once, from their knowledge of the world.
 
     Derive from it, give the constructor keyword arguments with defaults, and name the class as `your.module:YourClass`,
     or register it in the entry-point group `cmr.behaviours`. In cmr-sim all robots with the same description share one
