@@ -23,11 +23,11 @@ from cmr.experiments.fidelity.study import (
     tasks_of,
 )
 from cmr.experiments.scenario.ending import why_only_live
-from cmr.experiments.scenario.plan import Scenario, ScenarioError
-from cmr.experiments.scenario.reading import path_of
+from cmr.experiments.scenario.reading import ScenarioError, path_of
 from cmr.experiments.sweep.experiment import files_of, sources_digest
 from cmr.experiments.sweep.journal import Journal, JournalError, Result
 from cmr.experiments.team.experiment import ExperimentError
+from cmr.experiments.team.plan import Scenario
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 
 FEWEST = 4  # seeds; fewer do not determine a distribution

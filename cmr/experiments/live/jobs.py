@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cmr.cli.options import arguments_of
-from cmr.experiments.scenario.plan import RobotPlan, Scenario
+from cmr.experiments.team.plan import RobotPlan, Scenario
 from cmr.model.command_kinds import DUTY
 from cmr.processes.children import our_command
 from cmr.processes.job import (

@@ -18,7 +18,7 @@ from cmr.experiments.live.measuring import EndingMetric
 from cmr.experiments.live.preparing import write_emulators, write_sim_scenario
 from cmr.experiments.live.virtual import waypoints_message
 from cmr.experiments.live.watch import TeamWatch
-from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.team.plan import Scenario
 from cmr.msg import process_status_t
 from cmr.processes.children import Children
 from cmr.processes.job import EMULATOR, PILOT, RECORDER, SIM, Job

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cmr.bus.messages import make, now_utime
-from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.team.plan import Scenario
 from cmr.experiments.team.population import drawn_from
 from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.geometry.places import Point

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from cmr.bus.messages import make
 from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
-from cmr.experiments.team.casting import Cast, RobotLike, ScenarioLike
 from cmr.experiments.team.metrics import Way, passed
+from cmr.experiments.team.plan import RobotPlan, Scenario
 from cmr.experiments.team.real_robots import PERIOD, OnChannel, RealRobots
+from cmr.experiments.team.roles import Roles
 from cmr.experiments.team.scoring import scores, ways_of
 from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.msg import waypoints_t
@@ -54,8 +55,8 @@ class TeamRun:
 
 
 def run(
-    scenario: ScenarioLike,
-    cast: Cast,
+    scenario: Scenario,
+    roles: Roles,
     seed: int,
     *,
     listen: Callable[[int, OnChannel], None] = lambda _utime, _message: None,
@@ -66,7 +67,7 @@ def run(
     Raises ExperimentError for a robot without a start or a behaviour, and if the scenario has process noise that the
     parameter file does not specify.
     """
-    world, real = _world(scenario, cast, seed), _real_robots(scenario, cast, seed)
+    world, real = _world(scenario, roles, seed), _real_robots(scenario, roles, seed)
     for message in _waypoints(scenario):
         world.handle(EPOCH, *message)
         real.hear(EPOCH, [message])
@@ -106,7 +107,7 @@ def _count_waypoints(counts: dict[int, int], ways: Mapping[int, Way], places: Fl
     return all(counts[column] == len(way) for column, way in ways.items())
 
 
-def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:
+def _behaviours(robots: Iterable[RobotPlan]) -> dict[int, AnyBehaviour]:
     """Return the behaviours of robots of one program, by robot id; equal descriptions share an object.
 
     Raises ExperimentError for a robot without a behaviour, or with an invalid one.
@@ -117,26 +118,26 @@ def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:
         raise ExperimentError(str(error)) from error
 
 
-def _description(robot: RobotLike) -> tuple[str, Mapping[str, str]]:
+def _description(robot: RobotPlan) -> tuple[str, Mapping[str, str]]:
     if robot.behaviour is None:
         raise ExperimentError(f"Robot {robot.robot_id} has no behaviour; without hardware nobody else commands it.")
     return robot.behaviour.name, robot.behaviour.settings
 
 
-def _start(robot: RobotLike) -> tuple[float, float, float]:
+def _start(robot: RobotPlan) -> tuple[float, float, float]:
     if robot.start is None:
         raise ExperimentError(f"Robot {robot.robot_id} has no start: without hardware somebody must say where it is.")
     return robot.start
 
 
-def _world(scenario: ScenarioLike, cast: Cast, seed: int) -> World:
+def _world(scenario: Scenario, roles: Roles, seed: int) -> World:
     """Return the simulator with all virtual robots, and parameters for everybody."""
-    robots = [robot for robot in scenario.robots if robot.robot_id not in cast.real]
+    robots = [robot for robot in scenario.robots if robot.robot_id not in roles.real]
     behaviours = _behaviours(robots)
     world = World(
-        [VirtualRobot(r.robot_id, behaviours[r.robot_id], cast.believed.robot_id, *_start(r)) for r in robots],
-        partial(_follower, cast.believed),
-        own_parameters=cast.moves_by,
+        [VirtualRobot(r.robot_id, behaviours[r.robot_id], roles.believed.robot_id, *_start(r)) for r in robots],
+        partial(_follower, roles.believed),
+        own_parameters=roles.moves_by,
         obstacles=Obstacles(scenario.discs, scenario.walls),
         noise=ProcessNoise(seed) if scenario.process_noise else None,
         reaction=scenario.reaction,
@@ -147,21 +148,21 @@ def _world(scenario: ScenarioLike, cast: Cast, seed: int) -> World:
     return world
 
 
-def _geofence(scenario: ScenarioLike) -> Geofence | None:
+def _geofence(scenario: Scenario) -> Geofence | None:
     return Geofence(scenario.geofence) if scenario.geofence is not None else None
 
 
-def _real_robots(scenario: ScenarioLike, cast: Cast, seed: int) -> RealRobots:
-    robots = [robot for robot in scenario.robots if robot.robot_id in cast.real]
+def _real_robots(scenario: Scenario, roles: Roles, seed: int) -> RealRobots:
+    robots = [robot for robot in scenario.robots if robot.robot_id in roles.real]
     return RealRobots(
-        [_pilot(robot, cast.believed, _geofence(scenario)) for robot in robots],
-        [cast.laboratory.robot(r.robot_id) for r in robots],
+        [_pilot(robot, roles.believed, _geofence(scenario)) for robot in robots],
+        [roles.laboratory.robot(r.robot_id) for r in robots],
         np.reshape([_start(robot) for robot in robots], (-1, 3)).T,
         [(seed, robot.robot_id) for robot in robots],
     )
 
 
-def _pilot(robot: RobotLike, believed: ParameterFile, geofence: Geofence | None) -> Pilot:
+def _pilot(robot: RobotPlan, believed: ParameterFile, geofence: Geofence | None) -> Pilot:
     """Return the pilot of a real robot, with a behaviour of its own, since each pilot is a separate program."""
     behaviour = _behaviours([robot])[robot.robot_id]
     return Pilot(robot.robot_id, behaviour, _follower(believed, robot.robot_id), geofence=geofence)
@@ -175,7 +176,7 @@ def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
     return follower
 
 
-def _waypoints(scenario: ScenarioLike) -> Iterator[OnChannel]:
+def _waypoints(scenario: Scenario) -> Iterator[OnChannel]:
     for robot in scenario.robots:
         if robot.waypoints:
             x, y = zip(*robot.waypoints, strict=True)
@@ -183,7 +184,7 @@ def _waypoints(scenario: ScenarioLike) -> Iterator[OnChannel]:
             yield WAYPOINTS.channel(robot.robot_id), message
 
 
-def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
+def _places(scenario: Scenario, world: World, real: RealRobots) -> Floats:
     """Return the true poses of all robots, shape (3, n), in the order of the scenario."""
     everybody = world.everybody()
     simulated = np.array(everybody.state[:3], dtype=float)
@@ -193,7 +194,7 @@ def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
     return np.array([columns.get(robot.robot_id, _start(robot)) for robot in scenario.robots]).T
 
 
-def _run_of(scenario: ScenarioLike, places: Floats, waypoints_reached: bool) -> TeamRun:
+def _run_of(scenario: Scenario, places: Floats, waypoints_reached: bool) -> TeamRun:
     """Return the run with its metrics; `places` has the shape (t, 3, n)."""
     time: Floats = np.arange(len(places), dtype=float) * (RECORD_EVERY * PERIOD * 1e-6)
     x, y, theta = places.transpose(1, 0, 2)
