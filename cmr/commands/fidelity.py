@@ -161,9 +161,9 @@ def _real_robot(scenario: Scenario, chosen: int | None) -> int:
         if scenario.robot(chosen) is None:
             raise CommandError(f"--robot {chosen}: the scenario has no such robot.")
         return chosen
-    if len(scenario.of_flesh) != 1:
+    if len(scenario.with_driver) != 1:
         raise CommandError("Say by --robot N which robot is real: the scenario has not just one that is.")
-    return scenario.of_flesh[0].robot_id
+    return scenario.with_driver[0].robot_id
 
 
 def _believed(scenario: Scenario, real: int, given: Path | None) -> ParameterFile:

@@ -39,7 +39,7 @@ def jobs_of(scenario: Scenario, folder: Path, url: str, begin_with: str = "") ->
     sim = [our_command("cmr-sim"), "--scenario", str(folder / SIM_SCENARIO), "--parameters", str(folder)]
     sim += ["--rate", f"{scenario.rate:g}", *moving]
     jobs = [Job("recorder", RECORDER, recorder, host=scenario.host), Job("sim", SIM, sim, host=scenario.host)]
-    for robot in scenario.of_flesh:
+    for robot in scenario.with_driver:
         jobs += _of_robot(robot, scenario, folder, bus, moving)
     return sorted(jobs, key=lambda job: START_ORDER.index(job.role))
 

@@ -93,7 +93,7 @@ def perform(experiment: Experiment, seed: int) -> Result:
     laboratory = Laboratory(believed_of(believed), seed=seed)
     drawn = experiment.population
     moves_by = {robot.robot_id: drawn.draw(seed, robot.robot_id) for robot in scenario.virtual} if drawn else {}
-    real = [robot.robot_id for robot in scenario.of_flesh]
+    real = [robot.robot_id for robot in scenario.with_driver]
     with ONE_AT_A_TIME:
         result = run(scenario, Roles(believed=believed, real=real, laboratory=laboratory, moves_by=moves_by), seed)
     metrics: dict[str, float | bool] = {

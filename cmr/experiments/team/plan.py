@@ -147,7 +147,7 @@ class Scenario:
         return next((robot for robot in self.robots if robot.robot_id == robot_id), None)
 
     @property
-    def of_flesh(self) -> tuple[RobotPlan, ...]:
+    def with_driver(self) -> tuple[RobotPlan, ...]:
         """The robots with a driver: real and emulated ones."""
         return tuple(robot for robot in self.robots if robot.kind != "virtual")
 
