@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol
 
 from cmr.experiments.team.metrics import UNITS
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.geometry.places import Disc, Point, Pose, Wall
 
 ROBOT_RADIUS = 0.1  # m; the paper's robots are 0.16 m from wheel to wheel
@@ -145,6 +146,16 @@ class Scenario:
     def robot(self, robot_id: int) -> RobotPlan | None:
         """Return the robot of this id, None if there is none."""
         return next((robot for robot in self.robots if robot.robot_id == robot_id), None)
+
+    @property
+    def obstacles(self) -> Obstacles:
+        """The discs and walls together. Raises ObstacleError for an invalid one."""
+        return Obstacles(self.discs, self.walls)
+
+    @property
+    def fence(self) -> Geofence | None:
+        """The geofence with its geometry, None without one. Raises ObstacleError for an invalid one."""
+        return Geofence(self.geofence) if self.geofence is not None else None
 
     @property
     def with_driver(self) -> tuple[RobotPlan, ...]:
