@@ -3,12 +3,12 @@
 import argparse
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
-
-import yaml
+from typing import Annotated, Any, NamedTuple
 
 from cmr.cli.errors import CommandError
+from cmr.documents.bounds import Bounds
 from cmr.documents.declared import Between, Option, Word
+from cmr.documents.document import DocumentError, Item, read_file
 from cmr.model.duty_ramp import Limits
 from robot_driver.battery import Thresholds
 from robot_driver.controllers import CONTROLLERS
@@ -98,25 +98,50 @@ class Settings(Connection):
     state: Annotated[Path | None, Option("folder in which an engaged emergency stop is kept", "DIR")] = None
 
 
-def content_of(path: Path) -> dict[str, object]:
-    """Return the content of a settings file written by cmr bringup: `driver`, `undecided` and `found`.
+class SettingsFileError(DocumentError):
+    """A settings file cannot be used; the text names file, line and key."""
 
-    Raises CommandError.
+    not_yaml = "cannot be read"
+    empty = "is empty; cmr bringup writes it"
+    bounds = Bounds(size=LARGEST_FILE)
+
+
+class Content(NamedTuple):
+    """The content of a settings file: options of cmr-driver and findings of cmr bringup by name, undecided steps."""
+
+    driver: dict[str, Any]
+    undecided: list[str]
+    found: dict[str, Any]
+
+
+def content_of(path: Path) -> Content:
+    """Return the content of a settings file written by cmr bringup.
+
+    Raises CommandError naming file, line and key.
     """
     try:
-        with path.open(encoding="utf-8") as file:
-            content = yaml.safe_load(file.read(LARGEST_FILE))
-    except FileNotFoundError:
-        raise CommandError(f"There is no {path}. cmr bringup writes it.") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CommandError(f"{path} cannot be read: {error}") from error
-    parts = {"driver": dict, "undecided": list, "found": dict}
-    if not isinstance(content, dict) or not all(isinstance(content.get(name), kind) for name, kind in parts.items()):
-        raise CommandError(f"{path} is no file of cmr bringup: it needs driver, undecided and found.")
-    unknown = set(content["driver"]) - {field.name for field in fields(Connection)}
-    if unknown:
-        raise CommandError(f"{path}: the driver has no setting {min(map(str, unknown))!r}.")
-    return content
+        return _content_of(read_file(path, SettingsFileError))
+    except SettingsFileError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise CommandError(f"There is no {path}. cmr bringup writes it.") from None
+        raise CommandError(str(error)) from error
+
+
+def _content_of(document: Item) -> Content:
+    parts = dict(document.entries())
+    for part in Content._fields:
+        if part not in parts:
+            raise document.place.error(f"{part} is missing; a file of cmr bringup has {', '.join(Content._fields)}")
+    driver = dict(parts["driver"].entries())
+    known = {field.name for field in fields(Connection)}
+    for name, item in driver.items():
+        if name not in known:
+            raise item.place.error(f"the driver has no setting {name!r}")
+    return Content(
+        {name: item.value for name, item in driver.items()},
+        [step.text() for step in parts["undecided"].items()],
+        {name: item.value for name, item in parts["found"].entries()},
+    )
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -140,12 +165,9 @@ def options_in(path: Path) -> list[str]:
 
     Raises CommandError, also for a file that bring-up has not completed, as defaults may be wrong for the rest.
     """
-    content = content_of(path)
-    driver, undecided = content["driver"], content["undecided"]
-    assert isinstance(driver, dict)
-    assert isinstance(undecided, list)
+    driver, undecided, _ = content_of(path)
     if undecided:
-        raise CommandError(f"{path} is not complete: cmr bringup has still to decide {', '.join(map(str, undecided))}.")
+        raise CommandError(f"{path} is not complete: cmr bringup has still to decide {', '.join(undecided)}.")
     options = []
     for name, value in driver.items():
         option = f"--{name.replace('_', '-')}"

@@ -23,11 +23,11 @@ from cmr.experiments.fidelity.study import (
     tasks_of,
 )
 from cmr.experiments.scenario.ending import why_only_live
-from cmr.experiments.scenario.plan import Scenario, ScenarioError
-from cmr.experiments.scenario.reading import path_of
+from cmr.experiments.scenario.reading import ScenarioError, path_of
 from cmr.experiments.sweep.experiment import files_of, sources_digest
 from cmr.experiments.sweep.journal import Journal, JournalError, Result
 from cmr.experiments.team.experiment import ExperimentError
+from cmr.experiments.team.plan import Scenario
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 
 FEWEST = 4  # seeds; fewer do not determine a distribution
@@ -161,9 +161,9 @@ def _real_robot(scenario: Scenario, chosen: int | None) -> int:
         if scenario.robot(chosen) is None:
             raise CommandError(f"--robot {chosen}: the scenario has no such robot.")
         return chosen
-    if len(scenario.of_flesh) != 1:
+    if len(scenario.with_driver) != 1:
         raise CommandError("Say by --robot N which robot is real: the scenario has not just one that is.")
-    return scenario.of_flesh[0].robot_id
+    return scenario.with_driver[0].robot_id
 
 
 def _believed(scenario: Scenario, real: int, given: Path | None) -> ParameterFile:

@@ -65,7 +65,7 @@ def numbered(text: str) -> _Numbered:
     return _Numbered(parse_robot_id(number.strip()), description)
 
 
-def virtual_robots(descriptions: list[_Numbered], parameters_of: int) -> list[VirtualRobot]:
+def described_robots(descriptions: list[_Numbered], parameters_of: int) -> list[VirtualRobot]:
     """Return the virtual robots described on the command line, all moving by the parameters of one robot.
 
     Raises CommandError for an id that is given twice or a behaviour that does not exist.

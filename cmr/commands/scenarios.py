@@ -6,7 +6,7 @@ from cmr.documents.document import DocumentError, Item
 from cmr.documents.structure import structured
 from cmr.experiments import scenario
 from cmr.experiments.scenario import Scenario
-from cmr.experiments.scenario.hardware import BridgePlan, EmulatorPlan
+from cmr.experiments.team.plan import BridgePlan, EmulatorPlan
 
 
 class RobotDriver:

@@ -1,12 +1,14 @@
 """cmr-sim: the world. Estimates real robots, simulates virtual ones and twins, and publishes all."""
 
 import argparse
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cmr.bus.message import Message
-from cmr.bus.messages import make
+from cmr.bus.messages import make, now_utime
 from cmr.bus.preflight import check as check_bus
 from cmr.bus.process import Outgoing, Process, Timer
 from cmr.bus.streams import (
@@ -27,9 +29,12 @@ from cmr.bus.streams import (
 )
 from cmr.cli.errors import CommandError
 from cmr.commands.first_use import BEHAVIOURS, MODEL, WORLD, compile_first
-from cmr.commands.robots import virtual_robots
+from cmr.commands.robots import described_robots
 from cmr.commands.sim_options import PACKET, command_parser, parse
+from cmr.experiments.team.plan import RobotPlan, Scenario
+from cmr.experiments.team.world import virtual_robots, waypoints_of, world_of
 from cmr.geometry.obstacles import ObstacleError, Obstacles
+from cmr.geometry.places import Disc, Wall
 from cmr.model.parameters import RobotParameters
 from cmr.msg import process_status_t, robot_state_t
 from cmr.parameters.file import ParameterFileError
@@ -40,7 +45,6 @@ from cmr.world.beginning import Beginning
 from cmr.world.lateness import Lateness
 from cmr.world.loading import Loader
 from cmr.world.owners import Owners
-from cmr.world.process_noise import ProcessNoise
 from cmr.world.refusals import refusals
 from cmr.world.telling import Telling
 from cmr.world.view import world_messages
@@ -49,7 +53,6 @@ from cmr.world.world import MOST_STRANGERS, VirtualRobot, World
 __all__ = ["command_parser", "main"]
 
 if TYPE_CHECKING:
-    from cmr.experiments.live.virtual import Cast
     from cmr.world.scanning import Scanner
 
 HEARD: tuple[Stream[Message], ...] = (
@@ -76,11 +79,11 @@ def main(arguments: list[str]) -> int:
     """Run cmr-sim."""
     options = parse(arguments)
     _require_folder(options.parameters)
-    cast = _cast(options.scenario) if options.scenario else None
-    world, loader, telling = _world(options, cast)
-    scanner = _scanner(options, cast)
+    scenario = _scenario(options)
+    world, loader, telling = _world(options, scenario)
+    scanner = _scanner(options, scenario)
     check_bus(options.lcm_url)
-    compile_first([MODEL, WORLD, BEHAVIOURS] if options.virtual or cast else [MODEL, WORLD])
+    compile_first([MODEL, WORLD, BEHAVIOURS] if options.virtual or options.scenario else [MODEL, WORLD])
     loader.is_held = False
     publish = Timer(1.0 / options.rate)
     check = Timer(0.25)
@@ -137,37 +140,60 @@ def _listen(process: Process, world: World) -> None:
             process.news(f"Virtual robots use the shipped parameters. {_missing(follower)}")
 
 
-def _world(options: argparse.Namespace, cast: "Cast | None") -> tuple[World, Loader, Telling]:
-    """Return the world described by the command line and the scenario, its model loader, and robots' messages."""
-    files = dict(cast.files) if cast else {}
+def _scenario(options: argparse.Namespace) -> Scenario:
+    """Return the scenario of --scenario, or an empty one, with the obstacles and the process noise of the command line.
+
+    Raises CommandError for an invalid scenario or obstacle.
+    """
+    scenario = _read(options.scenario) if options.scenario else Scenario("cmr-sim", math.inf, ())
+    try:
+        Obstacles(options.obstacle, options.wall)
+    except ObstacleError as error:
+        raise CommandError(f"--obstacle, --wall: {error}") from error
+    return replace(
+        scenario,
+        discs=(*(Disc(*numbers) for numbers in options.obstacle), *scenario.discs),
+        walls=(*(Wall(*numbers) for numbers in options.wall), *scenario.walls),
+        process_noise=scenario.process_noise or options.process_noise is not None,
+    )
+
+
+def _read(path: Path) -> Scenario:
+    from cmr.commands.scenarios import load  # imports the code that reads scenarios, rarely needed
+    from cmr.experiments.scenario import ScenarioError
+
+    try:
+        return load(path, starts_checked=False)
+    except ScenarioError as error:
+        raise CommandError(str(error)) from error
+
+
+def _world(options: argparse.Namespace, scenario: Scenario) -> tuple[World, Loader, Telling]:
+    """Return the world of the scenario and of --virtual, its model loader, and robots' messages."""
+    files = {plan.robot_id: plan.parameters for plan in scenario.robots if plan.parameters is not None}
     population = _population(options)
-    virtual = virtual_robots(options.virtual, _whose_parameters(options, population, files))
-    virtual += cast.robots if cast else ()
-    drawn = _drawn(population, virtual, options.seed or 0)
-    seeds = [seed for seed in (options.process_noise, cast.noise_seed if cast else None) if seed is not None]
-    noise = ProcessNoise(seeds[0]) if seeds else None
+    virtual = described_robots(options.virtual, _whose_parameters(options, population, files))
+    virtual += virtual_robots(scenario.virtual)
     borrowed = {robot.parameters_of for robot in virtual} - files.keys()
     default = load_parameters(DEFAULT_PARAMETERS) if borrowed else None
     loader = Loader(robot.behaviour for robot in virtual)
     loader.is_held = True  # until it is known what is compiled first
-    world = World(
+    world = world_of(
+        scenario,
         virtual,
         lambda robot_id: ParameterFollower(
             robot_id,
             files.get(robot_id, options.parameters / f"robot_{robot_id}.yaml"),
             default if robot_id in borrowed else None,
         ),
-        loader.ready,
-        options.real,
-        drawn or (cast.own_parameters if cast else {}),
-        _obstacles(options, cast.obstacles if cast else Obstacles.none()),
-        noise,
-        cast.reaction if cast else 0.0,
+        own_parameters=_drawn(population, virtual, options.seed or 0)
+        or _drawn(scenario.population, scenario.virtual, scenario.seed),
+        seed=scenario.seed if options.process_noise is None else options.process_noise,
+        ready=loader.ready,
+        estimates=options.real,
     )
-    if cast:
-        world.view.geofence = cast.geofence
-        for robot_id, message in cast.waypoints:
-            world.handle(message.utime, WAYPOINTS.channel(robot_id), message)
+    for channel, message in waypoints_of(scenario.virtual, now_utime()):
+        world.handle(message.utime, channel, message)
     return world, loader, Telling({robot.robot_id: robot.behaviour for robot in virtual})
 
 
@@ -192,7 +218,9 @@ def _whose_parameters(options: argparse.Namespace, population: list[Path], files
     return first
 
 
-def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> dict[int, RobotParameters]:
+def _drawn(
+    population: Sequence[Path], virtual: Sequence[VirtualRobot | RobotPlan], seed: int
+) -> dict[int, RobotParameters]:
     """Return parameters for each virtual robot, drawn from a population; empty without one."""
     if not population:
         return {}
@@ -204,36 +232,15 @@ def _drawn(population: list[Path], virtual: list[VirtualRobot], seed: int) -> di
         raise CommandError(f"--population: {error}") from error
 
 
-def _obstacles(options: argparse.Namespace, others: Obstacles) -> Obstacles:
-    """Return the obstacles of the command line and of the scenario together.
-
-    Raises CommandError naming an invalid one.
-    """
-    try:
-        return Obstacles([*options.obstacle, *others.discs.T], [*options.wall, *others.walls.T])
-    except ObstacleError as error:
-        raise CommandError(f"--obstacle, --wall: {error}") from error
-
-
-def _scanner(options: argparse.Namespace, cast: "Cast | None") -> "Scanner | None":
+def _scanner(options: argparse.Namespace, scenario: Scenario) -> "Scanner | None":
     """Return the range sensors from the command line and the scenario, None without any."""
-    ids, origins = options.range_sensor or ((), ())
-    if not (ids or origins or (cast and cast.range_sensors)):
+    given, origins = options.range_sensor or ((), ())
+    ids = [*given, *(plan.robot_id for plan in scenario.robots if plan.range_sensor)]
+    if not (ids or origins):
         return None
     from cmr.world.scanning import Scanner  # imports Numba, which takes half a second
 
-    return Scanner([*ids, *(cast.range_sensors if cast else ())], origins, options.range_sensor_rays)
-
-
-def _cast(path: Path) -> "Cast":
-    from cmr.commands.scenarios import load  # imports the scenario code, rarely needed
-    from cmr.experiments.live.virtual import cast_of
-    from cmr.experiments.scenario import ScenarioError
-
-    try:
-        return cast_of(load(path, starts_checked=False))
-    except ScenarioError as error:
-        raise CommandError(str(error)) from error
+    return Scanner(ids, origins, options.range_sensor_rays)
 
 
 def _state_messages(world: World, largest: int | None) -> list[Outgoing]:

@@ -62,8 +62,7 @@ def main(arguments: list[str]) -> int:
 def _planned(options: argparse.Namespace) -> "tuple[list[Setting], list[PlannedRun]]":
     """Return the requested settings and runs."""
     from cmr.commands.scenarios import HARDWARE
-    from cmr.experiments.scenario.plan import ScenarioError
-    from cmr.experiments.scenario.reading import path_of
+    from cmr.experiments.scenario.reading import ScenarioError, path_of
     from cmr.experiments.sweep.experiment import ExperimentError
     from cmr.experiments.sweep.planning import plan
     from cmr.experiments.sweep.settings import SettingError, setting_of

@@ -186,8 +186,7 @@ def _room_of(path: str) -> tuple[Obstacles, Geofence | None]:
         scenario = load(path_of(path), starts_checked=False)
     except ScenarioError as error:
         raise CommandError(str(error)) from error
-    fence = Geofence(scenario.geofence) if scenario.geofence is not None else None
-    return Obstacles(scenario.discs, scenario.walls), fence
+    return scenario.obstacles, scenario.fence
 
 
 def _pairs(numbers: Sequence[float]) -> list[tuple[float, float]]:

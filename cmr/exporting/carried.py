@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING
 from cmr.model.catalogue import CATALOGUE
 from cmr.model.effect import GENERIC, LAWS, Effect
 from cmr.model.stages import STAGES
+from cmr.report.markup import Html
+from cmr.report.section import paragraph
+from cmr.report.table import table as html_table
 
 if TYPE_CHECKING:
     from cmr.exporting.robot import ExportedRobot
@@ -48,6 +51,7 @@ def _approximately(why: str) -> Carried:
 STEPS_THE_MODEL = _exactly("it steps the equations of the model")
 BY_WEIGHT = ("longitudinal_slip", "lateral_skid")  # carried by Gazebo if the robot's mass is known
 NO_MASS = Carried(Carry.NOT, "that takes the load on the wheels: give cmr-export the robot's mass")
+NO_EFFECTS = "The robot has no effects: it moves by the model of the paper, four parameters."
 YOUNGER = Carried(Carry.NOT, "its readings would show what has not happened yet; they show the present instead")
 NOT_IN = {  # why an effect on the motion is not carried
     MJCF: "MuJoCo's motor, joints and contacts have nothing like it",
@@ -148,7 +152,7 @@ def what_is_carried(target: str, robot: "ExportedRobot") -> list[str]:
     """Return lines that list which effects of a robot a target carries, how, and which it does not carry."""
     found = of_robot(target, robot)
     if not found:
-        return ["The robot has no effects: it moves by the model of the paper, four parameters."]
+        return [NO_EFFECTS]
     lines: list[str] = []
     sentences = dict(zip(found, robot.sentences, strict=True))
     for how in Carry:
@@ -163,6 +167,17 @@ def _entry(sentence: str, why: str) -> Iterable[str]:
     reason = "" if why == STEPS_THE_MODEL.why else f" ({why})"
     text = fill(sentence + reason, 110, subsequent_indent="  ", break_on_hyphens=False)
     return ("* " + text).splitlines()
+
+
+def effects_table(target: str, robot: "ExportedRobot") -> Html:
+    """Return the same as a table of a page."""
+    found = of_robot(target, robot)
+    if not found:
+        return paragraph(NO_EFFECTS)
+    sentences = dict(zip(found, robot.sentences, strict=True))
+    in_order = sorted(found.items(), key=lambda entry: [*Carry].index(entry[1].how))
+    rows = [[name, one.how.value, one.why, sentences[name]] for name, one in in_order]
+    return html_table(["effect", "carried", "how, or why not", "of this robot"], rows)
 
 
 def table(target: str) -> str:

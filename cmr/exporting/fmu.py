@@ -15,9 +15,11 @@ from typing import NamedTuple
 
 from cmr.exporting.c_source import HEADER, TEMPLATE, c_header, c_source, shipped
 from cmr.exporting.c_statements import number
-from cmr.exporting.carried import what_is_carried
+from cmr.exporting.carried import effects_table, what_is_carried
 from cmr.exporting.python_statements import filled
 from cmr.exporting.robot import ExportedRobot
+from cmr.report.markup import tag
+from cmr.report.page import page_of
 
 WRAPPER = "fmi3_robot.c"
 SOURCES = (TEMPLATE, WRAPPER)
@@ -205,6 +207,4 @@ def _build_description(name: str) -> str:
 
 
 def _documentation(robot: ExportedRobot, name: str) -> str:
-    text = escape("\n".join(what_is_carried("fmu", robot)))
-    head = f"<head><meta charset='utf-8'><title>{name}</title></head>"
-    return f"<!DOCTYPE html>\n<html lang='en'>{head}<body><pre>\n{text}\n</pre></body></html>\n"
+    return page_of(name, tag("header", tag("h1", name)), effects_table("fmu", robot), [])

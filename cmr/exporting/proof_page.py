@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cmr.diagnosis.result import Diagnosis
-from cmr.exporting.carried import FMU, MJCF, PYTHON, Carried, Carry, of_robot
+from cmr.exporting.carried import FMU, MJCF, PYTHON, Carried, Carry, effects_table, of_robot
 from cmr.exporting.proof import SAME, SECONDS, Proof
 from cmr.exporting.robot import ExportedRobot
 from cmr.report.keys import keys, real_key, simulated_key
@@ -44,7 +44,7 @@ def proof_page(robot: ExportedRobot, proof: Proof, diagnosis: Diagnosis) -> str:
         section("Both paths", _paths(proof), keys(real_key("CMR"), simulated_key(program))),
         section("Deviation", _numbers(proof)),
         section("Diagnosed as if it were a real robot", *_departures(proof, diagnosis, found)),
-        section("What the export carries", _effects(robot, proof)),
+        section("What the export carries", effects_table(proof.target, robot)),
     ]
     lead = quiet(
         f"The drive of {SECONDS:.0f} s is no recording, so nothing was fitted to it: curves both ways, reversals and "
@@ -107,13 +107,3 @@ def _departures(proof: Proof, diagnosis: Diagnosis, carried: Mapping[str, Carrie
 
 def _is_lost(one: Carried | None) -> bool:
     return one is not None and one.how is Carry.NOT
-
-
-def _effects(robot: ExportedRobot, proof: Proof) -> Html:
-    found = of_robot(proof.target, robot)
-    if not found:
-        return paragraph("The robot has no effects: it moves by the model of the paper.")
-    sentences = dict(zip(found, robot.sentences, strict=True))
-    in_order = sorted(found.items(), key=lambda entry: [*Carry].index(entry[1].how))
-    rows = [[name, one.how.value, one.why, sentences[name]] for name, one in in_order]
-    return table(["effect", "carried", "how, or why not", "of this robot"], rows)

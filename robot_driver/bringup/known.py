@@ -59,9 +59,4 @@ def load(path: Path) -> Known:
     """Load a file; empty if there is none. Raises CommandError."""
     if not path.exists():
         return Known()
-    content = content_of(path)
-    driver, undecided, found = content["driver"], content["undecided"], content["found"]
-    assert isinstance(driver, dict)
-    assert isinstance(undecided, list)
-    assert isinstance(found, dict)
-    return Known(driver, [str(step) for step in undecided], found)
+    return Known(*content_of(path))

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from cmr.cli.errors import CommandError
-from cmr.commands.scenarios import load
-from cmr.commands.sim import _world
+from cmr.commands.sim import _scenario, _world
 from cmr.commands.sim_options import parse
-from cmr.experiments.live.virtual import cast_of
 from cmr.experiments.team.population import drawn_from
 from cmr.parameters.file import Value
 from cmr.world.loading import Loader
@@ -37,7 +35,7 @@ def folder(tmp_path: Path) -> Path:
 def world_of(folder: Path, *arguments: str) -> World:
     """The world of `cmr-sim` with three robots that all drive the same duties."""
     options = parse(["--parameters", str(folder), "--virtual", *VIRTUAL, *arguments])
-    return _world(options, cast_of(load(options.scenario, starts_checked=False)) if options.scenario else None)[0]
+    return _world(options, _scenario(options))[0]
 
 
 def driven(world: World) -> list[float]:

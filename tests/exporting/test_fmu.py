@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cmr.exporting.carried import of_robot
 from cmr.exporting.fmu import fmu
 from cmr.exporting.robot import ExportedRobot
 from cmr.model.velocity_controller import VelocityController
@@ -90,7 +91,10 @@ def test_the_unit_starts_where_it_is_told(tmp_path: Path) -> None:
 def test_the_unit_holds_its_sources_and_a_binary(tmp_path: Path) -> None:
     unit = fmu(robot_with(ROBOTS[0]))
     (tmp_path / "robot.fmu").write_bytes(unit.content)
-    names = zipfile.ZipFile(tmp_path / "robot.fmu").namelist()
+    archive = zipfile.ZipFile(tmp_path / "robot.fmu")
+    names = archive.namelist()
     assert {"modelDescription.xml", "sources/cmr_robot.c", "sources/buildDescription.xml"} <= {*names}
+    page = archive.read("documentation/index.html").decode()
+    assert all(name in page for name in of_robot("fmu", robot_with(ROBOTS[0])))
     assert unit.has_binary == any(name.startswith("binaries/") for name in names)
     assert fmu(robot_with(ROBOTS[0])).content == unit.content

@@ -8,7 +8,7 @@ import pytest
 from cmr.bus.streams import WORLD_STATE
 from cmr.cli.errors import CommandError
 from cmr.commands.pilot import main as run_pilot
-from cmr.commands.robots import behaviour_of, numbered, virtual_robots
+from cmr.commands.robots import behaviour_of, described_robots, numbered
 from cmr.geometry.manoeuvres import TYPICAL, in_sequence
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
@@ -34,7 +34,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_a_virtual_leader_drives_a_manoeuvre(file: Path) -> None:
-    [leader] = virtual_robots([numbered("10=manoeuvre,name=spins,start=0,x=0.5")], parameters_of=0)
+    [leader] = described_robots([numbered("10=manoeuvre,name=spins,start=0,x=0.5")], parameters_of=0)
     world = World([leader], lambda robot_id: ParameterFollower(robot_id, file))
     headings, places = [], []
     for k in range(round(duties_of("spins")[0][-1] / DT)):

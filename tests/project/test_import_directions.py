@@ -85,7 +85,7 @@ KNOWN: dict[str, set[str]] = {
     "cmr.experiments.fidelity": {
         *RECORDED,
         *("cmr.files", "cmr.workers", "cmr.report", "cmr.estimation", "cmr.calibration", "cmr.diagnosis"),
-        "cmr.experiments.team",
+        *("cmr.geometry", "cmr.experiments.team"),
     },
     "cmr_tools": {
         *RECORDED,

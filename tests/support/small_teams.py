@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from cmr.commands.scenarios import parse
-from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.team.plan import Scenario
 from cmr.parameters.file import ParameterFile, Value
 
 # As long as nobody has calibrated them, all robots are believed to be like this.

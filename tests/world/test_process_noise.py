@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.experiments.team.casting import Cast
 from cmr.experiments.team.experiment import ExperimentError, TeamRun, run
 from cmr.experiments.team.hidden import Laboratory
+from cmr.experiments.team.roles import Roles
 from cmr.model.fleet import Fleet
 from cmr.model.motion import RobotState
 from cmr.parameters.file import ParameterFile, ParameterFileError
@@ -57,7 +57,7 @@ def squared_distances(size_in_file: float) -> Floats:
 def team_run(folder: Path, believed: ParameterFile, *, noise: bool, seed: int = 3) -> TeamRun:
     """Run the line of three, robot 0 real."""
     scenario = replace(line_of_three(folder, duration=3.0), process_noise=noise)
-    return run(scenario, Cast(believed, (0,), Laboratory(NUMBERS, 0)), seed)
+    return run(scenario, Roles(believed, (0,), Laboratory(NUMBERS, 0)), seed)
 
 
 @pytest.mark.parametrize("distance", [0.01, STRAYED])

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.experiments.team.casting import Cast
 from cmr.experiments.team.experiment import run
 from cmr.experiments.team.hidden import HiddenRobot, Laboratory
+from cmr.experiments.team.roles import Roles
 from cmr.model.motion import RobotState
 from cmr.model.parameters import RobotParameters
 from cmr.world.reaction import Reaction
@@ -45,8 +45,8 @@ def test_virtual_robots_that_react_as_late_as_real_ones_steer_as_they_do(tmp_pat
 
     def turned(real: tuple[int, ...], reaction: float) -> float:
         """Return by how much the first follower turns, to and fro [rad]."""
-        cast = Cast(BELIEVED, real, SharpEyed(lively), virtual)
-        return float(np.abs(np.diff(run(replace(scenario, reaction=reaction), cast, 1).theta[:, 1])).sum())
+        roles = Roles(BELIEVED, real, SharpEyed(lively), virtual)
+        return float(np.abs(np.diff(run(replace(scenario, reaction=reaction), roles, 1).theta[:, 1])).sum())
 
     as_real_ones = turned((0, 1, 2), 0.0)
     assert turned((0,), 0.03) == pytest.approx(as_real_ones, rel=0.03)

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from cmr.experiments.fidelity.preparing import OTHERS, calibrated, diagnosed, moved_by
-from cmr.experiments.team.casting import Cast, ScenarioLike
 from cmr.experiments.team.experiment import ExperimentError, run
 from cmr.experiments.team.hidden import Laboratory, believed_of
+from cmr.experiments.team.plan import Scenario
+from cmr.experiments.team.roles import Roles
 from cmr.parameters.file import ParameterFile
 from cmr.workers import Telling, Workers
 
@@ -34,7 +35,7 @@ class Study:
     `size` scales the differences between real robots, as in Laboratory.
     """
 
-    scenario: ScenarioLike
+    scenario: Scenario
     believed: ParameterFile
     real: int
     size: float = 1.0
@@ -68,10 +69,10 @@ def perform(study: Study, task: Task) -> Scores:
     laboratory = Laboratory(believed_of(study.believed), task.seed, study.size)
     ids = [robot.robot_id for robot in study.scenario.robots]
     if task.group in (REAL_A, REAL_B):
-        return {**run(study.scenario, Cast(study.believed, ids, laboratory), task.seed).metrics, PREPARED: 1.0}
+        return {**run(study.scenario, Roles(study.believed, ids, laboratory), task.seed).metrics, PREPARED: 1.0}
     files = _prepared(study, laboratory, task)
     moves_by = moved_by(files, [robot_id for robot_id in ids if robot_id != study.real], task.seed)
-    result = run(study.scenario, Cast(study.believed, (study.real,), laboratory, moves_by), task.seed)
+    result = run(study.scenario, Roles(study.believed, (study.real,), laboratory, moves_by), task.seed)
     known = sum(file is not None for file in files)
     return {**result.metrics, PREPARED: known / len(files) if files else 1.0}
 

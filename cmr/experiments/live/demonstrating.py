@@ -14,7 +14,7 @@ from cmr.cli.progress import Progress
 from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.preparing import prepare
 from cmr.experiments.live.watch import TeamWatch
-from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.team.plan import Scenario
 from cmr.processes.children import Children, our_command
 
 PAGE = "view"

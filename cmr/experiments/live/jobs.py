@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cmr.cli.options import arguments_of
-from cmr.experiments.scenario.plan import RobotPlan, Scenario
+from cmr.experiments.team.plan import RobotPlan, Scenario
 from cmr.model.command_kinds import DUTY
 from cmr.processes.children import our_command
 from cmr.processes.job import (
@@ -39,7 +39,7 @@ def jobs_of(scenario: Scenario, folder: Path, url: str, begin_with: str = "") ->
     sim = [our_command("cmr-sim"), "--scenario", str(folder / SIM_SCENARIO), "--parameters", str(folder)]
     sim += ["--rate", f"{scenario.rate:g}", *moving]
     jobs = [Job("recorder", RECORDER, recorder, host=scenario.host), Job("sim", SIM, sim, host=scenario.host)]
-    for robot in scenario.of_flesh:
+    for robot in scenario.with_driver:
         jobs += _of_robot(robot, scenario, folder, bus, moving)
     return sorted(jobs, key=lambda job: START_ORDER.index(job.role))
 

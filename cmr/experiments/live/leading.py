@@ -64,7 +64,7 @@ class Leading(Demonstration):
     def _ready(self) -> bool:
         """Return whether all robots are in the world, and the pilots of the real ones drive after their leaders."""
         pilots = [status for status in self._watch.statuses.values() if status.process == "cmr-pilot"]
-        driven = sum(robot.behaviour is not None for robot in self._scenario.of_flesh)
+        driven = sum(robot.behaviour is not None for robot in self._scenario.with_driver)
         running = sum(status.state == process_status_t.RUNNING for status in pilots)
         return not self._watch.missing() and running == driven
 

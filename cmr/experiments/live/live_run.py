@@ -16,9 +16,9 @@ from cmr.experiments.live.elsewhere import Elsewhere
 from cmr.experiments.live.keeping_up import TOO_SLOW
 from cmr.experiments.live.measuring import EndingMetric
 from cmr.experiments.live.preparing import write_emulators, write_sim_scenario
-from cmr.experiments.live.virtual import waypoints_message
 from cmr.experiments.live.watch import TeamWatch
-from cmr.experiments.scenario.plan import Scenario
+from cmr.experiments.team.plan import Scenario
+from cmr.experiments.team.world import waypoints_message
 from cmr.msg import process_status_t
 from cmr.processes.children import Children
 from cmr.processes.job import EMULATOR, PILOT, RECORDER, SIM, Job
@@ -289,7 +289,7 @@ class LiveRun:
             if name not in states or self._is_heard(name):
                 here = self.watch.pose(robot_id)
                 points = ((here.x, here.y), *waypoints[robot_id])  # the path to the first waypoint counts as well
-                self._process.publish(WAYPOINTS, waypoints_message(robot_id, points), robot_id)
+                self._process.publish(WAYPOINTS, waypoints_message(now_utime(), robot_id, points), robot_id)
                 self._to_send.discard(robot_id)
 
     def _progress(self) -> str:

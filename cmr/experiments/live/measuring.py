@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cmr.experiments.live.watch import Floats, TeamWatch
-from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.team.metrics import UNITS
+from cmr.experiments.team.plan import Scenario
 from cmr.experiments.team.scoring import scores
 
 MOST_MOMENTS = 1500  # moments a report is computed from; some metrics compare all pairs of moments

@@ -8,9 +8,8 @@ import yaml
 
 from cmr.documents.document import DocumentError, read_file
 from cmr.experiments.live.jobs import SIM_SCENARIO
-from cmr.experiments.scenario.hardware import EmulatorPlan
-from cmr.experiments.scenario.plan import RobotPlan, Scenario
 from cmr.experiments.scenario.writing import to_yaml
+from cmr.experiments.team.plan import EmulatorPlan, RobotPlan, Scenario
 from cmr.files import read_text, write_atomically
 from cmr.geometry.places import Pose
 from cmr.parameters.file import load as load_parameters

@@ -17,8 +17,8 @@ from cmr.bus.possible import screened
 from cmr.bus.senders import keep
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.experiments.live.track import Track
-from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.team.metrics import passed
+from cmr.experiments.team.plan import Scenario
 from cmr.geometry.places import Point, Pose
 from cmr.msg import process_status_t, world_state_t
 from cmr.world.view import OLDEST, TWIN

@@ -1,9 +1,10 @@
 """Team experiments as files: robots, their behaviours, surroundings, and duration.
 
-`plan` holds the contents of the file; `reading` reads and checks it, `robots` reads its robots, `writing` writes it.
+`reading` reads and checks a file, `robots` reads its robots, `writing` writes it; `cmr.experiments.team.plan` holds its
+contents.
 """
 
-from cmr.experiments.scenario.plan import BehaviourPlan, RobotPlan, Scenario, ScenarioError
-from cmr.experiments.scenario.reading import load, parse
+from cmr.experiments.scenario.reading import ScenarioError, load, parse
+from cmr.experiments.team.plan import BehaviourPlan, RobotPlan, Scenario
 
 __all__ = ["BehaviourPlan", "RobotPlan", "Scenario", "ScenarioError", "load", "parse"]

@@ -8,8 +8,8 @@ from itertools import product
 from pathlib import Path
 
 from cmr.documents.document import DocumentError, Item, Place
-from cmr.experiments.scenario.plan import RobotPlan
 from cmr.experiments.scenario.robots import Placed
+from cmr.experiments.team.plan import RobotPlan
 from cmr.geometry.obstacles import Geofence
 from cmr.geometry.places import Disc, Pose, Wall, distance_to
 from cmr.parameters.file import ParameterFile, ParameterFileError

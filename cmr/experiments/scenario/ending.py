@@ -1,8 +1,8 @@
 """Conditions that end a run before its duration is over: `ends_when`."""
 
 from cmr.documents.document import Item, Section
-from cmr.experiments.scenario.plan import Ending, Scenario
 from cmr.experiments.team.metrics import UNITS
+from cmr.experiments.team.plan import Ending, Scenario
 from cmr.experiments.team.scoring import bonds_of, ways_of
 
 EXAMPLE = "{metric: formation_error, above: 0.5}"

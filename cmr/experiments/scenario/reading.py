@@ -5,13 +5,13 @@ from importlib.resources import files
 from pathlib import Path
 
 from cmr.bus.preflight import BusError, parse_udpm
-from cmr.documents.document import Item, Section, read, read_file
+from cmr.documents.document import DocumentError, Item, Section, read, read_file
 from cmr.experiments.scenario.checks import check_noise, check_room, check_team, with_sources_of_parameters
 from cmr.experiments.scenario.ending import check_ending, read_ending
 from cmr.experiments.scenario.hardware import Hardware
-from cmr.experiments.scenario.plan import ROBOT_RADIUS, Scenario, ScenarioError
 from cmr.experiments.scenario.robots import read_path, read_points, read_robots
 from cmr.experiments.team.metrics import UNITS
+from cmr.experiments.team.plan import ROBOT_RADIUS, Scenario
 from cmr.experiments.team.population import PopulationError, drawn_from
 from cmr.geometry.obstacles import Geofence, ObstacleError, Obstacles
 from cmr.geometry.places import Disc, Point, Wall
@@ -24,6 +24,10 @@ SHIPPED = Path(str(files("cmr.experiments.scenario"))) / "shipped"
 LONGEST = 604_800.0  # s; a week
 LONGEST_REACTION = 0.5  # s
 LARGEST_SEED = 2**63 - 1
+
+
+class ScenarioError(DocumentError):
+    """A scenario cannot be used; the text names file, line and key, and says what is allowed."""
 
 
 def load(path: Path, hardware: Hardware, *, starts_checked: bool = True) -> Scenario:

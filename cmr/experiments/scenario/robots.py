@@ -7,9 +7,9 @@ from typing import NamedTuple, cast
 
 from cmr.cli.configuration import LARGEST_ROBOT_ID
 from cmr.documents.document import DocumentError, Item, Place, Section
-from cmr.experiments.scenario.hardware import EmulatorPlan, Hardware
-from cmr.experiments.scenario.plan import KINDS, BehaviourPlan, Kind, RobotPlan
+from cmr.experiments.scenario.hardware import Hardware
 from cmr.experiments.scenario.starts import starts_of
+from cmr.experiments.team.plan import KINDS, BehaviourPlan, EmulatorPlan, Kind, RobotPlan
 from cmr.geometry.places import Point
 from cmr.world.behaviours import BehaviourError, make_behaviour
 

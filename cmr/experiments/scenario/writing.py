@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from cmr.experiments.scenario.plan import BehaviourPlan, RobotPlan, Scenario
+from cmr.experiments.team.plan import BehaviourPlan, RobotPlan, Scenario
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

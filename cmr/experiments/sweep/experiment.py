@@ -13,12 +13,12 @@ from threading import Lock
 import cmr
 from cmr.distribution import version
 from cmr.experiments.scenario.ending import why_only_live
-from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.sweep.journal import Result
-from cmr.experiments.team.casting import Cast
 from cmr.experiments.team.experiment import TeamRun, run
 from cmr.experiments.team.hidden import Laboratory, believed_of
+from cmr.experiments.team.plan import Scenario
 from cmr.experiments.team.population import Population, PopulationError, population_of
+from cmr.experiments.team.roles import Roles
 from cmr.parameters.file import ParameterFile, ParameterFileError, load
 from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviour
 
@@ -93,9 +93,9 @@ def perform(experiment: Experiment, seed: int) -> Result:
     laboratory = Laboratory(believed_of(believed), seed=seed)
     drawn = experiment.population
     moves_by = {robot.robot_id: drawn.draw(seed, robot.robot_id) for robot in scenario.virtual} if drawn else {}
-    real = [robot.robot_id for robot in scenario.of_flesh]
+    real = [robot.robot_id for robot in scenario.with_driver]
     with ONE_AT_A_TIME:
-        result = run(scenario, Cast(believed=believed, real=real, laboratory=laboratory, moves_by=moves_by), seed)
+        result = run(scenario, Roles(believed=believed, real=real, laboratory=laboratory, moves_by=moves_by), seed)
     metrics: dict[str, float | bool] = {
         name: float(result.metrics[name]) for name in scenario.metrics if name in result.metrics
     }

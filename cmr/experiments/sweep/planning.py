@@ -9,8 +9,7 @@ import yaml
 
 from cmr.documents.document import read_file
 from cmr.experiments.scenario.hardware import Hardware
-from cmr.experiments.scenario.plan import ScenarioError
-from cmr.experiments.scenario.reading import load, parse
+from cmr.experiments.scenario.reading import ScenarioError, load, parse
 from cmr.experiments.sweep.experiment import Experiment, experiment_of, files_of, key_of
 from cmr.experiments.sweep.settings import Setting, SettingError, Value, combinations, with_settings
 

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from cmr.experiments.scenario.plan import BehaviourPlan
+from cmr.experiments.team.plan import BehaviourPlan
 
 Value: TypeAlias = float | int | str | bool | list[object] | dict[str, object] | None
 SEED = "seed"  # of the scenario; varied separately

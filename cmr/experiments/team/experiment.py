@@ -4,26 +4,26 @@ Simulator, estimators and pilots are those of the live system (`cmr.world`), fed
 Virtual robots follow the model. Real robots follow an independent plant, which is hidden from the model.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.bus.messages import make
-from cmr.bus.streams import PARAMETERS, WAYPOINTS, WORLD_STATE
-from cmr.experiments.team.casting import Cast, RobotLike, ScenarioLike
+from cmr.bus.streams import PARAMETERS, WORLD_STATE
 from cmr.experiments.team.metrics import Way, passed
+from cmr.experiments.team.plan import RobotPlan, Scenario
 from cmr.experiments.team.real_robots import PERIOD, OnChannel, RealRobots
+from cmr.experiments.team.roles import Roles
 from cmr.experiments.team.scoring import scores, ways_of
-from cmr.geometry.obstacles import Geofence, Obstacles
-from cmr.msg import waypoints_t
+from cmr.experiments.team.world import virtual_robots, waypoints_of, world_of
+from cmr.geometry.obstacles import Geofence
+from cmr.geometry.places import Pose
 from cmr.parameters.file import ParameterFile
 from cmr.parameters.following import ParameterFollower
-from cmr.world.behaviours import AnyBehaviour, BehaviourError, make_behaviours
+from cmr.world.behaviours import BehaviourError
 from cmr.world.pilot import Pilot
-from cmr.world.process_noise import ProcessNoise
 from cmr.world.view import VIRTUAL, world_messages
 from cmr.world.world import VirtualRobot, World
 
@@ -54,8 +54,8 @@ class TeamRun:
 
 
 def run(
-    scenario: ScenarioLike,
-    cast: Cast,
+    scenario: Scenario,
+    roles: Roles,
     seed: int,
     *,
     listen: Callable[[int, OnChannel], None] = lambda _utime, _message: None,
@@ -66,8 +66,8 @@ def run(
     Raises ExperimentError for a robot without a start or a behaviour, and if the scenario has process noise that the
     parameter file does not specify.
     """
-    world, real = _world(scenario, cast, seed), _real_robots(scenario, cast, seed)
-    for message in _waypoints(scenario):
+    world, real = _world(scenario, roles, seed), _real_robots(scenario, roles, seed)
+    for message in waypoints_of(scenario.robots, EPOCH):
         world.handle(EPOCH, *message)
         real.hear(EPOCH, [message])
     places: list[Floats] = []
@@ -106,65 +106,51 @@ def _count_waypoints(counts: dict[int, int], ways: Mapping[int, Way], places: Fl
     return all(counts[column] == len(way) for column, way in ways.items())
 
 
-def _behaviours(robots: Iterable[RobotLike]) -> dict[int, AnyBehaviour]:
-    """Return the behaviours of robots of one program, by robot id; equal descriptions share an object.
+def _of_one_program(robots: Iterable[RobotPlan], believed: ParameterFile) -> list[VirtualRobot]:
+    """Return robots that one program moves, with their behaviours; they steer by the believed parameters.
 
-    Raises ExperimentError for a robot without a behaviour, or with an invalid one.
+    Raises ExperimentError for a robot without a behaviour or a start, or with an invalid behaviour.
     """
+    plans = [replace(robot, parameters_of=believed.robot_id, start=_start(robot)) for robot in robots]
+    for robot in plans:
+        if robot.behaviour is None:
+            raise ExperimentError(f"Robot {robot.robot_id} has no behaviour; without hardware nobody else commands it.")
     try:
-        return make_behaviours({robot.robot_id: _description(robot) for robot in robots})
+        return virtual_robots(plans)
     except BehaviourError as error:
         raise ExperimentError(str(error)) from error
 
 
-def _description(robot: RobotLike) -> tuple[str, Mapping[str, str]]:
-    if robot.behaviour is None:
-        raise ExperimentError(f"Robot {robot.robot_id} has no behaviour; without hardware nobody else commands it.")
-    return robot.behaviour.name, robot.behaviour.settings
-
-
-def _start(robot: RobotLike) -> tuple[float, float, float]:
+def _start(robot: RobotPlan) -> Pose:
     if robot.start is None:
         raise ExperimentError(f"Robot {robot.robot_id} has no start: without hardware somebody must say where it is.")
     return robot.start
 
 
-def _world(scenario: ScenarioLike, cast: Cast, seed: int) -> World:
+def _world(scenario: Scenario, roles: Roles, seed: int) -> World:
     """Return the simulator with all virtual robots, and parameters for everybody."""
-    robots = [robot for robot in scenario.robots if robot.robot_id not in cast.real]
-    behaviours = _behaviours(robots)
-    world = World(
-        [VirtualRobot(r.robot_id, behaviours[r.robot_id], cast.believed.robot_id, *_start(r)) for r in robots],
-        partial(_follower, cast.believed),
-        own_parameters=cast.moves_by,
-        obstacles=Obstacles(scenario.discs, scenario.walls),
-        noise=ProcessNoise(seed) if scenario.process_noise else None,
-        reaction=scenario.reaction,
-    )
-    world.view.geofence = _geofence(scenario)
+    robots = [robot for robot in scenario.robots if robot.robot_id not in roles.real]
+    virtual, follow = _of_one_program(robots, roles.believed), partial(_follower, roles.believed)
+    world = world_of(scenario, virtual, follow, own_parameters=roles.moves_by, seed=seed)
     if world.noise_problem:
         raise ExperimentError(world.noise_problem)
     return world
 
 
-def _geofence(scenario: ScenarioLike) -> Geofence | None:
-    return Geofence(scenario.geofence) if scenario.geofence is not None else None
-
-
-def _real_robots(scenario: ScenarioLike, cast: Cast, seed: int) -> RealRobots:
-    robots = [robot for robot in scenario.robots if robot.robot_id in cast.real]
+def _real_robots(scenario: Scenario, roles: Roles, seed: int) -> RealRobots:
+    robots = [robot for robot in scenario.robots if robot.robot_id in roles.real]
     return RealRobots(
-        [_pilot(robot, cast.believed, _geofence(scenario)) for robot in robots],
-        [cast.laboratory.robot(r.robot_id) for r in robots],
+        [_pilot(robot, roles.believed, scenario.fence) for robot in robots],
+        [roles.laboratory.robot(r.robot_id) for r in robots],
         np.reshape([_start(robot) for robot in robots], (-1, 3)).T,
         [(seed, robot.robot_id) for robot in robots],
     )
 
 
-def _pilot(robot: RobotLike, believed: ParameterFile, geofence: Geofence | None) -> Pilot:
+def _pilot(robot: RobotPlan, believed: ParameterFile, geofence: Geofence | None) -> Pilot:
     """Return the pilot of a real robot, with a behaviour of its own, since each pilot is a separate program."""
-    behaviour = _behaviours([robot])[robot.robot_id]
-    return Pilot(robot.robot_id, behaviour, _follower(believed, robot.robot_id), geofence=geofence)
+    [moved] = _of_one_program([robot], believed)
+    return Pilot(robot.robot_id, moved.behaviour, _follower(believed, robot.robot_id), geofence=geofence)
 
 
 def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
@@ -175,15 +161,7 @@ def _follower(believed: ParameterFile, robot_id: int) -> ParameterFollower:
     return follower
 
 
-def _waypoints(scenario: ScenarioLike) -> Iterator[OnChannel]:
-    for robot in scenario.robots:
-        if robot.waypoints:
-            x, y = zip(*robot.waypoints, strict=True)
-            message = make(waypoints_t, utime=EPOCH, robot_id=robot.robot_id, x=x, y=y)
-            yield WAYPOINTS.channel(robot.robot_id), message
-
-
-def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
+def _places(scenario: Scenario, world: World, real: RealRobots) -> Floats:
     """Return the true poses of all robots, shape (3, n), in the order of the scenario."""
     everybody = world.everybody()
     simulated = np.array(everybody.state[:3], dtype=float)
@@ -193,7 +171,7 @@ def _places(scenario: ScenarioLike, world: World, real: RealRobots) -> Floats:
     return np.array([columns.get(robot.robot_id, _start(robot)) for robot in scenario.robots]).T
 
 
-def _run_of(scenario: ScenarioLike, places: Floats, waypoints_reached: bool) -> TeamRun:
+def _run_of(scenario: Scenario, places: Floats, waypoints_reached: bool) -> TeamRun:
     """Return the run with its metrics; `places` has the shape (t, 3, n)."""
     time: Floats = np.arange(len(places), dtype=float) * (RECORD_EVERY * PERIOD * 1e-6)
     x, y, theta = places.transpose(1, 0, 2)

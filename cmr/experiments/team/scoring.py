@@ -7,14 +7,14 @@ from inspect import signature
 import numpy as np
 
 from cmr.experiments.team import metrics
-from cmr.experiments.team.casting import BehaviourLike, RobotLike, ScenarioLike
 from cmr.experiments.team.metrics import UNITS, Bond, Floats, Way
+from cmr.experiments.team.plan import BehaviourPlan, RobotPlan, Scenario
 from cmr.world.behaviours import make_behaviour
 from cmr.world.behaviours.formation import NO_LEADER, Formation, places_of
 
 
 def scores(
-    scenario: ScenarioLike,
+    scenario: Scenario,
     robot_ids: Sequence[int],
     time: Floats,
     x: Floats,
@@ -37,12 +37,12 @@ def scores(
     return {name: measures[name]() for name in chosen}
 
 
-def ways_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> dict[int, Way]:
+def ways_of(scenario: Scenario, columns: Mapping[int, int]) -> dict[int, Way]:
     """Return the waypoints [m] of each robot that has some, by its column."""
     return {columns[robot.robot_id]: robot.waypoints for robot in scenario.robots if robot.waypoints}
 
 
-def bonds_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> list[Bond]:
+def bonds_of(scenario: Scenario, columns: Mapping[int, int]) -> list[Bond]:
     """Return the distances to be kept between robots, by their columns.
 
     These come from behaviours with the settings `leader` and `gap`, and from places in a formation with a leader.
@@ -64,14 +64,14 @@ def bonds_of(scenario: ScenarioLike, columns: Mapping[int, int]) -> list[Bond]:
     ]
 
 
-def _following(robot: RobotLike, plan: BehaviourLike) -> Iterator[tuple[int, int, float, bool]]:
+def _following(robot: RobotPlan, plan: BehaviourPlan) -> Iterator[tuple[int, int, float, bool]]:
     takes = signature(type(make_behaviour(plan.name, plan.settings))).parameters
     if "leader" in takes and "gap" in takes:
         leader, gap = (float(plan.settings.get(key, takes[key].default)) for key in ("leader", "gap"))
         yield robot.robot_id, int(leader), gap, True
 
 
-def _in_formation(team: Sequence[int], plan: BehaviourLike | None) -> Iterator[tuple[int, int, float, bool]]:
+def _in_formation(team: Sequence[int], plan: BehaviourPlan | None) -> Iterator[tuple[int, int, float, bool]]:
     """Yield the distance from the leader for the places of robots with one description."""
     made = make_behaviour(plan.name, plan.settings) if plan is not None else None
     if not isinstance(made, Formation) or made.leader == NO_LEADER:

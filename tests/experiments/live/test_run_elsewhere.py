@@ -15,8 +15,8 @@ from cmr.experiments.live.elsewhere import Elsewhere
 from cmr.experiments.live.jobs import jobs_of
 from cmr.experiments.live.live_run import LiveRun, Outcome
 from cmr.experiments.live.preparing import prepare, write_emulators
-from cmr.experiments.scenario.plan import Scenario
 from cmr.experiments.scenario.reading import shipped
+from cmr.experiments.team.plan import Scenario
 from cmr.geometry.places import Pose
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t

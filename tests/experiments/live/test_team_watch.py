@@ -10,7 +10,7 @@ import pytest
 from cmr.bus.streams import PROCESS_STATUS, WORLD_STATE
 from cmr.experiments.live.track import Track
 from cmr.experiments.live.watch import TeamWatch
-from cmr.experiments.scenario.plan import RobotPlan, Scenario
+from cmr.experiments.team.plan import RobotPlan, Scenario
 from cmr.model.motion import RobotState
 from cmr.msg import process_status_t
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, world_messages

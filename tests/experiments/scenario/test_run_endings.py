@@ -10,9 +10,9 @@ from cmr.commands.scenarios import parse
 from cmr.experiments.live.measuring import EndingMetric
 from cmr.experiments.live.watch import TeamWatch
 from cmr.experiments.scenario import ScenarioError
-from cmr.experiments.scenario.plan import Ending
 from cmr.experiments.scenario.writing import to_yaml
 from cmr.experiments.team.metrics import UNITS
+from cmr.experiments.team.plan import Ending
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robot, world_messages
 from tests.experiments.scenario.test_scenario import PARAMETERS

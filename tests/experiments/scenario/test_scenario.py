@@ -182,7 +182,7 @@ def test_what_does_not_fit_the_room_is_refused(line: str) -> None:
         parse(f"{line}\n{TEXT}")
 
 
-def test_only_robots_of_flesh_have_to_start_within_the_geofence() -> None:
+def test_only_robots_with_a_driver_have_to_start_within_the_geofence() -> None:
     fence = "geofence: [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]\n"
     assert len(parse(fence + TEXT).robots) == 5
     start = "port: /dev/ttyUSB0}\n    start: [2, 0]"

@@ -12,9 +12,9 @@ from cmr.experiments.live.measuring import measure
 from cmr.experiments.live.report import metrics_in_words, metrics_of
 from cmr.experiments.live.watch import TeamWatch
 from cmr.experiments.scenario import Scenario
-from cmr.experiments.scenario.plan import BehaviourPlan, RobotPlan
 from cmr.experiments.scenario.reading import shipped
 from cmr.experiments.team.metrics import UNITS, Bond
+from cmr.experiments.team.plan import BehaviourPlan, RobotPlan
 from cmr.experiments.team.scoring import bonds_of, scores, ways_of
 from cmr.model.motion import RobotState
 from cmr.world.view import VIRTUAL, Robot, world_messages

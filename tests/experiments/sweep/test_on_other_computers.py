@@ -17,10 +17,10 @@ from distributed import Client, LocalCluster
 from distributed.protocol import pickle
 
 from cmr.commands.scenarios import HARDWARE
-from cmr.experiments.scenario.plan import BehaviourPlan
 from cmr.experiments.sweep import experiment
 from cmr.experiments.sweep.cluster import ClusterError, _unpacked_there, lookout, perform, worker_command
 from cmr.experiments.sweep.planning import plan
+from cmr.experiments.team.plan import BehaviourPlan
 from tests.experiments.sweep.test_sweep import scenario  # noqa: F401 - a fixture
 
 

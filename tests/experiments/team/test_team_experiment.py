@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cmr.commands.scenarios import parse
-from cmr.experiments.team.casting import Cast
 from cmr.experiments.team.experiment import ExperimentError, TeamRun, run
 from cmr.experiments.team.hidden import HiddenRobot, Laboratory
 from cmr.experiments.team.plant import Plant
+from cmr.experiments.team.roles import Roles
 from cmr.model.parameters import RobotParameters
 from robot_driver.emulator import plant as emulated
 from robot_driver.emulator.settings import Settings, load_settings
@@ -55,14 +55,14 @@ def test_the_plant_of_teams_goes_where_the_emulator_goes() -> None:
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_result_to_the_last_bit(tmp_path: Path) -> None:
     scenario = line_of_three(tmp_path, 4.0)
-    cast = Cast(BELIEVED, (0, 1), LABORATORY)
-    first = run(scenario, cast, 3)
-    assert same(first, run(scenario, cast, 3))
-    assert not same(first, run(scenario, cast, 4))
+    roles = Roles(BELIEVED, (0, 1), LABORATORY)
+    first = run(scenario, roles, 3)
+    assert same(first, run(scenario, roles, 3))
+    assert not same(first, run(scenario, roles, 4))
 
 
 def test_a_team_reaches_its_goal_and_the_experiment_ends_there(tmp_path: Path) -> None:
-    result = run(line_of_three(tmp_path, 30.0), Cast(BELIEVED, (0,), EXACT), 1)
+    result = run(line_of_three(tmp_path, 30.0), Roles(BELIEVED, (0,), EXACT), 1)
     assert result.time[-1] == pytest.approx(result.metrics["time_to_goal"])
     assert 5.0 < result.time[-1] < 9.0
     assert math.hypot(result.x[-1, 0] - 1.2, result.y[-1, 0] - 0.6) <= 0.1
@@ -81,8 +81,8 @@ def test_robots_of_a_laboratory_differ_from_what_is_believed_and_from_one_anothe
 def test_virtual_robots_move_by_their_own_parameters_and_steer_by_what_is_believed(tmp_path: Path) -> None:
     scenario = line_of_three(tmp_path)
     faster = RobotParameters.of({**NUMBERS, "k1": 0.8 * NUMBERS["k1"]})
-    usual = run(scenario, Cast(BELIEVED, (2,), EXACT), 1)
-    changed = run(scenario, Cast(BELIEVED, (2,), EXACT, {0: faster}), 1)
+    usual = run(scenario, Roles(BELIEVED, (2,), EXACT), 1)
+    changed = run(scenario, Roles(BELIEVED, (2,), EXACT, {0: faster}), 1)
     assert changed.metrics["time_to_goal"] < 0.9 * usual.metrics["time_to_goal"]
 
 
@@ -90,17 +90,17 @@ def test_a_robot_that_nobody_commands_is_named(tmp_path: Path) -> None:
     scenario = line_of_three(tmp_path)
     idle = dataclasses.replace(scenario.robots[1], behaviour=None)
     with pytest.raises(ExperimentError, match="Robot 1 has no behaviour"):
-        run(dataclasses.replace(scenario, robots=(scenario.robots[0], idle)), Cast(BELIEVED, (0,), EXACT), 1)
+        run(dataclasses.replace(scenario, robots=(scenario.robots[0], idle)), Roles(BELIEVED, (0,), EXACT), 1)
     lost = dataclasses.replace(scenario.robots[0], start=None)
     with pytest.raises(ExperimentError, match="Robot 0 has no start"):
-        run(dataclasses.replace(scenario, robots=(lost,)), Cast(BELIEVED, (0,), EXACT), 1)
+        run(dataclasses.replace(scenario, robots=(lost,)), Roles(BELIEVED, (0,), EXACT), 1)
 
 
 def test_a_way_that_ends_where_it_began_is_not_at_its_end_before_it_was_driven(tmp_path: Path) -> None:
     BELIEVED.save(tmp_path / "robot_0.yaml")
     robot = "{id: 0, kind: virtual, behaviour: waypoints, waypoints: [[0, 0], [0.6, 0], [0.6, 0.4], [0, 0]]}"
     text = f"duration: 30\nparameters: robot_0.yaml\nends_when: waypoints_reached\nrobots:\n  - {robot}\n"
-    result = run(parse(text, folder=tmp_path), Cast(BELIEVED, (), EXACT), 1)
+    result = run(parse(text, folder=tmp_path), Roles(BELIEVED, (), EXACT), 1)
     assert 5.0 < result.time[-1] < 15.0  # 1.7 m at 0.3 m/s
     assert result.metrics["time_to_goal"] == pytest.approx(result.time[-1])
     assert result.metrics["distance_driven"] > 1.4

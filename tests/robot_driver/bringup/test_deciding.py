@@ -2,6 +2,7 @@
 
 import cmath
 import math
+import re
 from itertools import accumulate, pairwise, product
 from pathlib import Path
 from random import Random
@@ -245,8 +246,27 @@ def test_settings_that_are_not_complete_are_not_driven_with(tmp_path: Path) -> N
     known.save(path)
     assert options_in(path) == ["--port", "/dev/motor", "--swap", "--ticks-per-turn", "3744"]
     path.write_text(yaml.safe_dump({"driver": {"portt": 1}, "undecided": [], "found": {}}))
-    with pytest.raises(CommandError, match="no setting 'portt'"):
+    with pytest.raises(CommandError, match=r"line 2: driver\.portt: the driver has no setting 'portt'"):
         load(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "line 1: is empty"),
+        ("[1, 2]", "line 1: must be a mapping"),
+        ("driver: {}\nfound: {}\n", "line 1: undecided is missing; a file of cmr bringup has driver, undecided, found"),
+        ("driver: {}\nundecided: {}\nfound: {}\n", "line 2: undecided: must be a list"),
+        ("driver: {}\nundecided: []\nfound:\n", "line 3: found: must be a mapping"),
+        ("driver: {}\nundecided: []\nfound: {\n", "cannot be read"),
+        ("driver:\n  port: a\n  port: b\nundecided: []\nfound: {}\n", "line 3: driver.port: is there twice"),
+    ],
+)
+def test_an_error_in_a_settings_file_names_its_line(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "robot_0_driver.yaml"
+    path.write_text(text)
+    with pytest.raises(CommandError, match=f"^{re.escape(str(path))}: .*{said}"):
+        options_in(path)
 
 
 def test_a_tracked_point_ahead_and_beside_stands_in_the_parameters_until_it_is_corrected(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmr.commands.robots import behaviour_of, numbered, virtual_robots
+from cmr.commands.robots import behaviour_of, described_robots, numbered
 from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.model.catalogue import together
 from cmr.model.parameters import RobotParameters
@@ -69,7 +69,7 @@ def test_robots_described_equally_share_a_behaviour_and_others_do_not() -> None:
 
 
 def test_followers_with_leaders_of_their_own_share_a_behaviour() -> None:
-    robots = virtual_robots([numbered("11=follow,leader=10"), numbered("12=follow,leader=11,gap=0.4")], 0)
+    robots = described_robots([numbered("11=follow,leader=10"), numbered("12=follow,leader=11,gap=0.4")], 0)
     first, second = (robot.behaviour for robot in robots)
     assert first is second
     assert isinstance(first, Follow)

@@ -14,9 +14,9 @@ import pytest
 from cmr.bus.bus import Bus
 from cmr.bus.messages import make
 from cmr.bus.streams import MOTOR_COMMAND, POSE, RANGE_SCAN, WORLD_STATE
-from cmr.commands.scenarios import load, parse
-from cmr.commands.sim import main
-from cmr.experiments.live.virtual import cast_of
+from cmr.commands import sim_options
+from cmr.commands.scenarios import parse
+from cmr.commands.sim import _scanner, _scenario, main
 from cmr.experiments.scenario.writing import to_yaml
 from cmr.geometry.obstacles import Obstacles
 from cmr.model.motion import RobotState
@@ -183,7 +183,10 @@ def test_a_scenario_gives_robots_a_range_sensor(kind: str, tmp_path: Path) -> No
     scenario = parse(text, folder=tmp_path)
     assert [robot.range_sensor for robot in scenario.robots] == [True, False]
     (tmp_path / "sim.yaml").write_text(to_yaml(scenario))
-    assert cast_of(load(tmp_path / "sim.yaml")).range_sensors == {3}
+    options = sim_options.parse(["--scenario", str(tmp_path / "sim.yaml")])
+    scanner = _scanner(options, _scenario(options))
+    assert scanner is not None
+    assert scanner._robot_ids == [3]
 
 
 @pytest.mark.parametrize("text", ["0,0.1,5", "0,0.1,5.5,3", "0,0,5,3", "0,0.1,100,3", "0,0.1,5,nan", "a,b,c,d"])

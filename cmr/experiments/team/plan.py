@@ -1,22 +1,17 @@
-"""A scenario: a complete team experiment as plain values, validated on reading."""
+"""A scenario: a complete team experiment as plain values; `cmr.experiments.scenario` reads and validates it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import Field, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal, Protocol
 
-from cmr.documents.document import DocumentError
-from cmr.experiments.scenario.hardware import BridgePlan, EmulatorPlan
 from cmr.experiments.team.metrics import UNITS
+from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.geometry.places import Disc, Point, Pose, Wall
 
 ROBOT_RADIUS = 0.1  # m; the paper's robots are 0.16 m from wheel to wheel
 Kind = Literal["real", "emulated", "virtual"]
 KINDS: tuple[Kind, ...] = ("real", "emulated", "virtual")
-
-
-class ScenarioError(DocumentError):
-    """A scenario cannot be used; the text names file, line and key, and says what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +31,46 @@ class BehaviourPlan:
         others = {key: value for key, value in self.settings.items() if key != "name"}
         apart = {"settings": {"name": self.settings["name"]}} if "name" in self.settings else {}
         return {"name": self.name, **others, **apart}
+
+
+class EmulatorPlan(Protocol):
+    """The options of an emulated robot: the dataclass of cmr-emulate's options, as far as others use them."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    @property
+    def command(self) -> str:
+        """What kind of command the robot takes."""
+        ...
+
+    @property
+    def controller(self) -> str:
+        """The kind of its motor controller."""
+        ...
+
+    @property
+    def gyro(self) -> str:
+        """The kind of its gyro."""
+        ...
+
+    @property
+    def settings(self) -> Path | None:
+        """The file with settings that differ from the default robot."""
+        ...
+
+
+class BridgePlan(Protocol):
+    """The options of a robot that speaks ROS 2: the dataclass of cmr-ros2's options for one robot."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    def kept_in(self, path: Path) -> "BridgePlan":
+        """Return a copy whose profile is copied to `path`, unless it is shipped with CMR. Raises OSError."""
+        ...
+
+    def arguments(self, robot_id: int) -> list[str]:
+        """Return the options of cmr-ros2 for this robot."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -113,7 +148,17 @@ class Scenario:
         return next((robot for robot in self.robots if robot.robot_id == robot_id), None)
 
     @property
-    def of_flesh(self) -> tuple[RobotPlan, ...]:
+    def obstacles(self) -> Obstacles:
+        """The discs and walls together. Raises ObstacleError for an invalid one."""
+        return Obstacles(self.discs, self.walls)
+
+    @property
+    def fence(self) -> Geofence | None:
+        """The geofence with its geometry, None without one. Raises ObstacleError for an invalid one."""
+        return Geofence(self.geofence) if self.geofence is not None else None
+
+    @property
+    def with_driver(self) -> tuple[RobotPlan, ...]:
         """The robots with a driver: real and emulated ones."""
         return tuple(robot for robot in self.robots if robot.kind != "virtual")
 
