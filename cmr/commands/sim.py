@@ -96,9 +96,7 @@ def main(arguments: list[str]) -> int:
             world.handle(stamp, channel, message)
 
     with Process("cmr-sim", options.lcm_url) as process:
-        _listen(process, world)
-        if not beginning.begun:
-            process.subscribe(PROCESS_STATUS, every=True)
+        _listen(process, world, beginning)
         for utime in process.loop(rate_hz=STEP_RATE):
             world.turn(utime)
             process.dispatch_named(take)
@@ -129,8 +127,10 @@ def _scans(world: World, scanner: "Scanner | None") -> list[Outgoing]:
     return [(RANGE_SCAN, scan.robot_id, scan) for scan in scanner.scans(world)] if scanner else []
 
 
-def _listen(process: Process, world: World) -> None:
-    """Subscribe to the world's inputs, and report robots without parameters of their own."""
+def _listen(process: Process, world: World, beginning: Beginning) -> None:
+    """Subscribe to the inputs of the world and its beginning, and report robots without parameters of their own."""
+    if not beginning.begun:
+        process.subscribe(PROCESS_STATUS, every=True)
     for stream in HEARD:
         process.subscribe(stream, every=True)
     for commands in COMMANDS_OF.values():
