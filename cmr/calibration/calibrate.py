@@ -108,7 +108,7 @@ def _of_free_runs(estimation: Estimation, nominal: ParameterFile) -> Calibration
     assert problem is not None
     courses = SimulationErrorProblem(problem.predictors, problem.gains, problem.excitation)
     base = courses.base(estimation.ready.start, estimation.found.base.names)
-    bursts = courses.doubts(base)
+    bursts = courses.extra_stds(base)
     estimates = {n: Estimate(base.values[n], float(np.hypot(base.std(n), bursts[n]))) for n in base.names}
     return _of_three(estimation, nominal, base, estimates)
 

@@ -122,7 +122,7 @@ class RunningFit:
         assert ready.base is not None
         courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
         base = courses.base(ready.start, ready.base.names)
-        bursts = courses.doubts(base)
+        bursts = courses.extra_stds(base)
         stds = {name: float(np.hypot(base.std(name), bursts[name])) for name in base.names}
         return base.values, {name: Estimate(base.values[name], std) for name, std in stds.items()}
 

@@ -53,7 +53,7 @@ REST_BEFORE = 2.5  # s
 REST = 1_500_000  # us for which robot and leader must stand still before a drive counts as over
 
 
-class Interrupted(Exception):  # noqa: N818 - the user's wish, not an error
+class Interrupted(Exception):  # noqa: N818 - the user's request, not an error
     """Ctrl-C or SIGTERM."""
 
 

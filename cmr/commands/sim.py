@@ -108,7 +108,7 @@ def main(arguments: list[str]) -> int:
                 reported = world.utime
                 world.others.sent(reported)
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
-                process.publish_all(telling.told(reported))
+                process.publish_all(telling.messages(reported))
             process.publish_all(_scans(world, scanner))
             process.publish_all((COMMAND_OWNER, report.robot_id, report) for report in owners.reports())
             if check.due():

@@ -68,8 +68,8 @@ def _serve(process: Process, server: "PageServer", showing: "Showing") -> None:
     for utime in process.loop(rate_hz=RATE):
         process.dispatch(showing.orders.handle)
         showing.advance(1.0 / RATE)
-        for wish in server.wished(utime):
-            showing.fulfil(wish, utime)
+        for request in server.requested(utime):
+            showing.fulfil(request, utime)
         process.publish_all(showing.orders.due(now_utime()))
         server.show(1.0 / RATE)
         if news := server.refusals.news():

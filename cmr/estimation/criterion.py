@@ -44,7 +44,7 @@ SAME = 0.01  # share by which gains may differ because a part's reading interval
 FURTHER = 1.5  # ratio to the errors of the paper's model, or of an earlier one, above which free runs are clearly worse
 
 
-def look(ready: Ready, say: Callable[[str], None]) -> Search:
+def search_effects(ready: Ready, say: Callable[[str], None]) -> Search:
     """Choose the criterion, and search the accepted recordings with it; return the result."""
     assert ready.problem is not None
     assert ready.base is not None

@@ -37,7 +37,7 @@ class Estimate:
         return self.value - INTERVAL * self.std, self.value + INTERVAL * self.std
 
 
-def inexactness(name: str, values: Mapping[str, float], excitation: Excitation) -> float:
+def model_form_std(name: str, values: Mapping[str, float], excitation: Excitation) -> float:
     """Return the standard deviation that model-form uncertainty adds to a parameter, in its unit.
 
     `values` are those of the paper's parameters and of the effects present.
@@ -47,7 +47,9 @@ def inexactness(name: str, values: Mapping[str, float], excitation: Excitation) 
         response_time = 1.0 / (values["k1"] * values["k2_over_k3"])
         slow = OF_SLOW_CONTROLLERS.get(name, 0.0) * response_time if excitation.controlled else 0.0
         others = [one for one in DEFINITIONS.values() if one.taken_for == name]
-        taken_over = sum(one.inexactness * values.get(one.name, 0.0) for one in others)
-        return float(np.hypot(max(parameter.inexactness, slow) * value, taken_over))
+        taken_over = sum(one.model_form_error * values.get(one.name, 0.0) for one in others)
+        return float(np.hypot(max(parameter.model_form_error, slow) * value, taken_over))
     grows = parameter.switches and not parameter.is_limit
-    return float(np.hypot(parameter.inexactness * value, OF_TYPICAL * size(parameter, excitation) if grows else 0.0))
+    return float(
+        np.hypot(parameter.model_form_error * value, OF_TYPICAL * size(parameter, excitation) if grows else 0.0)
+    )

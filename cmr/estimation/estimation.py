@@ -30,8 +30,8 @@ from threadpoolctl import threadpool_limits
 
 from cmr.estimation.candidates import size
 from cmr.estimation.checks import Checked, findings_of, looked_at, require_of_use_held_out, with_lags_found
-from cmr.estimation.criterion import look
-from cmr.estimation.estimates import Estimate, EstimationError, inexactness
+from cmr.estimation.criterion import search_effects
+from cmr.estimation.estimates import Estimate, EstimationError, model_form_std
 from cmr.estimation.gain import Measured, NominalMeasured, measure_nominal, with_mean_of_chance
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.preparation import ACTING_BY_CHANCE, Ready, prepare
@@ -100,9 +100,9 @@ class Estimation:
         if by_chance:
             return by_chance[0]
         if self.whole.average is None:
-            return fit_estimate(self.whole.extended.final, name, self.found, self.whole.doubts)
+            return fit_estimate(self.whole.extended.final, name, self.found, self.whole.extra_stds)
         average = self.whole.average
-        doubt = np.hypot(self.whole.doubts.get(name, 0.0), self._inexactness(name))
+        doubt = np.hypot(self.whole.extra_stds.get(name, 0.0), self._model_form_std(name))
         return Estimate(average.values[name], float(np.hypot(average.std(name), doubt)))
 
     def cause(self, effect: Effect) -> str:
@@ -143,11 +143,11 @@ class Estimation:
         neutral = excitation.neutral(name)
         return abs(self.whole.model.values.get(name, neutral) - neutral) > SEEN_IN_A_PATH * size(parameter, excitation)
 
-    def _inexactness(self, name: str) -> float:
+    def _model_form_std(self, name: str) -> float:
         assert self.whole is not None
         named = {parameter.name for one in self.found.named for parameter in one.candidate.effect.parameters}
         there = {n: value for n, value in self.whole.model.values.items() if n in PAPER or n in named or n == name}
-        return inexactness(name, there, self.found.problem.excitation)
+        return model_form_std(name, there, self.found.problem.excitation)
 
 
 def estimate(
@@ -179,7 +179,7 @@ def estimate(
         late = looked[0].findings.wheels_late
         unseen = looked_at(held_out, held_out_sources, "held-out recording", late or IN_TIME)
         ready = _with_held_out(ready, looked, unseen)
-        found = with_late_wheels(look(ready, progress), late)
+        found = with_late_wheels(search_effects(ready, progress), late)
         progress("Analysing the residuals ...")
         segments = [predictor.segment for predictor in problem.predictors]
         others = [segment for one in unseen for segment in one.segments]
@@ -244,9 +244,9 @@ def nominal_of(recordings: Sequence[Recording], given: ParameterFile | None) -> 
     return nominal
 
 
-def fit_estimate(fit: Fit, name: str, found: Search, doubts: Mapping[str, float] | None = None) -> Estimate:
-    """Return a parameter of a fit; its standard deviation includes `doubts`, by default those of the search."""
+def fit_estimate(fit: Fit, name: str, found: Search, extra_stds: Mapping[str, float] | None = None) -> Estimate:
+    """Return a parameter of a fit; its standard deviation includes `extra_stds`, by default those of the search."""
     value = fit.values[name]
-    doubts = found.doubts if doubts is None else doubts
-    doubt = np.hypot(doubts.get(name, 0.0), inexactness(name, fit.values, found.problem.excitation))
+    extra_stds = found.extra_stds if extra_stds is None else extra_stds
+    doubt = np.hypot(extra_stds.get(name, 0.0), model_form_std(name, fit.values, found.problem.excitation))
     return Estimate(value, float(np.sqrt(found.inflation * fit.std(name) ** 2 + doubt**2)))

@@ -279,9 +279,9 @@ def _sizes(name: str, batch: Batch, errors: Errors) -> Floats:
     """Return the regressors of a signal's noise variance, shape (n, 3): 1, doubt squared, wheel speeds squared.
 
     The doubt of a wheel is the standard deviation due to quantisation [rad]; that of the gyro is due to uncertain
-    stamps while the yaw rate changes [rad/s]. In each segment, the smallest 1 % of doubts are raised to that quantile.
-    On a steady drive nearly all doubts are equal, so their share of the noise cannot be estimated, and the few errors
-    with a small doubt, of a wheel that rolls to a stop, would get far too much weight.
+    stamps while the yaw rate changes [rad/s]. In each segment, the smallest 1 % of these are raised to that quantile.
+    On a steady drive nearly all are equal, so their share of the noise cannot be estimated, and the few errors with a
+    small one, of a wheel that rolls to a stop, would get far too much weight.
     """
     rows = batch.motion_rows[name]
     speed = errors.motion[rows, PSI_LEFT] ** 2 + errors.motion[rows, PSI_RIGHT] ** 2

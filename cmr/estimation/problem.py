@@ -230,7 +230,7 @@ class Problem:
         """Return the problem, and a fit of it, whose errors are one-step prediction errors: these."""
         return self, fit
 
-    def doubts(self, fit: Fit) -> dict[str, float]:
+    def extra_stds(self, fit: Fit) -> dict[str, float]:
         """Return additional standard deviations of a fit, by name; none if errors are white."""
         return dict.fromkeys(fit.names, 0.0)
 

@@ -101,7 +101,7 @@ class SimulationErrorProblem(Problem):
             for name in names
         }
 
-    def doubts(self, fit: Fit) -> dict[str, float]:
+    def extra_stds(self, fit: Fit) -> dict[str, float]:
         """Return additional standard deviations, by name, due to bursts of errors and undetected effects."""
         bursts, hidden = self._bursts(fit), self._hidden(fit)
         return {name: float(np.hypot(bursts[name], hidden[name])) for name in fit.names}
@@ -113,15 +113,15 @@ class SimulationErrorProblem(Problem):
         over all effects includes them. For the body, free runs are less informative than one-step errors given the
         measured wheels; the larger uncertainty is used.
         """
-        doubts = _left_in_doubt(self, fit, fit, FREE_RUN_INFLATION)
+        extra_stds = _left_in_doubt(self, fit, fit, FREE_RUN_INFLATION)
         body, beside = self.one_step_of(fit)
         names = [name for name in beside.names if name not in MOTOR]
         if names and "forward" in body.batch.signals and not set(names) & {"wheel_radius", *AS_THE_RADIUS}:
             names = ["wheel_radius", *names]  # no effect represents it beside measured wheels
         if names:
             of_body = _left_in_doubt(body, body.fit(beside.values, names, beside.noise), fit, 1.0)
-            doubts |= {name: max(doubt, doubts[name]) for name, doubt in of_body.items()}
-        return doubts
+            extra_stds |= {name: max(doubt, extra_stds[name]) for name, doubt in of_body.items()}
+        return extra_stds
 
     def _bursts(self, fit: Fit) -> dict[str, float]:
         """Return additional standard deviations due to bursts of errors, by name."""

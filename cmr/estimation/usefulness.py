@@ -56,14 +56,14 @@ class _Use(NamedTuple):
 class Whole:
     """The search result and the average over undetected effects; the latter None if one-step errors are useless.
 
-    It is also None if the average itself predicts worse than the paper's model; `doubts` then contain the standard
+    It is also None if the average itself predicts worse than the paper's model; `extra_stds` then contain the standard
     deviations of an average about the fit. They are additional standard deviations of some parameters of the final
     model.
     """
 
     extended: Extended
     average: Posterior | None
-    doubts: Mapping[str, float]
+    extra_stds: Mapping[str, float]
 
     @property
     def model(self) -> Fit | Posterior:
@@ -76,30 +76,30 @@ def that_holds(whole: Extended, segments: Sequence[Segment], held_out: Sequence[
 
     The fit with the named effects is judged, and the average about it returned: an average shrinks doubtful effects.
     """
-    judge, doubts = _Judge(segments, held_out), whole.found.doubts
+    judge, extra_stds = _Judge(segments, held_out), whole.found.extra_stds
     whole = judge.of_use(whole)
     found = whole.found
     measured = measure(found.problem, found.base, whole.final, chance_of(found), segments, held_out)
-    while judge.strays(measured.gain, whole) and (whole.term or _fitted(found)):
+    while judge.deviates(measured.gain, whole) and (whole.term or _fitted(found)):
         whole = _as_the_paper_if_alone(judge.without_the_worst(whole))
         found = whole.found
         measured = measure(found.problem, found.base, whole.final, chance_of(found), segments, held_out)
     if not found.problem.one_step:
-        return Whole(whole, None, found.doubts), measured
+        return Whole(whole, None, found.extra_stds), measured
     names = [one.candidate.effect.name for one in found.named]
     undisputed = [one.candidate.effect.name for one in found.named if not one.rivals]
     average = averaged(found.problem, _with_what_is_small(whole), found.inflation, names, undisputed)
     of_average = measure(found.problem, found.base, average, chance_of(found), segments, held_out)
-    if judge.strays(of_average.gain, whole) and not judge.strays(measured.gain, whole):
+    if judge.deviates(of_average.gain, whole) and not judge.deviates(measured.gain, whole):
         about = averaged_about(found.problem, whole.final, found.inflation, names)
-        return Whole(whole, None, _with_those_of(about, whole.final, found.doubts)), measured
-    return Whole(whole, average, doubts), of_average
+        return Whole(whole, None, _with_those_of(about, whole.final, found.extra_stds)), measured
+    return Whole(whole, average, extra_stds), of_average
 
 
-def _with_those_of(average: Posterior, fit: Fit, doubts: Mapping[str, float]) -> dict[str, float]:
-    """Return the doubts of a fit that replaces an average: the undetected effects remain possible."""
+def _with_those_of(average: Posterior, fit: Fit, extra_stds: Mapping[str, float]) -> dict[str, float]:
+    """Return the extra_stds of a fit that replaces an average: the undetected effects remain possible."""
     apart = {name: np.hypot(average.std(name), average.values[name] - fit.values[name]) for name in fit.names}
-    return {name: float(np.hypot(doubts.get(name, 0.0), own)) for name, own in apart.items()}
+    return {name: float(np.hypot(extra_stds.get(name, 0.0), own)) for name, own in apart.items()}
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class _Judge:
     segments: Sequence[Segment]
     held_out: Sequence[Segment]
 
-    def strays(self, gain: Gain, whole: Extended) -> bool:
+    def deviates(self, gain: Gain, whole: Extended) -> bool:
         """Return whether the whole model is worse than the paper's.
 
         Free runs do not use sensors: if the model has only laws of sensors in addition, its parameters may still differ
@@ -267,11 +267,11 @@ def as_the_paper_has_it(found: Search) -> Search:
     The two fits weight the same data differently, by plain and by estimated noise, so their difference and the
     uncertainty of each are added.
     """
-    final, base, doubts = found.final, found.base, found.problem.doubts(found.base)
-    doubts = {
-        name: math.hypot(final.std(name), final.values[name] - base.values[name], doubts[name]) for name in base.names
+    final, base, of_base = found.final, found.base, found.problem.extra_stds(found.base)
+    extra_stds = {
+        name: math.hypot(final.std(name), final.values[name] - base.values[name], of_base[name]) for name in base.names
     }
-    return replace(found, final=found.base, doubts=doubts)
+    return replace(found, final=base, extra_stds=extra_stds)
 
 
 def _fitted(found: Search) -> list[SelectedEffect]:

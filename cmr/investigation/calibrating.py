@@ -20,7 +20,7 @@ from cmr.estimation.averaging import Posterior
 from cmr.estimation.averaging import averaged as averaged_over_effects
 from cmr.estimation.estimates import Estimate
 from cmr.estimation.problem import Problem
-from cmr.investigation.choosing import Told
+from cmr.investigation.choosing import Evidence
 from cmr.investigation.evidence import PARAMETERS, SIZES
 from cmr.investigation.judging import Judgement
 from cmr.investigation.separation import BELIEF
@@ -47,7 +47,7 @@ class Settled(NamedTuple):
         return is_calibrated(self.estimates)
 
 
-def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
+def averaged(judgement: Judgement, known: Evidence) -> dict[str, Estimate]:
     """Return the estimates of PARAMETERS."""
     likely = judgement.probabilities
     shares = np.array([likely[one.name] for one in judgement.explanations])
@@ -61,7 +61,7 @@ def averaged(judgement: Judgement, known: Told) -> dict[str, Estimate]:
     }
 
 
-def settled(judgement: Judgement, known: Told) -> Settled:
+def settled(judgement: Judgement, known: Evidence) -> Settled:
     """Return the estimates of PARAMETERS with deviations that allow for any undetected effects.
 
     If an average over any number of effects differs from that over single ones, the deviation covers both. Without
@@ -101,7 +101,7 @@ def _is_certain(name: str, one: Estimate) -> bool:
     return 2.0 * one.std <= GOALS[name] * abs(one.value)
 
 
-def _variances(known: Told, name: str) -> Floats:
+def _variances(known: Evidence, name: str) -> Floats:
     """Return the variances of PARAMETERS, (3,), beside the effects found, and one more if `name` is not empty."""
     own = list(known.columns.of.get(name, ()))
     columns = [*range(known.columns.free), *own]

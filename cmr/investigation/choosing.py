@@ -35,7 +35,7 @@ SAME = frozenset(map(frozenset, combinations(AS_THE_RADIUS, 2)))  # the same mat
 
 
 @dataclass(frozen=True)
-class Told:
+class Evidence:
     """Information that the data contain about each effect, and the columns that belong to each.
 
     `contrary` is twice the logarithm of the odds against each effect at its usual size, by name. The effects in
@@ -82,7 +82,7 @@ class Choice:
     best_rates: Mapping[str, float] = field(default_factory=dict)
 
 
-def told(judgement: Judgement, time: float) -> Told:
+def evidence_of(judgement: Judgement, time: float) -> Evidence:
     """Return the information of the data so far; effects with an unseen start begin at `time` [s]."""
     sets, columns = _column_sets(judgement, time)
     problem = judgement.problem
@@ -101,7 +101,7 @@ def told(judgement: Judgement, time: float) -> Told:
     imitated = _imitated(known, columns, len(problem.own))
     disguised = _disguised(known, Columns(len(problem.own), columns.of), problem.own)
     hopeless = imitated | {*disguised}
-    return Told(known, columns, tuple(sets), _contrary(products, columns), imitated, disguised, hopeless)
+    return Evidence(known, columns, tuple(sets), _contrary(products, columns), imitated, disguised, hopeless)
 
 
 def _contrary(products: Floats, columns: Columns) -> dict[str, float]:
@@ -122,7 +122,7 @@ def _is_one_sided(effect: Effect) -> bool:
     return all(parameter.is_limit or parameter.lower == parameter.neutral for parameter in switches)
 
 
-def only(known: Told, names: Sequence[str]) -> Told:
+def only(known: Evidence, names: Sequence[str]) -> Evidence:
     """Return the information on some effects only."""
     kept, of = [*range(known.columns.free)], {}
     for name in names:
@@ -157,7 +157,7 @@ def _disguised(known: Floats, columns: Columns, own: Sequence[str]) -> dict[str,
 
 def choose(
     judgement: Judgement,
-    known: Told,
+    known: Evidence,
     situation: Situation,
     floor: Floor,
     random: Random,
@@ -231,13 +231,13 @@ def ensemble(judgement: Judgement) -> list[dict[str, float]]:
     return [best, *uneven, *others]
 
 
-def worth_of(judgement: Judgement, known: Told, added: Floats, seconds: Floats) -> Floats:
+def worth_of(judgement: Judgement, known: Evidence, added: Floats, seconds: Floats) -> Floats:
     """Return the worth (c,) of candidates that add information `added` (c, m, m) in `seconds` (c,)."""
     return _worth(judgement, known, added, seconds, _is_quiet(judgement, known))[0]
 
 
 def _worth(
-    judgement: Judgement, known: Told, added: Floats, seconds: Floats, is_quiet: bool
+    judgement: Judgement, known: Evidence, added: Floats, seconds: Floats, is_quiet: bool
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the worth of candidates (c,), each pair's need (e, e) and gain (c, e, e), and the weights (e,)."""
     before, after = (
@@ -253,20 +253,20 @@ def _worth(
     return separation.scores(before, after, need, weights, seconds), need, gained, weights
 
 
-def _is_quiet(judgement: Judgement, known: Told) -> bool:
+def _is_quiet(judgement: Judgement, known: Evidence) -> bool:
     """Return whether only a few effects have yet to show, and no relevant one is suspected."""
     names = known.columns.names
     seen = [name for name in names if _evidence(judgement, name) > EVIDENT and not _is_settled(judgement, name)]
     return bool(_may_show(known)) and not seen and len(known.shown) > QUIET * len(names)
 
 
-def _may_show(known: Told) -> list[str]:
+def _may_show(known: Evidence) -> list[str]:
     """Return the effects that have not shown yet and still may; one with a start time may always come."""
     names = [name for name in known.columns.names if CATALOGUE[name].locality != "time"]
     return [name for name in names if name not in known.shown and name not in known.hopeless]
 
 
-def _needs(judgement: Judgement, known: Told, before: Floats) -> tuple[Floats, Floats]:
+def _needs(judgement: Judgement, known: Evidence, before: Floats) -> tuple[Floats, Floats]:
     """Return the remaining need of each pair of explanations, (e, e), infinite if none, and the effects' weights.
 
     A pair of which both would have shown, and did not, needs no separation.

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from cmr.estimation.unexplained.result import Unexplained
 from cmr.investigation.beyond import unexplained_by
 from cmr.investigation.calibrating import LEAST, averaged, is_calibrated, settled
-from cmr.investigation.choosing import Choice, Told, choose, keeps_to, only, told
+from cmr.investigation.choosing import Choice, Evidence, choose, evidence_of, keeps_to, only
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.floor import Floor
 from cmr.investigation.foreseeing import Growth
@@ -66,7 +66,7 @@ class Decision:
     """
 
     judgement: Judgement
-    known: Told
+    known: Evidence
     named: tuple[str, ...]
     choice: Choice
     finished: bool
@@ -143,7 +143,7 @@ class Investigation:
                 return None
             here = None if len(recording.poses) else self._reckoned(recording)
             judgement = self._naming.judged(problem)
-            known = self._without_hope(told(judgement, problem.last), judgement)
+            known = self._without_hope(evidence_of(judgement, problem.last), judgement)
             known = replace(known, unconfirmed=self._naming.unconfirmed)
             over = self._is_over(judgement, known, problem.last)
             if over or self.named:
@@ -185,7 +185,7 @@ class Investigation:
         """The effects found that no longer reach the odds of a name."""
         return self._naming.doubted
 
-    def _is_over(self, judgement: Judgement, known: Told, time: float) -> bool:
+    def _is_over(self, judgement: Judgement, known: Evidence, time: float) -> bool:
         """Return whether the investigation is complete: all other effects would have shown, or its time is over.
 
         For a calibration, note which effects are sought.
@@ -199,7 +199,7 @@ class Investigation:
             return time > LEAST and self._is_calibrated(judgement, known)
         return {*self.not_shown(known)} <= known.hopeless
 
-    def _is_calibrated(self, judgement: Judgement, known: Told) -> bool:
+    def _is_calibrated(self, judgement: Judgement, known: Evidence) -> bool:
         """Return whether the robot's own parameters are certain enough; if not, note which effects are sought."""
         if not is_calibrated(averaged(judgement, known)):
             return False
@@ -208,7 +208,7 @@ class Investigation:
         self._sought = tuple(name for name in own.sought if name in may_show)
         return own.is_calibrated
 
-    def _without_hope(self, known: Told, judgement: Judgement) -> Told:
+    def _without_hope(self, known: Evidence, judgement: Judgement) -> Evidence:
         """Return the information with all effects that cannot show here, however the rest of the drive is spent."""
         time = judgement.problem.last
         self._growth.note(time - self.waited, known.seen, judgement.named)
@@ -222,7 +222,7 @@ class Investigation:
         near = [one for one in judgement.left if one.name and one.evidence > NEAR * NAMED]
         return any(judgement.is_large(one.name, one.values) for one in near)
 
-    def not_shown(self, known: Told) -> list[str]:
+    def not_shown(self, known: Evidence) -> list[str]:
         """Return the effects that would not have shown yet; one that begins at a time may always come."""
         names = known.columns.names
         return [name for name in names if name not in known.shown and CATALOGUE[name].locality != "time"]

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from cmr.estimation.checks import looked_at
 from cmr.estimation.preparation import prepare
 from cmr.estimation.segments import segments_of
-from cmr.investigation.choosing import told, worth_of
+from cmr.investigation.choosing import evidence_of, worth_of
 from cmr.investigation.evidence import Beliefs, prior_of_effects
 from cmr.investigation.judging import Judgement
 from cmr.investigation.naming import Naming
@@ -78,7 +78,7 @@ class PieceByPiece:
 
     def _best(self, numbers: Sequence[int], judgement: Judgement) -> int:
         """Return the number of the piece whose inputs promise most for its length."""
-        known = told(judgement, 0.0)
+        known = evidence_of(judgement, 0.0)
         intervals = [self._interval(name) for name in ("wheels", "gyro", "poses")]
         drives, of = [], []
         for number in numbers:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from cmr.investigation.calibrating import settled
-from cmr.investigation.choosing import Told
+from cmr.investigation.choosing import Evidence
 from cmr.investigation.driving import Driving
 from cmr.investigation.engine import Decision, Step
 from cmr.model.catalogue import CATALOGUE
@@ -170,7 +170,7 @@ def out_of_reach(driving: Driving) -> dict[str, str]:
     return {name: _why_hidden(name, known, driving.drove) for name in driving.investigation.not_shown(known)}
 
 
-def _why_hidden(name: str, known: Told, seconds: float) -> str:
+def _why_hidden(name: str, known: Evidence, seconds: float) -> str:
     if name in known.imitated:
         return IMITATED
     if name in known.disguised:

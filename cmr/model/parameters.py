@@ -36,7 +36,7 @@ class ParameterDefinition:
     `neutral` is the value without the effect (None: the paper's own parameters, which must be given), `typical` the
     typical size on a robot with a wheel radius of 4 cm. Parameters that do not switch their effect on and off
     (`switches`), such as a time or a place, have no meaning while the others are neutral. `kind` is one of KINDS. A
-    typical size that `grows_with_interval` is for 0.04 s between poses. `inexactness` is the relative standard
+    typical size that `grows_with_interval` is for 0.04 s between poses. `model_form_error` is the relative standard
     deviation of an estimate because the model is not exact, and `taken_for` the paper's parameter, in the same unit,
     that is as uncertain, because it explains a part of the effect.
     """
@@ -51,7 +51,7 @@ class ParameterDefinition:
     switches: bool = True
     kind: str = "size"
     grows_with_interval: bool = False
-    inexactness: float = 0.008
+    model_form_error: float = 0.008
     taken_for: str = ""
 
     @property
@@ -73,12 +73,12 @@ class ParameterDefinition:
 
 
 PARAMETER_DEFINITIONS = (
-    ParameterDefinition("wheel_radius", "m", "effective radius of the wheels", 1e-3, 2.0, inexactness=0.0),
+    ParameterDefinition("wheel_radius", "m", "effective radius of the wheels", 1e-3, 2.0, model_form_error=0.0),
     ParameterDefinition(
-        "k2_over_k3", "rad/s^2", "wheel acceleration at full duty from rest", 1e-2, 1e5, inexactness=0.0016
+        "k2_over_k3", "rad/s^2", "wheel acceleration at full duty from rest", 1e-2, 1e5, model_form_error=0.0016
     ),
     ParameterDefinition(
-        "k1", "s/rad", "back-EMF constant: one over the wheel speed at full duty", 1e-5, 1e2, inexactness=0.0013
+        "k1", "s/rad", "back-EMF constant: one over the wheel speed at full duty", 1e-5, 1e2, model_form_error=0.0013
     ),
     ParameterDefinition(
         "base_width",
@@ -86,7 +86,7 @@ PARAMETER_DEFINITIONS = (
         "distance between left and right wheels that explains the turns",
         1e-3,
         1e2,
-        inexactness=0.0005,
+        model_form_error=0.0005,
     ),
 )
 DEFINITIONS = {definition.name: definition for definition in PARAMETER_DEFINITIONS}

@@ -74,7 +74,7 @@ class Drive:
         elif isinstance(message, command_owner_t) and message.robot_id == self.pilot.robot_id:
             self.measured.owner = message
 
-    def wish(self, utime: int, what: str) -> None:
+    def request(self, utime: int, what: str) -> None:
         """Handle a request other than driving, such as the emergency stop."""
         if what == STOP:
             self.button.stop(utime)

@@ -49,7 +49,7 @@ class Gamepad:
         self._is_there = False
         self._rest = b""
         self._forget()
-        self._wishes: list[str] = []
+        self._requests: list[str] = []
 
     def look(self, now: float) -> None:
         """Process what its device reports."""
@@ -69,10 +69,10 @@ class Gamepad:
         x, y = (self._share(axis) for axis in (ABS_X, ABS_Y))
         return Hands(-y, -x).bounded()  # the axes go to the right, and towards the hand
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests since the last call."""
-        wishes, self._wishes = self._wishes, []
-        return wishes
+        requests, self._requests = self._requests, []
+        return requests
 
     def problem(self, _now: float) -> str:
         """Return that the gamepad is missing, or that its button is not held."""
@@ -101,7 +101,7 @@ class Gamepad:
         elif event.kind == EV_KEY and event.code in DEAD_MAN:
             (self._held.add if event.value else self._held.discard)(event.code)
         elif event.kind == EV_KEY and event.code in STOPS and event.value == 1:
-            self._wishes.append(STOP)
+            self._requests.append(STOP)
 
     def _forget(self) -> None:
         self._axes: dict[int, int] = {}

@@ -41,7 +41,7 @@ class Source(Protocol):
     def hands(self, now: float) -> Hands:
         """Return the demand."""
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests since the last call."""
 
     def problem(self, now: float) -> str:

@@ -61,7 +61,7 @@ class Keyboard:
         self._fed = 0.0  # when the last bytes came [s]
         self._down: dict[str, None] = {}  # if releases are reported
         self._held, self._typed, self._repeats = "", float("-inf"), False  # if they are not
-        self._wishes: list[str] = []
+        self._requests: list[str] = []
 
     def look(self, now: float) -> None:
         """Process what was typed, and ask the terminal for an answer that confirms that this was all."""
@@ -89,10 +89,10 @@ class Keyboard:
         forward, turn = sum(one.forward for one in asked), sum(one.turn for one in asked)
         return Hands(forward, ARC * turn if forward else turn).bounded()
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests since the last call."""
-        wishes, self._wishes = self._wishes, []
-        return wishes
+        requests, self._requests = self._requests, []
+        return requests
 
     def problem(self, now: float) -> str:
         """Return why keys are not accepted."""
@@ -113,7 +113,7 @@ class Keyboard:
         elif event.key in DIRECTIONS:
             self._take_direction(event)
         elif event.key in WISHES and event.kind in (PRESS, TYPED):
-            self._wishes.append(WISHES[event.key])
+            self._requests.append(WISHES[event.key])
 
     def _take_direction(self, event: Event) -> None:
         if event.kind == RELEASE:

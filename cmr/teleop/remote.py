@@ -1,6 +1,6 @@
 """Input from the joystick of a page: lines of JSON from and to the page's server.
 
-In: `{"beat": 7, "forward": 0.5, "turn": 0.0}`, `{"wish": "stop"}`. Out, by the process: `{"beat": 8, ...}`. Each
+In: `{"beat": 7, "forward": 0.5, "turn": 0.0}`, `{"request": "stop"}`. Out, by the process: `{"beat": 8, ...}`. Each
 message of the page carries the number of the newest beat that it has received: delayed messages are thus recognised as
 old, and move nothing.
 """
@@ -29,7 +29,7 @@ class Remote:
         self._rest = b""
         self._sent: dict[int, float] = {}  # when each beat was sent [s]
         self._hands, self._as_of = STILL, float("-inf")
-        self._wishes: list[str] = []
+        self._requests: list[str] = []
 
     def beat(self, now: float) -> int:
         """Return the number of the beat that is sent now."""
@@ -44,7 +44,7 @@ class Remote:
         data = self._read()
         if data is None:
             self._hands = STILL
-            self._wishes.append(END)
+            self._requests.append(END)
             return
         *lines, self._rest = (self._rest + data).split(b"\n")
         self._rest = self._rest[-LONGEST_LINE:]
@@ -55,10 +55,10 @@ class Remote:
         """Return the position of the joystick."""
         return self._hands if now - self._as_of <= SILENCE else STILL
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests since the last call."""
-        wishes, self._wishes = self._wishes, []
-        return wishes
+        requests, self._requests = self._requests, []
+        return requests
 
     def problem(self, now: float) -> str:
         """Return that the page does not answer."""
@@ -71,8 +71,8 @@ class Remote:
             return
         if not isinstance(said, dict):
             return
-        if said.get("wish") in WISHES:
-            self._wishes.append(said["wish"])
+        if said.get("request") in WISHES:
+            self._requests.append(said["request"])
         beat, forward, turn = (said.get(name) for name in ("beat", "forward", "turn"))
         sent = self._sent.get(beat) if isinstance(beat, int) else None
         if sent is None or sent < self._as_of or not (isinstance(forward, NUMBER) and isinstance(turn, NUMBER)):

@@ -57,7 +57,7 @@ class Scripted:
         """Return the demand of the current step."""
         return next((step.hands for step, end in self._ends() if now < end), STILL)
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return nothing: a script ends by `is_over`."""
         return []
 

@@ -35,7 +35,7 @@ class Seat(Protocol):
     def hands(self, now: float) -> Hands:
         """Return the demand."""
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests since the last call."""
 
     def problem(self, now: float) -> str:
@@ -67,9 +67,9 @@ class TerminalSeat:
         """Return the demand."""
         return (self._driver or self._keyboard).hands(now)
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests by key or button."""
-        return self._keyboard.wishes() + (self._driver.wishes() if self._driver is not None else [])
+        return self._keyboard.requests() + (self._driver.requests() if self._driver is not None else [])
 
     def problem(self, now: float) -> str:
         """Return why the input is not available."""
@@ -102,9 +102,9 @@ class BareSeat:
         """Return the demand."""
         return self._source.hands(now)
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests."""
-        return self._source.wishes()
+        return self._source.requests()
 
     def problem(self, now: float) -> str:
         """Return why the input is not available."""
@@ -136,11 +136,11 @@ class PageSeat:
         """Return the position of the joystick."""
         return self._remote.hands(now)
 
-    def wishes(self) -> list[str]:
+    def requests(self) -> list[str]:
         """Return the requests made on the page."""
-        wishes = self._remote.wishes()
-        self._over |= END in wishes
-        return wishes
+        requests = self._remote.requests()
+        self._over |= END in requests
+        return requests
 
     def problem(self, now: float) -> str:
         """Return that the page does not answer."""

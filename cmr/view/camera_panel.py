@@ -4,7 +4,7 @@ import numpy as np
 import viser
 
 from cmr.msg import camera_image_t
-from cmr.view.data.state import Heard, ViewState
+from cmr.view.data.state import Arrival, ViewState
 from cmr.view.inputs import write
 
 STALE = 2.0  # s after which the age of a picture is shown
@@ -19,7 +19,7 @@ class CameraPanel:
         with self._folder:
             self._choice = gui.add_dropdown("camera", (NO_CAMERA,), initial_value=NO_CAMERA, visible=False)
             self._image = gui.add_image(np.zeros((1, 1, 3), np.uint8), label="", format="jpeg")
-        self._shown: Heard[camera_image_t] | None = None
+        self._shown: Arrival[camera_image_t] | None = None
 
     def show(self, state: ViewState) -> None:
         """Show the last picture of the chosen camera if it has changed."""
@@ -45,7 +45,7 @@ class CameraPanel:
         self._choice.visible = len(names) > 1
 
 
-def caption(heard: Heard[camera_image_t], now: int) -> str:
+def caption(heard: Arrival[camera_image_t], now: int) -> str:
     """Return a picture's caption: camera, size, and age [`now`: us] if it is old."""
     message, age = heard.message, (now - heard.utime) / 1e6
     title = f"{message.camera}, {message.width} x {message.height}"

@@ -11,7 +11,7 @@ from viser import uplot
 from cmr.model.velocity_controller import VelocityController
 from cmr.msg import calibration_status_t
 from cmr.view.data.robots import Floats
-from cmr.view.data.state import Heard
+from cmr.view.data.state import Arrival
 from cmr.view.words import CONFIDENCE, ESTIMATES, estimated
 
 BAND = "rgba(53, 116, 226, 0.25)"
@@ -108,7 +108,7 @@ def ticks(low: float, high: float) -> tuple[tuple[float, ...], tuple[str, ...]]:
 
 
 def estimates(
-    history: Sequence[Heard[calibration_status_t]], controller: VelocityController | None = None
+    history: Sequence[Arrival[calibration_status_t]], controller: VelocityController | None = None
 ) -> dict[str, Floats]:
     """Return the columns of each parameter's chart, from the history of a calibration.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from cmr.msg import investigation_status_t as status_t
 from cmr.report.likelihood import length, odds
 from cmr.report.markup import Html, tag
-from cmr.view.data.state import Heard, ViewState
+from cmr.view.data.state import Arrival, ViewState
 from cmr.view.inputs import plain
 
 MOST_BARS = 8  # explanations shown, likeliest first
@@ -27,13 +27,13 @@ class Bar(NamedTuple):
     before: float
 
 
-def investigated(state: ViewState, chosen: int) -> Sequence[Heard[status_t]]:
+def investigated(state: ViewState, chosen: int) -> Sequence[Arrival[status_t]]:
     """Return the reports of the chosen robot's investigation, or of any; empty without one."""
     robot_id = chosen if chosen in state.investigations else next(iter(state.investigations), None)
     return () if robot_id is None else state.investigations[robot_id]
 
 
-def card(history: Sequence[Heard[status_t]]) -> str:
+def card(history: Sequence[Arrival[status_t]]) -> str:
     """Return the overlay; empty without an investigation."""
     if not history:
         return ""
@@ -50,7 +50,7 @@ def card(history: Sequence[Heard[status_t]]) -> str:
     return plain(tag("section", *parts, class_="cmr-investigation", aria_label=label))
 
 
-def bars_of(history: Sequence[Heard[status_t]]) -> list[Bar]:
+def bars_of(history: Sequence[Arrival[status_t]]) -> list[Bar]:
     """Return the likeliest explanations, and those that dropped out since the previous decision."""
     now = _probabilities(history[-1].message)
     texts = (heard.message.explanations for heard in reversed(history))

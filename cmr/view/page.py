@@ -20,10 +20,10 @@ from cmr.view.look import legend, page_look
 from cmr.view.picture import Lines, rays, trails
 from cmr.view.plots import Plots
 from cmr.view.replay_panel import ReplayPanel
+from cmr.view.requests import CLOSE, FIGURE_EIGHT, RELEASE, STOP, Permission, Request, Requests
 from cmr.view.shapes import LENGTH, at_height, circle
 from cmr.view.showing import Showing
 from cmr.view.stage import TRAIL_WIDTH, LineSet
-from cmr.view.wishes import CLOSE, FIGURE_EIGHT, RELEASE, STOP, Permission, Wish, Wishes
 from cmr.view.words import ESTIMATES
 
 BESIDE = '<a href="{}" target="_blank" style="display:block;padding:0 1em">{}</a>'
@@ -64,13 +64,13 @@ class Page:
         self,
         client: viser.ClientHandle,
         permission: Permission,
-        wishes: Wishes,
+        requests: Requests,
         replay: ReplayPanel | None,
         surroundings: Surroundings,
     ) -> None:
         self.client = client
         self.permission = permission
-        self._wishes = wishes
+        self._requests = requests
         self._replay = replay
         self._surroundings = surroundings
         self._camera = Camera(client)
@@ -83,13 +83,13 @@ class Page:
         gui.add_html(page_look())
         if surroundings.back_to:
             back = gui.add_button(f"back to {surroundings.back_to}")
-            back.on_click(lambda _event: self.wish(CLOSE))
+            back.on_click(lambda _event: self.request(CLOSE))
         self._legend = gui.add_html("")
         self._investigation = gui.add_html("")
         self._add_orders(gui)
         self._camera_panel = CameraPanel(gui)
         if replay is not None:
-            replay.add(gui, self.wish)
+            replay.add(gui, self.request)
         self._add_tabs(gui)
         self._trails = LineSet(client.scene, "/trails", TRAIL_WIDTH)
         self._rays = LineSet(client.scene, "/rays", RAY_WIDTH)
@@ -109,11 +109,11 @@ class Page:
         """Choose a robot, as by a click on it."""
         write(self._robot, robot_id)
 
-    def wish(self, what: str, value: object = None) -> None:
+    def request(self, what: str, value: object = None) -> None:
         """Request something, if the visitor may."""
         self._try_token()
         if self.permission.asks(what):
-            self._wishes.put(Wish(what, self.client.client_id, value))
+            self._requests.put(Request(what, self.client.client_id, value))
         elif self.permission.wait > 0.0:
             self.refuse(WAIT.format(math.ceil(self.permission.wait)))
         else:
@@ -187,12 +187,12 @@ class Page:
     def _add_robot_orders(self, gui: viser.GuiApi) -> None:
         stop = gui.add_button("EMERGENCY STOP", color="red", hint="or press Esc")
         release = gui.add_button("reset emergency stop ...", color="gray")
-        stop.on_click(lambda _event: self.wish(STOP))
+        stop.on_click(lambda _event: self.request(STOP))
         gui.add_command("EMERGENCY STOP", hotkey="escape").on_trigger(lambda _event: self._take_escape())
         release.on_click(lambda _event: self._ask_release())
         if self._replay is None:
             eight = gui.add_button("start figure-eight", hint="of the chosen robot")
-            eight.on_click(lambda _event: self.wish(FIGURE_EIGHT, self.chosen))
+            eight.on_click(lambda _event: self.request(FIGURE_EIGHT, self.chosen))
         for path, title in self._surroundings.beside:
             gui.add_html(BESIDE.format(path, title))
 
@@ -246,7 +246,7 @@ class Page:
         """Ask for confirmation before releasing the emergency stop."""
         self._try_token()
         if not self.permission.granted:
-            self.wish(RELEASE)  # which is refused
+            self.request(RELEASE)  # which is refused
             return
         if self._close_question is not None:
             return
@@ -258,17 +258,17 @@ class Page:
         yes.on_click(lambda _event: self._answer(RELEASE))
         no.on_click(lambda _event: self._answer(None))
 
-    def _answer(self, wished: str | None) -> None:
-        """Close the question; carry out the wish, if confirmed."""
+    def _answer(self, requested: str | None) -> None:
+        """Close the question; carry out the request, if confirmed."""
         close, self._close_question = self._close_question, None
         if close is not None:
             close()
-        if wished is not None:
-            self.wish(wished)
+        if requested is not None:
+            self.request(requested)
 
     def _take_escape(self) -> None:
         """Close an open question; otherwise stop the robots."""
         if self._close_question is None:
-            self.wish(STOP)
+            self.request(STOP)
         else:
             self._answer(None)

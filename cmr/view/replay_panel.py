@@ -12,7 +12,7 @@ from cmr.view.data.log_index import Mark
 from cmr.view.data.playback import Playback
 from cmr.view.inputs import write
 from cmr.view.look import GO_TO, time_bar
-from cmr.view.wishes import JUMP, PAUSE, SPEED
+from cmr.view.requests import JUMP, PAUSE, SPEED
 
 SPEEDS = ("0.1", "0.5", "1", "2", "5", "10", "20", "50")
 STEP = 0.1  # s

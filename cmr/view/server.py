@@ -26,10 +26,10 @@ from cmr.view.inputs import check_inputs
 from cmr.view.opening import MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.page import REFUSED, Surroundings, refuse
 from cmr.view.picture import Picture, picture_of
+from cmr.view.requests import CLICK, CLOSE, COME, JUMP, LEAVE, OPEN, PAUSE, SPEED, Permission, Request, Requests
 from cmr.view.showing import LogShowing, Showing, stop_line
 from cmr.view.uploads import Upload
 from cmr.view.visit import NO_ROOM, Room, Visit, Visitor
-from cmr.view.wishes import CLICK, CLOSE, COME, JUMP, LEAVE, OPEN, PAUSE, SPEED, Permission, Wish, Wishes
 
 MakeBeside = Callable[[str, Guesses], Beside]  # of the token
 
@@ -50,14 +50,14 @@ class PageServer:
     """Serves pages at an address; if the port is taken, at the next free one.
 
     All visitors see `showing` in a `room` until they open a log. Requests that a visitor may make with the `token` go
-    into `wishes`. Additional pages `beside` are served, too; their makers get the counter of token guesses. Raises
+    into `requests`. Additional pages `beside` are served, too; their makers get the counter of token guesses. Raises
     OSError if it cannot serve.
     """
 
     def __init__(
         self, address: Address, token: str, room: Room, showing: Showing, beside: Sequence[MakeBeside] = ()
     ) -> None:
-        self.wishes: Wishes = Wishes()
+        self.requests: Requests = Requests()
         self.visits: dict[int, Visit] = {}
         self._token, self._room, self._showing = token, room, showing
         address.check()
@@ -78,21 +78,21 @@ class PageServer:
         self._server.gui.main_panel.dock_right()
         self._server.initial_camera.up = (0.0, 0.0, 1.0)
         self._server.initial_camera.position = INITIAL
-        self._server.on_client_connect(lambda client: self.wishes.put(Wish(COME, client.client_id, client)))
-        self._server.on_client_disconnect(lambda client: self.wishes.put(Wish(LEAVE, client.client_id)))
+        self._server.on_client_connect(lambda client: self.requests.put(Request(COME, client.client_id, client)))
+        self._server.on_client_disconnect(lambda client: self.requests.put(Request(LEAVE, client.client_id)))
 
-    def wished(self, utime: int) -> list[Wish]:
+    def requested(self, utime: int) -> list[Request]:
         """Handle visitors that come, go, and use own logs; return the other requests, `utime` [us]."""
-        result: list[Wish] = []
+        result: list[Request] = []
         while True:
             try:
-                wish = self.wishes.get_nowait()
+                request = self.requests.get_nowait()
             except Empty:
                 if result:  # so that the result is visible at once
                     self._trails_due = self._panels_due = 0.0
                 return result
-            if not self._fulfil(wish, utime):
-                result.append(wish)
+            if not self._fulfil(request, utime):
+                result.append(request)
 
     def show(self, seconds: float) -> None:
         """Draw all pages; advance the logs of single visitors by `seconds`."""
@@ -112,26 +112,26 @@ class PageServer:
             self._server.stop()
         self._logs.clean()
 
-    def _fulfil(self, wish: Wish, utime: int) -> bool:
+    def _fulfil(self, request: Request, utime: int) -> bool:
         """Fulfil requests that concern one visitor only; return whether it was one."""
-        visit = self.visits.get(wish.visitor)
-        if wish.what == COME:
-            self._welcome(wish.value)
-        elif wish.what == LEAVE:
+        visit = self.visits.get(request.visitor)
+        if request.what == COME:
+            self._welcome(request.value)
+        elif request.what == LEAVE:
             if visit is not None:
                 visit.visitor.upload.end()
-            self._forget(wish.visitor)
-        elif wish.what == CLICK and visit is not None:
-            visit.choose(wish.value)
-        elif wish.what == OPEN:
-            self._open(visit, wish.value)
-        elif wish.what == CLOSE and visit is not None:
+            self._forget(request.visitor)
+        elif request.what == CLICK and visit is not None:
+            visit.choose(request.value)
+        elif request.what == OPEN:
+            self._open(visit, request.value)
+        elif request.what == CLOSE and visit is not None:
             self._close(visit)
-        elif visit is not None and visit.log is not None and wish.what in (PAUSE, SPEED, JUMP):
-            self._do_for(visit, lambda visit: visit.showing.fulfil(wish, utime))
+        elif visit is not None and visit.log is not None and request.what in (PAUSE, SPEED, JUMP):
+            self._do_for(visit, lambda visit: visit.showing.fulfil(request, utime))
             self._panels_due = 0.0
         else:
-            return wish.what == CLICK
+            return request.what == CLICK
         return True
 
     def _welcome(self, client: viser.ClientHandle) -> None:
@@ -144,7 +144,7 @@ class PageServer:
             check_size(size, sum(visit.visitor.upload.arriving for visit in list(self.visits.values())))
 
         def take(log: OpenedLog) -> None:
-            self.wishes.put(Wish(OPEN, client.client_id, log))
+            self.requests.put(Request(OPEN, client.client_id, log))
 
         try:
             check_inputs(client, lambda: self.refusals.count("values that no input takes", address))
@@ -165,7 +165,7 @@ class PageServer:
             beside=self._beside if log is None else (),
         )
         try:
-            visit = Visit(visitor, self.wishes, showing, room, surroundings, log)
+            visit = Visit(visitor, self.requests, showing, room, surroundings, log)
         except RuntimeError:  # viser: left at once
             if log is not None:
                 log.remove()

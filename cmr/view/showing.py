@@ -8,7 +8,7 @@ from cmr.recordings.events import EventReader
 from cmr.view import words
 from cmr.view.curves import Curves, LiveCurves, LogCurves
 from cmr.view.data.intake import Intake
-from cmr.view.data.live import Ear
+from cmr.view.data.live import Subscriber
 from cmr.view.data.log_index import LogIndex
 from cmr.view.data.playback import Playback
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL
@@ -16,7 +16,7 @@ from cmr.view.data.signals import Source, sources
 from cmr.view.data.state import ViewState
 from cmr.view.orders import Orders
 from cmr.view.replay_panel import ReplayPanel
-from cmr.view.wishes import FIGURE_EIGHT, JUMP, PAUSE, RELEASE, SPEED, STOP, Wish
+from cmr.view.requests import FIGURE_EIGHT, JUMP, PAUSE, RELEASE, SPEED, STOP, Request
 
 SHARE_FOR_INDEX = 0.5  # of the time, for indexing a log while its page is already shown
 RED, GREEN = "#d62828", "inherit"
@@ -48,7 +48,7 @@ class Showing(Protocol):
     def advance(self, seconds: float) -> None:
         """Let time pass."""
 
-    def fulfil(self, wish: Wish, utime: int) -> None:
+    def fulfil(self, request: Request, utime: int) -> None:
         """Fulfil a permitted request; `utime` is the time of day [us]."""
 
     def head(self) -> str:
@@ -68,7 +68,7 @@ class LiveShowing:
         self.state = ViewState()
         self.curves = LiveCurves()
         self._intake = Intake(self.state, self.curves.take)
-        self._ear = Ear(url, self._intake)
+        self._ear = Subscriber(url, self._intake)
 
     def panel(self) -> None:
         """Return no additional controls."""
@@ -83,13 +83,13 @@ class LiveShowing:
         self._intake.flush()
         self.state.advance(now_utime())
 
-    def fulfil(self, wish: Wish, utime: int) -> None:
+    def fulfil(self, request: Request, utime: int) -> None:
         """Fulfil a request."""
-        _stop_or_release(self.orders, wish, utime)
-        if wish.what == FIGURE_EIGHT:
-            place = self.state.present().fresh().place(wish.value)
-            if place is not None and not self.orders.must_stand(wish.value):
-                self.orders.figure_eight(utime, wish.value, place)
+        _stop_or_release(self.orders, request, utime)
+        if request.what == FIGURE_EIGHT:
+            place = self.state.present().fresh().place(request.value)
+            if place is not None and not self.orders.must_stand(request.value):
+                self.orders.figure_eight(utime, request.value, place)
 
     def head(self) -> str:
         """Return which robots are there, and whether the emergency stop is engaged."""
@@ -131,15 +131,15 @@ class LogShowing:
         self.curves.read(reading)
         self._playback.play(seconds)
 
-    def fulfil(self, wish: Wish, utime: int) -> None:
+    def fulfil(self, request: Request, utime: int) -> None:
         """Fulfil a request."""
-        _stop_or_release(self.orders, wish, utime)
-        if wish.what == PAUSE:
+        _stop_or_release(self.orders, request, utime)
+        if request.what == PAUSE:
             self._pause()
-        elif wish.what == SPEED:
-            self._playback.speed = wish.value
-        elif wish.what == JUMP:
-            self._playback.jump(wish.value)
+        elif request.what == SPEED:
+            self._playback.speed = request.value
+        elif request.what == JUMP:
+            self._playback.jump(request.value)
 
     def head(self) -> str:
         """Return the log's position and its robots."""
@@ -188,8 +188,8 @@ def stop_line(orders: Orders) -> str:
     return engaged + (words.sentence(latched, RED) if orders.latched_reason else "")
 
 
-def _stop_or_release(orders: Orders, wish: Wish, utime: int) -> None:
-    if wish.what == STOP:
+def _stop_or_release(orders: Orders, request: Request, utime: int) -> None:
+    if request.what == STOP:
         orders.stop(utime)
-    elif wish.what == RELEASE:
+    elif request.what == RELEASE:
         orders.release()

@@ -8,10 +8,10 @@ from cmr.geometry.obstacles import Geofence, Obstacles
 from cmr.view.opening import OpenedLog
 from cmr.view.page import Page, Surroundings
 from cmr.view.picture import Picture
+from cmr.view.requests import CLICK, OPEN, Permission, Request, Requests
 from cmr.view.showing import Showing
 from cmr.view.stage import Stage
 from cmr.view.uploads import Upload, clear
-from cmr.view.wishes import CLICK, OPEN, Permission, Wish, Wishes
 
 
 class Room(NamedTuple):
@@ -38,7 +38,7 @@ class Visit:
     def __init__(
         self,
         visitor: Visitor,
-        wishes: Wishes,
+        requests: Requests,
         showing: Showing,
         room: Room,
         surroundings: Surroundings,
@@ -48,9 +48,9 @@ class Visit:
         client = visitor.client
         clear(client, visitor.upload.folder)
         self._stage = Stage(client.scene, room.obstacles, room.geofence)
-        self._stage.robots.on_click(lambda visitor, place: wishes.put(Wish(CLICK, visitor, place)))
+        self._stage.robots.on_click(lambda visitor, place: requests.put(Request(CLICK, visitor, place)))
         self._replay = showing.panel()
-        self.page = Page(client, visitor.permission, wishes, self._replay, surroundings)
+        self.page = Page(client, visitor.permission, requests, self._replay, surroundings)
         self._picture: Picture | None = None
 
     def show(self, picture: Picture, head: str, with_trails: bool, with_panels: bool) -> None:

@@ -16,7 +16,7 @@ class Telling:
         own = ((robot_id, one) for robot_id, one in behaviours.items() if isinstance(one, Behaviour))
         self._own = [(robot_id, one) for robot_id, one in own if type(one).tell is not Behaviour.tell]
 
-    def told(self, utime: int) -> Iterator[tuple[Stream[Message], int, Message]]:
+    def messages(self, utime: int) -> Iterator[tuple[Stream[Message], int, Message]]:
         """Yield the messages to publish at `utime` [us], with stream and robot."""
         for robot_id, behaviour in self._own:
             for stream, message in behaviour.tell(utime):

@@ -69,7 +69,7 @@ Opener = Callable[[Settings], AbstractContextManager[Drivable]]
 
 
 @dataclass
-class Heard:
+class Readings:
     """Messages of the robot collected while listening."""
 
     feedback: list[motor_feedback_t] = field(default_factory=list)
@@ -121,7 +121,7 @@ class Bench:
         self._channel = MOTOR_COMMAND.channel(robot_id)
         self._wanted = 0.0, 0.0
         self._commanded = self._heard_at = host.monotonic()
-        self._listeners: list[Heard] = []
+        self._listeners: list[Readings] = []
 
     def want(self, left: float, right: float) -> None:
         """Set the duties to drive while time passes.
@@ -155,9 +155,9 @@ class Bench:
         self._driver.problems()  # raises the error that ended a thread
 
     @contextmanager
-    def listening(self) -> Iterator[Heard]:
+    def listening(self) -> Iterator[Readings]:
         """Collect the robot's messages."""
-        heard = Heard()
+        heard = Readings()
         self._listeners.append(heard)
         try:
             yield heard

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cmr.msg import motor_feedback_t
-from robot_driver.bringup.bench import Bench, CannotTell, Heard
+from robot_driver.bringup.bench import Bench, CannotTell, Readings
 from robot_driver.bringup.odometry import TURN
 from robot_driver.guided import Guide, no_or_yes
 
@@ -143,7 +143,7 @@ class FloorDrive:
         return duties[0], duties[1]
 
 
-def drive(bench: Bench, guide: Guide, body: Body) -> Heard:
+def drive(bench: Bench, guide: Guide, body: Body) -> Readings:
     """Perform the drive, once the person has confirmed the space; return the robot's messages.
 
     Raises CannotTell.

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from robot_driver.bringup.bench import Bench, CannotTell, Heard, SeenPose
+from robot_driver.bringup.bench import Bench, CannotTell, Readings, SeenPose
 from robot_driver.bringup.floor import Body, drive
 from robot_driver.bringup.motor_constants import motor_constants
 from robot_driver.bringup.odometry import Path, path_of
@@ -56,7 +56,7 @@ def find_on_the_ground(bench: Bench, guide: Guide, body: Body, gyro: GyroFound, 
     return Ground(width if gyro.present else width / found.turn, constants, found)
 
 
-def _share_of_turns(heard: Heard, gyro: GyroFound, path: Path, start: int) -> float:
+def _share_of_turns(heard: Readings, gyro: GyroFound, path: Path, start: int) -> float:
     """Return the ratio of the robot's rotation by gyro to that by wheels. Raises CannotTell."""
     most = max(range(len(path.headings)), key=lambda number: path.headings[number])
     end = path.times[most]

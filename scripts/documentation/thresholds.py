@@ -48,7 +48,7 @@ STAGES = {
         "laws/foreseen",
         "laws/known",
         "laws/misfit",
-        "laws/polish",
+        "laws/refining",
         "laws/constants",
         "laws/variables",
         "laws/offers",

@@ -87,7 +87,7 @@ def test_of_a_long_recording_a_part_is_searched_first(
     gains = ready.problem.gains
     monkeypatch.setattr(criterion, "choose_gains", lambda _predictors, _values: gains)
     monkeypatch.setattr(criterion, "trusted", lambda _found, _ready: of_use)
-    criterion.look(ready, lambda _sentence: None)
+    criterion.search_effects(ready, lambda _sentence: None)
     part, one_step, free_runs = (True, SECONDS / 4), (True, SECONDS), (False, SECONDS)
     assert searched == [part, one_step if of_use else free_runs]
 

@@ -58,7 +58,7 @@ def test_sizes_in_free_runs_are_scaled_to_the_robot_found_there(monkeypatch: pyt
     searched: list[tuple[Problem, Fit]] = []
     monkeypatch.setattr(criterion, "search", lambda problem, base, *_: searched.append((problem, base)))
     monkeypatch.setattr(criterion, "trusted", lambda _found, _ready: False)
-    criterion.look(ready, lambda _sentence: None)
+    criterion.search_effects(ready, lambda _sentence: None)
     problem, base = searched[-1]
     assert not problem.one_step
     assert problem.excitation.parameters == base.values

@@ -121,7 +121,7 @@ def test_only_the_names_that_are_not_needed_are_withdrawn() -> None:
     assert [one.candidate.effect.name for one in left.named] == ["gyro_bias"]
     assert [(one.effect.name, why) for one, why in left.others] == [("slope", extending.BY_A_LAW)]
     assert left.final is final
-    assert left.doubts == {"k1": 0.1}
+    assert left.extra_stds == {"k1": 0.1}
 
 
 def test_a_law_of_what_was_recorded_stands_if_no_commands_seem_lost_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:

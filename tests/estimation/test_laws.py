@@ -16,7 +16,7 @@ from cmr.estimation.laws.linearised import Linearised, is_of_wheels, mixed, seen
 from cmr.estimation.laws.misfit import misfit_of
 from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.offers import Data, Offer, Refused
-from cmr.estimation.laws.polish import FURTHEST, polished, with_best_constants
+from cmr.estimation.laws.refining import FURTHEST, refined, with_best_constants
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import scan
 from cmr.estimation.laws.searching import LEAST, SET, narrow, offered
@@ -134,7 +134,7 @@ def test_a_hidden_law_comes_first_and_is_fitted_as_it_is(hidden: str) -> None:
     rest = rest_of(about, about.problem.found(about.errors))
     best = scan(about, rest)[0].candidate
     assert (best.place, best.side, best.formulas) == (law.place, law.side, law.formulas)
-    before, after = polished(about, ()), polished(about, [best])
+    before, after = refined(about, ()), refined(about, [best])
     assert before is not None
     assert after is not None
     assert after.coefficients[0][0] == pytest.approx(size, rel=0.1)
@@ -275,7 +275,7 @@ def test_a_spot_on_the_floor_is_found_where_nothing_else_explains_anything() -> 
 def test_a_picture_shows_the_law_before_and_nothing_after() -> None:
     law, size = HIDDEN["a cubic motor"]
     about = simulated(law, size, 6)
-    fit = polished(about, [law])
+    fit = refined(about, [law])
     assert fit is not None
     curve = curve_of(fit, 0, law_of(law), None, None)
     assert (curve.variable, curve.unit, curve.place_unit) == ("u", "-", "-")
@@ -334,7 +334,7 @@ def test_constants_that_a_drive_does_not_determine_are_told_from_those_that_it_d
     for law, strength, loose in ((spot, -0.02, True), (spot, -0.5, False), (moment, -0.03, False)):
         about = simulated(law, strength, 13)
         rest = rest_of(about, about.problem.found(about.errors))
-        fit = polished(about, [with_best_constants(about, law, rest)])
+        fit = refined(about, [with_best_constants(about, law, rest)])
         assert fit is not None
         assert undetermined(fit, SET) is loose
 
@@ -351,7 +351,7 @@ def test_a_constant_goes_no_further_than_it_may() -> None:
 def test_a_formula_that_is_not_quite_right_is_told_by_its_own_variable() -> None:
     truth = Candidate("wheel_voltage", ("s", "abs(s)"), 2, "both")
     about = simulated(truth, -0.15, 10)
-    right, wrong = polished(about, [truth]), polished(about, [Candidate("wheel_voltage", ("sign(s)",), 1, "both")])
+    right, wrong = refined(about, [truth]), refined(about, [Candidate("wheel_voltage", ("sign(s)",), 1, "both")])
     assert right is not None
     assert wrong is not None
     assert misfit_of(right) < 0.0
@@ -362,10 +362,10 @@ def test_two_terms_of_the_same_variables_at_one_place_are_a_series() -> None:
     square, cube = (Candidate("wheel_voltage", factors, 2, "both") for factors in (("s", "abs(s)"), ("s ** 3",)))
     ahead = Candidate("forward_speed", ("v", "abs(v)"), 2)
     about = simulated(square, -0.15, 11)
-    bare = polished(about, ())
+    bare = refined(about, ())
     assert bare is not None
     for laws, is_series in (((square, cube), True), ((square, ahead), False), ((square,), False)):
-        fit = polished(about, laws)
+        fit = refined(about, laws)
         assert fit is not None
         offer = Offer(bare, fit, fit, 100.0, 50.0, 50.0, -5.0, further=Further.beside(about, fit.rest), alike=())
         assert offer.series is is_series
@@ -374,7 +374,7 @@ def test_two_terms_of_the_same_variables_at_one_place_are_a_series() -> None:
 
 def test_what_a_refused_formula_explains_is_said_as_structure() -> None:
     law, size = HIDDEN["speed costs turning"]
-    fit = polished(simulated(law, size, 12), [law])
+    fit = refined(simulated(law, size, 12), [law])
     assert fit is not None
     structure = structure_of(fit)
     assert structure.present

@@ -85,7 +85,7 @@ def test_one_fit_for_each_further_effect_and_none_for_effects_of_chance(
         named=[named(name, chance=name == "command_loss") for name in order],
         others=[],
         inflation=1.0,
-        doubts={},
+        extra_stds={},
         unseen=(),
     )
     assert [moved["k1"] for moved in shifts(found)] == expected

@@ -9,7 +9,7 @@ import pytest
 
 from cmr.estimation.candidates import Excitation
 from cmr.estimation.checks import looked_at
-from cmr.estimation.estimates import INTERVAL, inexactness
+from cmr.estimation.estimates import INTERVAL, model_form_std
 from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.noise import Noise
 from cmr.estimation.preparation import prepare
@@ -47,11 +47,11 @@ def test_a_robot_whose_wheels_stick_is_known_no_better_than_free_runs_know_it() 
     assert ready.base is not None
     courses = SimulationErrorProblem(ready.problem.predictors, ready.problem.gains, ready.problem.excitation)
     base = courses.base(ready.start, ready.base.names)
-    doubts = courses.doubts(base)
+    extra_stds = courses.extra_stds(base)
     off = {name: abs(base.values[name] - ROBOT[name]) for name in base.names}
     # By the fit alone, errors of the paper's model would be many deviations: what is hidden bends it.
     assert all(off[name] > 3.0 * INTERVAL * base.std(name) for name in ("k1", "base_width"))
-    assert all(off[name] < INTERVAL * np.hypot(base.std(name), doubts[name]) for name in base.names)
+    assert all(off[name] < INTERVAL * np.hypot(base.std(name), extra_stds[name]) for name in base.names)
 
 
 @dataclass(frozen=True)
@@ -61,24 +61,24 @@ class Found:
     problem: Any
     base: Fit
     final: Fit
-    doubts: dict[str, float]
+    extra_stds: dict[str, float]
 
 
 def test_where_nothing_was_named_the_doubts_of_free_runs_stay() -> None:
     slopes = np.eye(3)[:, :1]
     base = Fit({"k1": 0.05}, ("k1",), np.zeros(3), slopes, Noise({}))
     final = replace(base, values={"k1": 0.09})
-    problem = SimpleNamespace(doubts=lambda fit: dict.fromkeys(fit.names, 0.3))
+    problem = SimpleNamespace(extra_stds=lambda fit: dict.fromkeys(fit.names, 0.3))
     after = as_the_paper_has_it(cast(Any, Found(problem, base, final, {})))
     assert after.final is base
-    assert after.doubts["k1"] == pytest.approx(np.sqrt(1.0**2 + 0.04**2 + 0.3**2), rel=1e-12)
+    assert after.extra_stds["k1"] == pytest.approx(np.sqrt(1.0**2 + 0.04**2 + 0.3**2), rel=1e-12)
 
 
 @pytest.mark.parametrize("held", [0.0, 0.16])
 def test_how_strong_motors_are_is_known_no_better_than_what_holds_their_wheels(held: float) -> None:
     strength = ROBOT["k2_over_k3"]
     robot = {**ROBOT, "static_friction": held * strength}
-    share = inexactness("k2_over_k3", robot, Excitation(robot, 1.0)) / strength
-    own, taken_over = definition("k2_over_k3").inexactness, held * definition("static_friction").inexactness
+    share = model_form_std("k2_over_k3", robot, Excitation(robot, 1.0)) / strength
+    own, taken_over = definition("k2_over_k3").model_form_error, held * definition("static_friction").model_form_error
     assert share == pytest.approx(np.hypot(own, taken_over), rel=1e-12)
-    assert inexactness("k1", robot, Excitation(robot, 1.0)) == definition("k1").inexactness * ROBOT["k1"]
+    assert model_form_std("k1", robot, Excitation(robot, 1.0)) == definition("k1").model_form_error * ROBOT["k1"]

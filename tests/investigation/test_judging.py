@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmr.investigation.choosing import told, worth_of
+from cmr.investigation.choosing import evidence_of, worth_of
 from cmr.investigation.evidence import Beliefs, beliefs_of
 from cmr.investigation.exchanging import evidence_beside, revision
 from cmr.investigation.judging import NOTHING, Explanation, ahead_since, judge
@@ -63,7 +63,7 @@ def test_what_must_be_confirmed_is_driven_for() -> None:
     """A dead band at overwhelming odds: a movement that shows it again would not be worth anything without that."""
     naming = Naming()
     judgement = naming.judged(problem := beliefs({"deadband": 0.1}))
-    known = told(judgement, problem.last)
+    known = evidence_of(judgement, problem.last)
     (missing,) = naming.unconfirmed.values()
     assert CONFIRMED[0] <= missing <= CONFIRMED[1]
     column = known.columns.of["deadband"][0]
@@ -100,8 +100,8 @@ def test_what_names_imitate_together_is_not_waited_for() -> None:
     """Unequal motors look like unequal encoders beside wheels that are just as unequal: no drive distinguishes them."""
     hidden = {"wheel_radius_asymmetry": 0.015, "motor_gain_asymmetry": 0.03}
     problem = beliefs(hidden)
-    beside = told(judge(problem, tuple(hidden), {**ROBOT, **hidden}), problem.last)
-    alone = told(judge(problem, (), ROBOT), problem.last)
+    beside = evidence_of(judge(problem, tuple(hidden), {**ROBOT, **hidden}), problem.last)
+    alone = evidence_of(judge(problem, (), ROBOT), problem.last)
     assert "encoder_asymmetry" in beside.imitated
     assert not alone.imitated
 
@@ -109,7 +109,7 @@ def test_what_names_imitate_together_is_not_waited_for() -> None:
 def test_without_poses_a_scale_of_the_gyro_is_another_base_width() -> None:
     """It is said to be, and not waited for; with poses it shows."""
     unseen, seen = (
-        told(judge(problem, (), ROBOT), problem.last) for problem in (beliefs({}, unseen=True), beliefs({}))
+        evidence_of(judge(problem, (), ROBOT), problem.last) for problem in (beliefs({}, unseen=True), beliefs({}))
     )
     assert unseen.disguised["gyro_scale"] == "base_width"
     assert "gyro_scale" in unseen.hopeless
@@ -120,6 +120,6 @@ def test_without_poses_a_scale_of_the_gyro_is_another_base_width() -> None:
 def test_data_speak_for_an_effect_that_is_there_and_against_others() -> None:
     """A gyro's bias: the odds are for its usual size, and 1000 : 1 against those that the same drive shows."""
     problem = beliefs({"gyro_bias": 0.01})
-    known = told(judge(problem, (), ROBOT), problem.last)
+    known = evidence_of(judge(problem, (), ROBOT), problem.last)
     assert known.contrary["gyro_bias"] < -SURE
     assert known.contrary["encoder_asymmetry"] > SURE

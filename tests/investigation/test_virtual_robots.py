@@ -70,7 +70,7 @@ def test_a_virtual_robot_finds_what_its_parameters_have_beyond_the_four() -> Non
     telling, told = Telling({ROBOT: behaviour}), []
     for step in range(round(3e6 * LONGEST) // STEP):
         world.advance(BEGIN + step * STEP)
-        told += list(telling.told(world.utime))
+        told += list(telling.messages(world.utime))
         if behaviour.finished:
             break
     assert behaviour.finished

@@ -21,6 +21,6 @@ def test_control_passes_through_few_functions_from_a_log_to_its_named_effect(tmp
     lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     control = [line.split()[-1] for line in lines if line.startswith("control")]
     # In the order of the stages.
-    stages = ["estimate", "look", "search", "screen", "ranked_fits", "finished", "that_holds"]
+    stages = ["estimate", "search_effects", "search", "screen", "ranked_fits", "finished", "that_holds"]
     assert [name for name in control if name in stages] == stages
     assert len(control) <= MOST

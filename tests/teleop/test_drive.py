@@ -63,14 +63,14 @@ def test_hands_become_the_duties_for_the_speed_that_was_asked_for(bench: Bench) 
     assert command.left == command.right == pytest.approx(0.3 / TYPICAL.wheel_radius * TYPICAL.k1)
     turning = bench.turn(Hands(0.0, 1.0))
     assert turning.right == -turning.left == pytest.approx(1.5 * 0.5 * TYPICAL.base_width / 0.04 * TYPICAL.k1)
-    bench.drive.wish(bench.utime, FASTER)
+    bench.drive.request(bench.utime, FASTER)
     assert bench.turn().left == pytest.approx(1.1 * command.left)
     assert bench.turn(STILL).left == 0.0
 
 
 def test_a_stop_is_engaged_at_once_repeated_and_holds_until_it_is_released(bench: Bench) -> None:
     assert bench.turn().left > 0.0
-    bench.drive.wish(bench.utime, STOP)
+    bench.drive.request(bench.utime, STOP)
     sent = bench.drive.turn(bench.utime + 20_000, AHEAD, "")
     assert [stream.name for stream, _, _ in sent if stream is ESTOP] == ["ESTOP"]
     assert bench.drive.duties == (0.0, 0.0)

@@ -118,11 +118,11 @@ def test_a_window_that_loses_the_focus_lets_all_keys_go_and_a_paste_drives_nothi
     legacy = Desk(reports_releases=False)
     legacy.type("\x1b[200~wwwwww \x1b[201~")
     assert legacy.wait(0.3) == 0.0
-    assert legacy.keyboard.wishes() == []
+    assert legacy.keyboard.requests() == []
 
 
 @pytest.mark.parametrize(
-    ("typed", "wished"),
+    ("typed", "requested"),
     [
         (" ", STOP),
         ("\x1b", STOP),
@@ -134,11 +134,11 @@ def test_a_window_that_loses_the_focus_lets_all_keys_go_and_a_paste_drives_nothi
         ("+", FASTER),
     ],
 )
-def test_keys_for_all_else_work_in_both_kinds_of_terminals(typed: str, wished: str) -> None:
+def test_keys_for_all_else_work_in_both_kinds_of_terminals(typed: str, requested: str) -> None:
     desk = Desk(reports_releases=False)
     desk.type(typed)
     desk.wait(0.1)
-    assert desk.keyboard.wishes() == [wished]
+    assert desk.keyboard.requests() == [requested]
 
 
 def test_arrows_are_keys_in_all_their_spellings_and_parts_of_a_sequence_wait_for_the_rest() -> None:

@@ -77,7 +77,7 @@ def test_a_button_stops_all_robots_and_events_may_come_in_pieces() -> None:
     for byte in whole:
         device.said = bytes([byte])
         pad.look(0.0)
-    assert pad.wishes() == [STOP]
+    assert pad.requests() == [STOP]
 
 
 def test_a_device_that_comes_back_is_opened_again(tmp_path: Path) -> None:
@@ -130,12 +130,12 @@ def test_nonsense_from_a_page_moves_nothing_and_its_end_ends_the_drive() -> None
         line.said = text + b"\n"
         page.look(10.0)
         assert page.hands(10.0) == STILL
-    line.said = b'{"beat": %d, "forward": 1e999, "turn": 0}\n{"wish": "stop"}\n' % beat
+    line.said = b'{"beat": %d, "forward": 1e999, "turn": 0}\n{"request": "stop"}\n' % beat
     page.look(10.0)
-    assert (page.hands(10.0), page.wishes()) == (STILL, [STOP])
+    assert (page.hands(10.0), page.requests()) == (STILL, [STOP])
     line.said = None
     page.look(10.0)
-    assert page.wishes() == [END]
+    assert page.requests() == [END]
 
 
 def test_a_script_does_one_thing_after_the_other_from_when_it_is_first_looked_at() -> None:

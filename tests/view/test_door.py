@@ -25,9 +25,9 @@ from cmr.view.entrance.door import Address
 from cmr.view.entrance.guesses import FREE, Guesses
 from cmr.view.entrance.refusals import Refusals
 from cmr.view.orders import Orders
+from cmr.view.requests import Permission
 from cmr.view.server import PageServer
 from cmr.view.visit import NO_ROOM
-from cmr.view.wishes import Permission
 from tests.support.page_visitor import CAMERA, PROTOCOL, Stranger, camera, names_of_parts, packed, told
 from tests.support.view_states import NOW, showing, three
 
@@ -61,7 +61,7 @@ class Serving:
 
     def turn(self) -> None:
         """Do what cmr-view does twenty times a second."""
-        self.server.wished(NOW)
+        self.server.requested(NOW)
         self.server.show(0.05)
 
     def until(self, is_true: Callable[[], bool]) -> None:

@@ -71,13 +71,13 @@ def test_a_visitor_with_the_token_has_a_process_that_ends_with_the_page(page: Se
         assert hear(visitor) == {"beat": 1}
         say(visitor, beat=1, forward=0.5, turn=-0.25)
         say(visitor, beat=1, forward=7.5)
-        say(visitor, wish="stop")
+        say(visitor, request="stop")
         page.until(lambda: "stop" in page.text())
     page.until(lambda: "closed" in page.text())
-    first, hands, wish, _ = page.text().splitlines()
+    first, hands, request, _ = page.text().splitlines()
     assert first == "['7', 'True']"
     assert json.loads(hands) == {"beat": 1, "forward": 0.5, "turn": -0.25}
-    assert json.loads(wish)["wish"] == "stop"
+    assert json.loads(request)["request"] == "stop"
 
 
 def test_what_a_process_says_at_its_end_is_shown(page: Serving) -> None:
@@ -86,7 +86,7 @@ def test_what_a_process_says_at_its_end_is_shown(page: Serving) -> None:
         hear(visitor)
         say(visitor, robot=0)
         hear(visitor)
-        say(visitor, wish="faster")
+        say(visitor, request="faster")
         assert hear(visitor) == {"ended": "somebody took over the robot."}
 
 
@@ -103,7 +103,7 @@ def test_too_many_do_not_drive_at_once(page: Serving) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "[]", '{"robot": -1}', '{"forward": 2}', '{"forward": "1"}', '{"wish": "release"}', '{"x": 1}', "{" * 500],
+    ["", "[]", '{"robot": -1}', '{"forward": 2}', '{"forward": "1"}', '{"request": "release"}', '{"x": 1}', "{" * 500],
 )
 def test_what_no_page_says_is_refused(text: str) -> None:
     sessions = DriveSessions(lambda _robot, _takes_over: [], TOKEN, Guesses(Refusals()))

@@ -18,8 +18,8 @@ from cmr.view.data.log_index import LogIndex
 from cmr.view.data.playback import Playback
 from cmr.view.data.robots import REAL, TWIN, VIRTUAL
 from cmr.view.replay_panel import ReplayPanel, labelled, seconds_of
+from cmr.view.requests import JUMP, PAUSE, SPEED, Request
 from cmr.view.showing import LogShowing
-from cmr.view.wishes import JUMP, PAUSE, SPEED, Wish
 from tests.support.small_log import FIELDS, gyro_readings
 
 BEGIN = 1_700_000_000_000_000  # us
@@ -192,7 +192,7 @@ def test_a_time_is_gone_to_once_it_has_been_typed_and_nothing_is_written_over_it
     monkeypatch.setattr("cmr.view.replay_panel.time.monotonic", lambda: clock.now)
     gui, asked = FakeGui(), []
     panel = ReplayPanel(playback)
-    panel.add(gui, lambda *wish: asked.append(wish))  # type: ignore[arg-type]
+    panel.add(gui, lambda *request: asked.append(request))  # type: ignore[arg-type]
     box = gui.made["go to"]
     for clock.now, box.value in ((100.0, "4"), (100.5, "45"), (100.6, "45.")):
         box.typed(SimpleNamespace(client_id=1))
@@ -290,15 +290,15 @@ def test_wishes_of_a_visitor_move_the_log(log: Path) -> None:
     while "read" in showing.head():
         showing.advance(0.0 if showing.state.now else 0.1)
         showing.advance(1.0)
-    for wish in (Wish(PAUSE, 1), Wish(JUMP, 1, BEGIN + 21 * SECOND), Wish(SPEED, 1, 5.0)):
-        showing.fulfil(wish, BEGIN)
+    for request in (Request(PAUSE, 1), Request(JUMP, 1, BEGIN + 21 * SECOND), Request(SPEED, 1, 5.0)):
+        showing.fulfil(request, BEGIN)
     assert "21.0 s" in showing.head()
     assert "In the log, the emergency stop is engaged by a person: smoke" in showing.head()
     assert not showing.orders.stopped, "what a log says stops nobody"
     showing.advance(1.0)
     assert "21.0 s" in showing.head()
-    showing.fulfil(Wish(JUMP, 1, BEGIN + LENGTH * SECOND), BEGIN)
-    showing.fulfil(Wish(PAUSE, 1), BEGIN)
+    showing.fulfil(Request(JUMP, 1, BEGIN + LENGTH * SECOND), BEGIN)
+    showing.fulfil(Request(PAUSE, 1), BEGIN)
     assert "· 0.0 s" in showing.head(), "at the end one plays again"
 
 

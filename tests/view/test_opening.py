@@ -14,9 +14,9 @@ from cmr.view.data.state import ViewState
 from cmr.view.entrance.door import Address
 from cmr.view.opening import LARGEST_LOG, MOST_ARRIVING, MOST_OPENED, LogFolder, OpenedLog, RefusedLog, check_size
 from cmr.view.orders import Orders
+from cmr.view.requests import CLOSE, COME, JUMP, LEAVE, OPEN, STOP, Permission, Request
 from cmr.view.uploads import Upload
 from cmr.view.visit import NO_ROOM
-from cmr.view.wishes import CLOSE, COME, JUMP, LEAVE, OPEN, STOP, Permission, Wish
 from tests.support.small_log import small_log
 
 LOG = b"".join(map(event_bytes, small_log()))
@@ -186,7 +186,7 @@ def test_a_full_disk_is_said_to_who_sends_a_log(monkeypatch: pytest.MonkeyPatch)
 class FakeVisit:
     """What a visitor sees; `drawn` counts how often."""
 
-    def __init__(self, visitor: Any, _wishes: Any, showing: Any, *rest: Any) -> None:
+    def __init__(self, visitor: Any, _requests: Any, showing: Any, *rest: Any) -> None:
         self.visitor, self.showing, self.log = visitor, showing, rest[-1]
         self.refused: list[str] = []
         self.page = SimpleNamespace(refuse=self.refused.append, plotted=[])
@@ -213,8 +213,8 @@ def pages(monkeypatch: pytest.MonkeyPatch) -> server.PageServer:
     monkeypatch.setattr(server, "guarding", lambda _door, _beside: nullcontext())
     result = server.PageServer(Address("127.0.0.1", 8080), "secret of ours", NO_ROOM, live)
     for visitor in range(1, 7):
-        result.wishes.put(Wish(COME, visitor, SimpleNamespace(client_id=visitor, gui=FakeClient().gui)))
-    result.wished(0)
+        result.requests.put(Request(COME, visitor, SimpleNamespace(client_id=visitor, gui=FakeClient().gui)))
+    result.requested(0)
     return result
 
 
@@ -222,20 +222,20 @@ def kept(pages: server.PageServer) -> OpenedLog:
     return keep(pages._logs, "run.lcm", LOG)
 
 
-def do(pages: server.PageServer, *wishes: Wish) -> list[Wish]:
-    for wish in wishes:
-        pages.wishes.put(wish)
-    return pages.wished(0)
+def do(pages: server.PageServer, *requests: Request) -> list[Request]:
+    for request in requests:
+        pages.requests.put(request)
+    return pages.requested(0)
 
 
 def test_a_log_is_shown_to_the_visitor_who_opened_it_until_he_goes_back(pages: server.PageServer) -> None:
     log = kept(pages)
-    assert do(pages, Wish(OPEN, 1, log)) == []
+    assert do(pages, Request(OPEN, 1, log)) == []
     assert [visit.showing.name for visit in pages.visits.values() if visit.log] == ["run.lcm"]
-    assert do(pages, Wish(JUMP, 1, 0)) == [], "the wish moves his own log alone"
-    assert do(pages, Wish(STOP, 1)) == [Wish(STOP, 1)], "the emergency stop is everybody's"
+    assert do(pages, Request(JUMP, 1, 0)) == [], "the request moves his own log alone"
+    assert do(pages, Request(STOP, 1)) == [Request(STOP, 1)], "the emergency stop is everybody's"
     pages.show(0.05)
-    do(pages, Wish(CLOSE, 1))
+    do(pages, Request(CLOSE, 1))
     assert pages.visits[1].showing.name == "live"
     assert not log.path.exists()
 
@@ -243,7 +243,7 @@ def test_a_log_is_shown_to_the_visitor_who_opened_it_until_he_goes_back(pages: s
 def test_a_log_that_breaks_the_playback_closes_and_the_others_see_nothing_of_it(
     pages: server.PageServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    do(pages, Wish(OPEN, 1, kept(pages)))
+    do(pages, Request(OPEN, 1, kept(pages)))
     monkeypatch.setattr(pages.visits[1].showing, "advance", lambda _seconds: 1 // 0)
     pages.show(0.05)
     visits: Any = pages.visits
@@ -256,11 +256,11 @@ def test_a_log_that_breaks_the_playback_closes_and_the_others_see_nothing_of_it(
 
 def test_only_so_many_logs_are_open_and_those_of_who_left_are_deleted(pages: server.PageServer) -> None:
     logs = [kept(pages) for _ in range(MOST_OPENED + 1)]
-    do(pages, *(Wish(OPEN, visitor + 1, log) for visitor, log in enumerate(logs)))
+    do(pages, *(Request(OPEN, visitor + 1, log) for visitor, log in enumerate(logs)))
     visits: Any = pages.visits
     assert "Close one of them" in visits[MOST_OPENED + 1].refused[0]
     assert [log.path.exists() for log in logs] == [True] * MOST_OPENED + [False]
-    do(pages, Wish(LEAVE, 1), Wish(OPEN, 1, logs[1]))
+    do(pages, Request(LEAVE, 1), Request(OPEN, 1, logs[1]))
     assert [log.path.exists() for log in logs[:2]] == [False, False]
     folder: Path = logs[0].path.parent
     pages.stop()

@@ -13,8 +13,8 @@ from cmr.msg import (
     waypoints_t,
 )
 from cmr.view.orders import Orders
+from cmr.view.requests import RELEASE, STOP, Permission
 from cmr.view.showing import stop_line
-from cmr.view.wishes import RELEASE, STOP, Permission
 from tests.support.latches import latch
 from tests.support.typed_messages import as_a
 

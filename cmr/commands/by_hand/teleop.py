@@ -79,15 +79,15 @@ def _run(process: Process, drive: Drive, seat: Seat, seconds: float | None) -> N
         drive.pilot.parameters.poll()
         now = time.monotonic()
         seat.look(now, not drive.waiting_for)
-        wishes = seat.wishes()
-        for wish in wishes:
-            drive.wish(utime, wish)
+        requests = seat.requests()
+        for request in requests:
+            drive.request(utime, request)
         process.publish_all(drive.turn(utime, seat.hands(now), seat.problem(now)))
         seat.show(drive, utime, now)
         _report(process, drive)
         if drive.claim.lost_to:
             raise CommandError(f"{drive.claim.lost_to} took over robot {drive.pilot.robot_id}.")
-        if END in wishes or seat.is_over(now) or (seconds is not None and now - began >= seconds):
+        if END in requests or seat.is_over(now) or (seconds is not None and now - began >= seconds):
             return
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels
-from cmr.estimation.laws.polish import Polished, around
+from cmr.estimation.laws.refining import Refined, around
 from cmr.estimation.laws.scan import scan
 from cmr.recordings.signal import Floats
 
@@ -18,7 +18,7 @@ SAME = 0.98  # share of a law's contribution that another law reproduces, from w
 WIDTHS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # of the steps to other constants, as shares of the reach of each
 
 
-def undetermined(fit: Polished, margin: float) -> bool:
+def undetermined(fit: Refined, margin: float) -> bool:
     """Return whether other constants of a law explain as much as the fitted ones and imply something different.
 
     "As much" allows for a difference of `margin` in -2 log likelihood.
@@ -28,7 +28,7 @@ def undetermined(fit: Polished, margin: float) -> bool:
     )
 
 
-def _undetermined(fit: Polished, number: int, margin: float) -> bool:
+def _undetermined(fit: Refined, number: int, margin: float) -> bool:
     law, rest = fit.laws[number], fit.rest_without(number)
     others = [one for width in WIDTHS for one in around(law, width)]
     gains = {id(one.candidate.constants): one.gain for one in scan(fit.model, rest, [law, *others])}

@@ -11,7 +11,7 @@ import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels
-from cmr.estimation.laws.polish import Polished
+from cmr.estimation.laws.refining import Refined
 from cmr.estimation.laws.result import Course, Curve
 from cmr.estimation.problem import LARGE
 from cmr.model.laws.law import Law
@@ -24,7 +24,7 @@ FEWEST = 50  # sum of squared white errors required of a bin's trace
 RIDGE = 1e-6  # of the variance: keeps nearly identical bins solvable
 
 
-def curve_of(fit: Polished, number: int, law: Law, tried: Polished | None, rows: Mask | None) -> Curve:
+def curve_of(fit: Refined, number: int, law: Law, tried: Refined | None, rows: Mask | None) -> Curve:
     """Return the curve of one law of a fit, on the fitted data and on the test data.
 
     The test data are another fit with the same coefficients, other rows of the same errors, or None.
@@ -63,7 +63,7 @@ def _edges(model: Linearised, candidate: Candidate, variable: str) -> Floats:
     return np.linspace(low, max(high, low + 1e-9), BINS + 1)
 
 
-def _course(fit: Polished, number: int, variable: str, edges: Floats, rows: Mask) -> Course:
+def _course(fit: Refined, number: int, variable: str, edges: Floats, rows: Mask) -> Course:
     model, candidate = fit.model, fit.laws[number]
     sign = SIDES[candidate.side] if is_of_wheels(candidate.place) else np.ones(1)
     values = _along(model, candidate, (variable,))
@@ -95,7 +95,7 @@ def _fitted(columns: Floats, left: Floats) -> tuple[Floats, Floats]:
     return forces, std
 
 
-def _said(fit: Polished, number: int) -> list[list[Floats]]:
+def _said(fit: Refined, number: int) -> list[list[Floats]]:
     """Return the values of a law at its place, in each segment and on each side."""
     candidate = fit.laws[number]
     parts = [_along(fit.model, candidate, factors) for factors in candidate.all_factors]

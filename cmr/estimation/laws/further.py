@@ -9,7 +9,7 @@ from cmr.estimation.laws.candidates import Candidate, candidates
 from cmr.estimation.laws.foreseen import Expected, Foreseen
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.local import local_laws
-from cmr.estimation.laws.polish import with_best_constants
+from cmr.estimation.laws.refining import with_best_constants
 from cmr.estimation.laws.rest import Rest
 from cmr.estimation.laws.scan import Score, scan
 from cmr.estimation.search.inflation import MEDIAN_OF_CHI2

@@ -11,7 +11,7 @@ import numpy as np
 
 from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.linearised import SIDES, is_of_wheels
-from cmr.estimation.laws.polish import Polished
+from cmr.estimation.laws.refining import Refined
 from cmr.estimation.laws.scan import LEAST_OWN, NOTHING
 from cmr.model.laws.grammar import parse
 from cmr.recordings.signal import Floats
@@ -21,7 +21,7 @@ ALIKE = 0.02  # of the largest: directions that the model's parameters or other 
 SURELY = 5.0  # standard deviations above the mean of chi-squared that indicate a misfit
 
 
-def misfit_of(fit: Polished) -> float:
+def misfit_of(fit: Refined) -> float:
     """Return how much more factors along the laws' variables explain than chance; negative if no more."""
     beyond = [_beyond(fit, number, name) for number, law in enumerate(fit.laws) for name in variables_of_law(law)]
     return max(beyond, default=-math.inf)
@@ -32,7 +32,7 @@ def variables_of_law(law: Candidate) -> tuple[str, ...]:
     return tuple(sorted({name for text in law.formulas for name in parse(text, tuple(law.constants)).variables}))
 
 
-def _beyond(fit: Polished, number: int, variable: str) -> float:
+def _beyond(fit: Refined, number: int, variable: str) -> float:
     """Return the gain of factors along one variable of a law, minus the largest gain by chance."""
     rest = fit.rest
     traces = _traces(fit, number, variable) * rest.mask[:, None]
@@ -47,7 +47,7 @@ def _beyond(fit: Polished, number: int, variable: str) -> float:
     return float(np.sum((u.T @ rest.white) ** 2)) - freedom - SURELY * math.sqrt(2.0 * freedom)
 
 
-def _traces(fit: Polished, number: int, variable: str) -> Floats:
+def _traces(fit: Refined, number: int, variable: str) -> Floats:
     """Return the white traces (n, BINS) of a law's contribution in each bin of a variable."""
     model, law = fit.model, fit.laws[number]
     segments = range(len(model.problem.predictors))
@@ -64,7 +64,7 @@ def _traces(fit: Polished, number: int, variable: str) -> Floats:
     return np.asarray(traces.reshape(len(traces), BINS, len(share)) @ share)
 
 
-def _added(fit: Polished, number: int, segment: int, side: int) -> Floats:
+def _added(fit: Refined, number: int, segment: int, side: int) -> Floats:
     """Return a law's contribution at its place along a segment."""
     law, coefficients = fit.laws[number], fit.coefficients[number]
     parts = [fit.model.course(segment, side, factors, law.constants) for factors in law.all_factors]

@@ -8,7 +8,7 @@ from cmr.estimation.laws.candidates import Candidate
 from cmr.estimation.laws.further import Further
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.misfit import variables_of_law
-from cmr.estimation.laws.polish import Polished, polished
+from cmr.estimation.laws.refining import Refined, refined
 from cmr.estimation.laws.rest import times_of
 from cmr.estimation.problem import Problem
 from cmr.recordings.signal import Mask
@@ -28,16 +28,16 @@ class Offer:
     `undetermined` says that other constants explain as much but imply something else.
     """
 
-    before: Polished
-    after: Polished
-    settled: Polished
+    before: Refined
+    after: Refined
+    settled: Refined
     gain: float
     score: float
     held_out: float
     left: float
     further: Further
-    alike: tuple[Polished, ...]
-    tied: tuple[Polished, ...] = ()
+    alike: tuple[Refined, ...]
+    tied: tuple[Refined, ...] = ()
     misfit: float = 0.0
     undetermined: bool = False
 
@@ -69,10 +69,10 @@ class Refused:
     """
 
     reason: str
-    before: Polished | None = None
+    before: Refined | None = None
     several: bool = False
-    rivals: tuple[Polished, ...] = ()
-    seen: Polished | None = None
+    rivals: tuple[Refined, ...] = ()
+    seen: Refined | None = None
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Data:
     fitted: Mask
     tried: Mask | None
     other: Problem | None = None
-    _elsewhere: dict[Polished, Polished | None] = field(default_factory=dict)
+    _elsewhere: dict[Refined, Refined | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, problem: Problem, model: Linearised, other: Problem | None) -> "Data":
@@ -94,7 +94,7 @@ class Data:
         border = float(times.min()) + TRAINING * float(np.ptp(times))
         return cls(problem, times < border, times >= border)
 
-    def held_out(self, before: Polished, after: Polished) -> float:
+    def held_out(self, before: Refined, after: Refined) -> float:
         """Return the drop of -2 log likelihood by laws on data that nothing was fitted to."""
         if self.other is None:
             assert self.tried is not None
@@ -107,16 +107,16 @@ class Data:
         tried = self.other.batch.rows if self.other is not None else int(np.count_nonzero(~self.fitted))
         return min(1.0, tried / max(int(np.count_nonzero(self.fitted)), 1))
 
-    def tried_on(self, fit: Polished) -> tuple[Polished | None, Mask | None]:
+    def tried_on(self, fit: Refined) -> tuple[Refined | None, Mask | None]:
         """Return where a fit was tested: the other problem with the same values, or other rows of the same one."""
         if self.other is None:
             return None, self.tried
         if fit not in self._elsewhere:
             model = replace(Linearised.about(self.other, fit.values, ()), speeds=fit.model.speeds)
-            self._elsewhere[fit] = polished(model, fit.laws, fixed=fit.coefficients)
+            self._elsewhere[fit] = refined(model, fit.laws, fixed=fit.coefficients)
         return self._elsewhere[fit], None
 
-    def _left_elsewhere(self, fit: Polished) -> float:
+    def _left_elsewhere(self, fit: Refined) -> float:
         """Return -2 log likelihood of the other problem with the same values."""
         fixed, _ = self.tried_on(fit)
         return np.inf if fixed is None else fixed.quality()

@@ -13,7 +13,7 @@ from cmr.estimation.laws.curves import curve_of
 from cmr.estimation.laws.linearised import is_of_wheels
 from cmr.estimation.laws.naming import law_of
 from cmr.estimation.laws.offers import LEFT, Data, Offer, Refused
-from cmr.estimation.laws.polish import Polished
+from cmr.estimation.laws.refining import Refined
 from cmr.estimation.laws.result import APPROXIMATION, LAW, NO_LAW, TIE, LawFound, Laws
 from cmr.estimation.laws.rivals import (
     Hypothesis,
@@ -86,7 +86,7 @@ class Proposal:
     before: Fit | None = None
     problem: Problem | None = None
     withdrawn: tuple[str, ...] = ()
-    seen: Polished | None = None
+    seen: Refined | None = None
 
 
 def proposed(problem: Problem, found: Search, held_out: Sequence[Segment], more: bool) -> Proposal:
@@ -328,7 +328,7 @@ def _reasons(offer: Offer, data: Data) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def _rival(fit: Polished) -> LawFound:
+def _rival(fit: Refined) -> LawFound:
     """Return a law that is not in the model, as fitted to first order."""
     law = law_of(fit.laws[-1])
     estimates = {

@@ -15,7 +15,7 @@ from cmr.estimation.gauss_newton import Fit
 from cmr.estimation.laws.known import known_beside
 from cmr.estimation.laws.linearised import Linearised
 from cmr.estimation.laws.offers import Data, Offer, Refused
-from cmr.estimation.laws.polish import Polished
+from cmr.estimation.laws.refining import Refined
 from cmr.estimation.laws.rest import rest_of
 from cmr.estimation.laws.scan import penalty
 from cmr.estimation.laws.searching import (
@@ -85,7 +85,7 @@ class Hypothesis:
         return self.first.selected if isinstance(self.first, Scanned) else ()
 
     @property
-    def before(self) -> Polished | None:
+    def before(self) -> Refined | None:
         """The model without a law; None if no law is identifiable."""
         return self.first.before
 
@@ -95,7 +95,7 @@ class Hypothesis:
             return self.first
         return offered_of(self.first, self.explained, promising)
 
-    def offer_instead(self, names: Polished) -> Offer | Refused:
+    def offer_instead(self, names: Refined) -> Offer | Refused:
         """Return the best law that may replace effects, of which `names` is the fit, or why there is none.
 
         Its score may be anything: the effects show that structure exists, and the law must be better than they are.
@@ -172,7 +172,7 @@ def _hypothesis(
     return Hypothesis(data, scanned(data, model, names, noise), problem, fit, explained)
 
 
-def against_names(data: Data, alone: Offer, names: Polished, effects: int) -> Rivalry:
+def against_names(data: Data, alone: Offer, names: Refined, effects: int) -> Rivalry:
     """Compare a law alone with `effects` effects, on the fitted data and on held-out data.
 
     Both are penalised for their parameters and for selection among many. They are tied if all data together leave them

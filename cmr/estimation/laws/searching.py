@@ -21,7 +21,7 @@ from cmr.estimation.laws.known import Catalogued
 from cmr.estimation.laws.linearised import Linearised, is_of_wheels
 from cmr.estimation.laws.misfit import misfit_of
 from cmr.estimation.laws.offers import Data, Offer, Refused
-from cmr.estimation.laws.polish import Polished, polished, polished_twice, score_of, with_best_constants
+from cmr.estimation.laws.refining import Refined, refined, refined_twice, score_of, with_best_constants
 from cmr.estimation.laws.rest import Rest, rest_of
 from cmr.estimation.laws.scan import Score, penalty, scan
 from cmr.estimation.laws.variables import Speeds
@@ -74,7 +74,7 @@ class Scanned:
     """
 
     data: Data
-    before: Polished
+    before: Refined
     rest: Rest
     scores: tuple[Score, ...]
     selected: tuple[str, ...]
@@ -97,7 +97,7 @@ def scanned(data: Data, model: Linearised, selected: Sequence[str], noise: Noise
     """
     if narrow(model):
         return Refused(NARROW, several=True)
-    before = polished(model, (), data.fitted)
+    before = refined(model, (), data.fitted)
     if before is None:
         return Refused("The data do not determine the model's own parameters.")
     rest = rest_of(model, noise or before.noise, data.fitted)
@@ -125,7 +125,7 @@ def offered_of(
     return found
 
 
-def _fits(first: Scanned, worth: float) -> list[Polished] | Refused:
+def _fits(first: Scanned, worth: float) -> list[Refined] | Refused:
     """Return the fits of the best laws of a scan, and of further ones found with the best law's noise.
 
     Finally the constants of the best are refined. If none of the first fits gains `worth`, there are no others.
@@ -134,7 +134,7 @@ def _fits(first: Scanned, worth: float) -> list[Polished] | Refused:
     promising = _promising(first.scores, known)
     if not promising:
         return Refused("Effects of the catalogue explain as much here as formulas.")
-    fits = _polished_all(rest, [one.candidate for one in promising[:BEST]], data, known)
+    fits = _refined_all(rest, [one.candidate for one in promising[:BEST]], data, known)
     if not fits:
         return Refused("No formula could be fitted together with the model's parameters.")
     best = min(fits, key=lambda fit: _cost(fit, data))
@@ -144,11 +144,11 @@ def _fits(first: Scanned, worth: float) -> list[Polished] | Refused:
     met = {law.key for fit in fits for law in fit.laws}
     rescored = scan(model, again, [one.candidate for one in first.scores[:RESCORED]])
     newcomers = [one.candidate for one in _promising(rescored, known) if one.candidate.key not in met]
-    fits += _polished_all(again, newcomers[:NEWCOMERS], data, known)
+    fits += _refined_all(again, newcomers[:NEWCOMERS], data, known)
     return _settled(data, fits, known)
 
 
-def _settled(data: Data, fits: Sequence[Polished], known: Catalogued) -> list[Polished]:
+def _settled(data: Data, fits: Sequence[Refined], known: Catalogued) -> list[Refined]:
     """Refine the inner constants of the best fits with their own noise; return all fits."""
     ordered = sorted(fits, key=lambda fit: _cost(fit, data))
     far = _cost(ordered[0], data) + SHARE_TO_SETTLE * abs(ordered[0].quality() - ordered[-1].quality())
@@ -156,7 +156,7 @@ def _settled(data: Data, fits: Sequence[Polished], known: Catalogued) -> list[Po
         if not fit.laws[-1].constants or _cost(fit, data) > far:
             continue
         rest = rest_of(known.model, fit.noise, data.fitted)
-        again = _polished_all(rest, fit.laws[-1:], data, known)
+        again = _refined_all(rest, fit.laws[-1:], data, known)
         if again and _cost(again[0], data) < _cost(fit, data):
             ordered[number] = again[0]
     return ordered
@@ -176,7 +176,7 @@ def _with_second(data: Data, first: Offer, selected: Sequence[str]) -> Offer:
     model, rest = first.after.model, first.after.rest
     known = Catalogued(model, rest, selected)
     promising = [one.candidate for one in _promising(first.further.with_local(), known)]
-    fits = _polished_all(rest, promising[:NEWCOMERS], data, known, first.after.laws)
+    fits = _refined_all(rest, promising[:NEWCOMERS], data, known, first.after.laws)
     if not fits:
         return first
     second = _judged(data, first.after, fits, OF_NAMES * first.gain, selected)
@@ -204,9 +204,9 @@ def _promising(scores: Sequence[Score], known: Catalogued) -> list[Score]:
     return result
 
 
-def _polished_all(
+def _refined_all(
     rest: Rest, laws: Sequence[Candidate], data: Data, known: Catalogued, beside: Sequence[Candidate] = ()
-) -> list[Polished]:
+) -> list[Refined]:
     """Return the plausible fits of laws, `beside` others, each with its best inner constants.
 
     With these constants, too, they must not be equivalent to the catalogue.
@@ -216,27 +216,27 @@ def _polished_all(
         best = with_best_constants(known.model, law, rest)
         if best is not law and best.constants and known.has(best):
             continue
-        fit = polished(known.model, [*beside, best], data.fitted)
+        fit = refined(known.model, [*beside, best], data.fitted)
         if fit is not None and _makes_sense(fit):
             fits.append(fit)
     return fits
 
 
-def _makes_sense(fit: Polished) -> bool:
+def _makes_sense(fit: Refined) -> bool:
     """Return whether a law leaves the motor's gain nearly unchanged."""
     moved = fit.values["k2_over_k3"] / fit.model.values["k2_over_k3"]
     return 1.0 / (1.0 + LARGEST_MOVE) < moved < 1.0 + LARGEST_MOVE
 
 
-def _cost(fit: Polished, data: Data) -> float:
+def _cost(fit: Refined, data: Data) -> float:
     """Return -2 log likelihood with the penalty of the laws, on the data that are fitted."""
     return fit.quality() + sum(penalty(law, int(np.count_nonzero(data.fitted))) for law in fit.laws)
 
 
 def _judged(
     data: Data,
-    before: Polished,
-    fits: Sequence[Polished],
+    before: Refined,
+    fits: Sequence[Refined],
     named: float,
     selected: Sequence[str],
     least: float = LEAST,
@@ -247,7 +247,7 @@ def _judged(
     # A law that acts alike or oppositely on both wheels is a law of the body.
     of_body = [fit for fit in fits if not is_of_wheels(fit.laws[-1].place) and _is_same(fit, best)]
     best = min(of_body, key=lambda fit: _cost(fit, data)) if of_body else best
-    after = polished_twice(problem, names, best, data.fitted) or best
+    after = refined_twice(problem, names, best, data.fitted) or best
     if not _makes_sense(replace(after, model=before.model)):
         after = best
     further = Further.beside(after.model, after.rest)
@@ -272,7 +272,7 @@ def _judged(
     return Offer(before, after, settled, gain, score, held_out, left, further, alike, tied, misfit, loose)
 
 
-def _is_of_one_moment(fit: Polished) -> bool:
+def _is_of_one_moment(fit: Refined) -> bool:
     """Return whether hardly any of the gain of a fit's last law remains without its best moment.
 
     The noise is that beside the law: without it, a single event raises the noise everywhere.
@@ -283,15 +283,15 @@ def _is_of_one_moment(fit: Polished) -> bool:
     return elsewhere - penalty(fit.laws[number], int(np.count_nonzero(fit.mask))) < HOLDS * total
 
 
-def is_seen(before: Polished, after: Polished, data: Data) -> bool:
+def is_seen(before: Refined, after: Refined, data: Data) -> bool:
     """Return whether the structure explained by laws exists, whatever the formula: also with the commanded speeds."""
     if before.quality() - after.quality() < SEEN:
         return False
-    by_commands = polished(replace(after.model, speeds=Speeds.COMMANDED), after.laws, data.fitted)
+    by_commands = refined(replace(after.model, speeds=Speeds.COMMANDED), after.laws, data.fitted)
     return by_commands is not None and before.quality() - by_commands.quality() >= SEEN
 
 
-def _steadily(fit: Polished, data: Data) -> Polished:
+def _steadily(fit: Refined, data: Data) -> Refined:
     """Return a fit with inner constants found with variables that depend less on the observer.
 
     The gain from this is no evidence: a law could also remove the observer's noise.
@@ -302,16 +302,16 @@ def _steadily(fit: Polished, data: Data) -> Polished:
         return fit
     model = replace(fit.model, speeds=Speeds.STEADY)
     for number in moving:
-        steady = polished(model, laws, data.fitted)
+        steady = refined(model, laws, data.fitted)
         if steady is not None:
             laws[number] = with_best_constants(model, laws[number], steady.rest_without(number))
-    settled = polished(model, laws, data.fitted)
+    settled = refined(model, laws, data.fitted)
     return settled if settled is not None and _cost(settled, data) < _cost(fit, data) - SET else fit
 
 
 def _alike(
-    data: Data, best: Polished, fits: Sequence[Polished], gain: float
-) -> tuple[tuple[Polished, ...], tuple[Polished, ...]]:
+    data: Data, best: Refined, fits: Sequence[Refined], gain: float
+) -> tuple[tuple[Refined, ...], tuple[Refined, ...]]:
     """Return the fits that are not distinguished from the best one, and those of them that are as good."""
     at_best = _cost(best, data) + _tried(data, best)
     others = [fit for fit in fits if fit is not best and not _is_same(fit, best)]
@@ -320,7 +320,7 @@ def _alike(
     return alike, tuple(fit for off, fit in behind if off < SET)
 
 
-def _is_same(fit: Polished, best: Polished) -> bool:
+def _is_same(fit: Refined, best: Refined) -> bool:
     """Return whether the last laws of two fits are equivalent after fitting the parameters, or have the same
     formula.
     """
@@ -334,6 +334,6 @@ def _is_same(fit: Polished, best: Polished) -> bool:
     return shared > float(IDENTICAL * max(ours.shape[1], its.shape[1]))
 
 
-def _tried(data: Data, fit: Polished) -> float:
+def _tried(data: Data, fit: Refined) -> float:
     """Return -2 log likelihood of a fit on the test data."""
     return fit.quality(data.tried) if data.tried is not None else 0.0

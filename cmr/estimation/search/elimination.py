@@ -48,7 +48,7 @@ class Finished:
     named: list[SelectedEffect]
     dropped: list[tuple[CandidateEffect, str]]
     final: Fit
-    doubts: Mapping[str, float]
+    extra_stds: Mapping[str, float]
 
 
 def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, inflation: Inflation) -> Finished:
@@ -60,10 +60,10 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
     standing, small, final = _without_small(problem, named, current)
     dropped = [(tested, TOO_SMALL) for tested in small]
     beside_small = current if small and problem.one_step else None
-    doubts: dict[str, float] = {}
+    extra_stds: dict[str, float] = {}
     for one in standing:
         final, doubt = made_sure(problem, final, one.candidate.effect)
-        doubts.update(doubt)
+        extra_stds.update(doubt)
     while standing:
         alone = len(standing) == 1 and not dropped
         standing = [_at(final, standing[0])] if alone else _beside_the_others(problem, standing, final, inflation)
@@ -80,8 +80,9 @@ def finished(problem: Problem, named: Sequence[SelectedEffect], current: Fit, in
         final = worst.before
         if beside_small:
             beside_small = problem.fit(*without(problem, beside_small, [worst]), beside_small.noise, renew=0)
-    both = {name: float(np.hypot(doubt, doubts.get(name, 0.0))) for name, doubt in problem.doubts(final).items()}
-    return Finished(standing, dropped, final, {**doubts, **both})
+    of_fit = problem.extra_stds(final).items()
+    both = {name: float(np.hypot(std, extra_stds.get(name, 0.0))) for name, std in of_fit}
+    return Finished(standing, dropped, final, {**extra_stds, **both})
 
 
 def _failing(problem: Problem, standing: Sequence[SelectedEffect], inflation: Inflation) -> dict[int, str]:

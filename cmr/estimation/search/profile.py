@@ -29,7 +29,7 @@ NEAR = 0.25  # of the scan's reach: least distance between starts
 
 def made_sure(problem: Problem, fit: Fit, effect: Effect) -> tuple[Fit, dict[str, float]]:
     """Return the best fit near a fit, and the additional standard deviations of an effect's parameters."""
-    names, doubts = [parameter.name for parameter in effect.parameters], {}
+    names, extra_stds = [parameter.name for parameter in effect.parameters], {}
     if effect.locality == "place":
         return explored(problem, fit, names)
     for name in names if is_rough(effect) else ():
@@ -42,8 +42,8 @@ def made_sure(problem: Problem, fit: Fit, effect: Effect) -> tuple[Fit, dict[str
             better = min(problem.refitted(fit, _starts(fit, name, offsets, squares)), key=_squares)
             fit = min(fit, better, key=_squares)
             offsets, squares = scan(problem, fit, name)
-        doubts[name] = max(parabola(offsets, squares)[0], left_open)
-    return fit, doubts
+        extra_stds[name] = max(parabola(offsets, squares)[0], left_open)
+    return fit, extra_stds
 
 
 def _at_the_best_moment(problem: Problem, fit: Fit, name: str) -> tuple[Fit, float]:

@@ -66,7 +66,7 @@ MUCH = 5.0  # times the required drop: if a second effect explains more, there m
 class Search:
     """The result of a search: the fitted paper's model, the final fit, the effects in order, and the runners-up.
 
-    `problem` contains the recordings with random effects removed. `doubts` are additional standard deviations of some
+    `problem` contains the recordings with random effects removed. `extra_stds` add to the standard deviations of some
     parameters. `unseen` are effects that would not show in these drives. `decisions` are the steps of the search.
     `seen` is the fit with the effects that are too small to be named.
     """
@@ -77,7 +77,7 @@ class Search:
     named: list[SelectedEffect]
     others: list[tuple[CandidateEffect, str]]
     inflation: float
-    doubts: Mapping[str, float]
+    extra_stds: Mapping[str, float]
     unseen: tuple[str, ...]
     decisions: tuple[Decision, ...] = ()
     seen: Fit | None = None
@@ -283,7 +283,7 @@ def _selected(state: _Selection, say: Callable[[str], None], after_step: Callabl
         last.named,
         others,
         state.inflation.all,
-        last.doubts,
+        last.extra_stds,
         unseen,
         seen=state.current,
     )

@@ -4,7 +4,7 @@ import numpy as np
 
 from cmr.estimation.laws.linearised import seen_in
 from cmr.estimation.laws.misfit import variables_of_law
-from cmr.estimation.laws.polish import Polished
+from cmr.estimation.laws.refining import Refined
 from cmr.estimation.prediction import SIGNALS
 from cmr.estimation.problem import LARGE
 from cmr.estimation.unexplained.result import Unexplained
@@ -18,7 +18,7 @@ REGRESSORS = {
 }
 
 
-def structure_of(fit: Polished) -> Unexplained:
+def structure_of(fit: Refined) -> Unexplained:
     """Return the structure that the last law of a fit explains: the main signal, and its regressors.
 
     The gain of other parameters of the model is not counted.

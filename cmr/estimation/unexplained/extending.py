@@ -136,9 +136,9 @@ def _without_names(problem: Problem, found: Search, why: str, names: Collection[
     removed = [(one.candidate.effect.name, one.candidate.drop) for one in leaving]
     decisions = with_removed(found.decisions, removed, why)
     staying = [one for one in found.named if one not in leaving]
-    doubts = found.doubts if staying else {}
+    extra_stds = found.extra_stds if staying else {}
     return replace(
-        found, problem=problem, final=final, named=staying, others=others, doubts=doubts, decisions=decisions
+        found, problem=problem, final=final, named=staying, others=others, extra_stds=extra_stds, decisions=decisions
     )
 
 

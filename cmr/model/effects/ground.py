@@ -98,7 +98,7 @@ LONGITUDINAL_SLIP = Effect(
             0.5,
             0.0,
             0.02,
-            inexactness=0.05,  # where motors run unevenly
+            model_form_error=0.05,  # where motors run unevenly
         ),
     ),
     needs="big steps",
@@ -179,7 +179,7 @@ SURFACE_PATCH = Effect(
     },
     parameters=(
         ParameterDefinition(
-            "surface_patch_friction", "rad/s^2", "friction inside", 0.0, 1e4, 0.0, 4.0, inexactness=0.07
+            "surface_patch_friction", "rad/s^2", "friction inside", 0.0, 1e4, 0.0, 4.0, model_form_error=0.07
         ),
         ParameterDefinition(
             "surface_patch_base_width", "-", "share by which the base width grows inside", -0.9, 1.0, 0.0, 0.06

@@ -22,7 +22,7 @@ COULOMB_FRICTION = Effect(
     parameters=(
         # How dry friction depends on the speed differs between motors.
         ParameterDefinition(
-            "coulomb_friction", "rad/s^2", "deceleration by dry friction", 0.0, 1e4, 0.0, 4.0, inexactness=0.07
+            "coulomb_friction", "rad/s^2", "deceleration by dry friction", 0.0, 1e4, 0.0, 4.0, model_form_error=0.07
         ),
     ),
     needs="big steps in both directions",
@@ -56,7 +56,7 @@ STATIC_FRICTION = Effect(
             1e4,
             0.0,
             14.0,
-            inexactness=0.12,
+            model_form_error=0.12,
             taken_for="k2_over_k3",
         ),
     ),

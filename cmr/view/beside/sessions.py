@@ -20,7 +20,7 @@ from websockets.typing import Data
 
 from cmr.view.entrance.door import address_of
 from cmr.view.entrance.guesses import Guesses
-from cmr.view.wishes import Permission
+from cmr.view.requests import Permission
 
 MOST_BYTES = 600  # of a message
 LAST_WORDS = 1000  # bytes of what a process wrote to stderr

@@ -11,7 +11,7 @@ from cmr.view.data.intake import Intake
 LONGEST = 0.2  # s spent at once; a flood of messages must not block drawing
 
 
-class Ear:
+class Subscriber:
     """Receives everything on the bus at `url` and sends nothing. Raises BusError when the bus cannot be used."""
 
     def __init__(self, url: str | None, intake: Intake) -> None:

@@ -43,7 +43,7 @@ DIAGNOSIS = "cmr-diagnose"
 
 
 @dataclass(frozen=True)
-class Heard(Generic[M_co]):
+class Arrival(Generic[M_co]):
     """A message and its time of arrival [us]."""
 
     utime: int
@@ -64,11 +64,11 @@ class ViewState:
         self.trails = Trails()
         self.traffic = ChannelStatistics(RATE_WINDOW)
         self.estop = EmergencyStop()
-        self.processes: dict[tuple[str, str, int], Heard[process_status_t]] = {}
-        self.latest: dict[str, dict[int, Heard[Message]]] = {name: {} for name in LATEST_OF}
-        self.cameras: dict[str, Heard[camera_image_t]] = {}
-        self.calibrations: dict[int, deque[Heard[calibration_status_t]]] = {}
-        self.investigations: dict[int, deque[Heard[investigation_status_t]]] = {}
+        self.processes: dict[tuple[str, str, int], Arrival[process_status_t]] = {}
+        self.latest: dict[str, dict[int, Arrival[Message]]] = {name: {} for name in LATEST_OF}
+        self.cameras: dict[str, Arrival[camera_image_t]] = {}
+        self.calibrations: dict[int, deque[Arrival[calibration_status_t]]] = {}
+        self.investigations: dict[int, deque[Arrival[investigation_status_t]]] = {}
         self.divergence: dict[int, deque[tuple[int, float]]] = {}
         self.drives = Drives()
         self._versions: dict[int, Versions] = {}
@@ -81,7 +81,7 @@ class ViewState:
             return
         name = stream.name
         if robot_id is not None and name in self.latest and not self._is_outdated(utime, robot_id, message):
-            self.latest[name][robot_id] = Heard(utime, message)
+            self.latest[name][robot_id] = Arrival(utime, message)
         self.estop.handle(utime, channel, message)
         if isinstance(message, world_state_t):
             self.robots.take_world(utime, message)
@@ -90,13 +90,13 @@ class ViewState:
         elif isinstance(message, pose_xyt_t):
             self.robots.take_pose(utime, message)
         elif isinstance(message, process_status_t):
-            keep(self.processes, (message.process, message.host, message.pid), Heard(utime, message))
+            keep(self.processes, (message.process, message.host, message.pid), Arrival(utime, message))
         elif isinstance(message, camera_image_t):
-            keep(self.cameras, message.camera, Heard(utime, message))
+            keep(self.cameras, message.camera, Arrival(utime, message))
         elif isinstance(message, calibration_status_t):
-            self._take_calibration(message.robot_id, Heard(utime, message))
+            self._take_calibration(message.robot_id, Arrival(utime, message))
         elif isinstance(message, investigation_status_t):
-            self._take_investigation(message.robot_id, Heard(utime, message))
+            self._take_investigation(message.robot_id, Arrival(utime, message))
 
     def advance(self, now: int) -> None:
         """Advance time to `now` [us]."""
@@ -166,7 +166,7 @@ class ViewState:
             return False
         return self._versions.setdefault(robot_id, Versions()).is_outdated(message, utime)
 
-    def _take_calibration(self, robot_id: int, heard_last: Heard[calibration_status_t]) -> None:
+    def _take_calibration(self, robot_id: int, heard_last: Arrival[calibration_status_t]) -> None:
         history = self.calibrations.setdefault(robot_id, deque(maxlen=MOST_ESTIMATES))
         if history and heard_last.message.progress < history[-1].message.progress and heard_last.message.state == 0:
             history.clear()  # another drive begins
@@ -175,7 +175,7 @@ class ViewState:
             self.drives.calibrated(robot_id)
         history.append(heard_last)
 
-    def _take_investigation(self, robot_id: int, heard_last: Heard[investigation_status_t]) -> None:
+    def _take_investigation(self, robot_id: int, heard_last: Arrival[investigation_status_t]) -> None:
         history = self.investigations.setdefault(robot_id, deque(maxlen=MOST_DECISIONS))
         if history and heard_last.message.driven < history[-1].message.driven - REPEATED:
             history.clear()  # another drive begins

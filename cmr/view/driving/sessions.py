@@ -29,7 +29,7 @@ class DriveSaid(Entering, forbid_unknown_fields=True, frozen=True, omit_defaults
     beat: Annotated[int, Meta(ge=0, le=2**53)] | UnsetType = UNSET
     forward: Share = 0.0
     turn: Share = 0.0
-    wish: Literal["stop", "faster", "slower"] | UnsetType = UNSET
+    request: Literal["stop", "faster", "slower"] | UnsetType = UNSET
 
 
 _DECODER = msgspec.json.Decoder(DriveSaid)
@@ -56,7 +56,7 @@ class DriveSessions(Sessions[DriveSaid]):
 
     def line(self, message: DriveSaid) -> bytes:
         """Return a message as a line for cmr-teleop."""
-        known = {"beat": message.beat, "forward": message.forward, "turn": message.turn, "wish": message.wish}
-        if message.beat is UNSET and message.wish is UNSET:
+        known = {"beat": message.beat, "forward": message.forward, "turn": message.turn, "request": message.request}
+        if message.beat is UNSET and message.request is UNSET:
             return b""
         return msgspec.json.encode({name: value for name, value in known.items() if value is not UNSET}) + b"\n"

@@ -23,7 +23,7 @@ Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class _Sent(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, frozen=True):
-    def is_sound(self) -> bool:
+    def is_valid(self) -> bool:
         """Return whether the fields are consistent."""
         return True
 
@@ -39,7 +39,7 @@ class _Camera(_Sent, tag="ViewerCameraMessage", frozen=True):
     look_at: Vector
     up_direction: Vector
 
-    def is_sound(self) -> bool:
+    def is_valid(self) -> bool:
         """Return whether position, direction and up vector are valid."""
         looks = math.dist(self.look_at, self.position) > 1e-6
         return looks and math.hypot(*self.up_direction) > 1e-6 and math.hypot(*self.wxyz) > 1e-6
@@ -59,7 +59,7 @@ class _Update(_Sent, tag="GuiUpdateMessage", frozen=True):
     uuid: Short
     updates: Annotated[dict[Short, Any], Meta(min_length=1, max_length=1)]
 
-    def is_sound(self) -> bool:
+    def is_valid(self) -> bool:
         """Return whether it can be an input's value; whether the input accepts it is checked there."""
         value = self.updates.get("value", [])
         return isinstance(value, str | bool | int | float) and (not isinstance(value, float) or math.isfinite(value))
@@ -96,4 +96,4 @@ def is_from_a_page(data: Data) -> bool:
         message: _Sent = _DECODER.decode(data)
     except (msgspec.MsgspecError, RecursionError, ValueError):
         return False
-    return message.is_sound()
+    return message.is_valid()

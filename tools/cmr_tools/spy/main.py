@@ -34,7 +34,7 @@ FIRST_SPECIAL_KEY = 256  # of getch; characters are below
 WITHOUT_TERMINAL = 3.0  # s, over which the table is measured if there is no terminal
 
 
-class Ear:
+class Subscriber:
     """Receives everything on a bus and sends nothing, except a test of the bus at the beginning.
 
     Raises BusError if the bus cannot be used.
@@ -75,7 +75,7 @@ def main(arguments: list[str]) -> int:
     statistics = Statistics()
     fits = channel_chooser(options.channel)
     with stopped_by_signals() as stopping:
-        ear = Ear(options.lcm_url, statistics)
+        ear = Subscriber(options.lcm_url, statistics)
         if options.json:
             _print_documents(ear, statistics, fits, options.once, stopping)
         elif options.once is None and sys.stdin.isatty() and sys.stdout.isatty():
@@ -113,7 +113,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _print_documents(
-    ear: Ear, statistics: Statistics, fits: Callable[[str], bool], once: float | None, stopping: Stopping
+    ear: Subscriber, statistics: Statistics, fits: Callable[[str], bool], once: float | None, stopping: Stopping
 ) -> None:
     """Print a line of JSON after each second until a signal arrives, or one after `once` seconds."""
     while not stopping:
@@ -124,7 +124,7 @@ def _print_documents(
             return
 
 
-def _listen(ear: Ear, seconds: float, stopping: Stopping) -> None:
+def _listen(ear: Subscriber, seconds: float, stopping: Stopping) -> None:
     end = time.monotonic() + seconds
     while not stopping and (now := time.monotonic()) < end:
         ear.listen(min(end, now + LONGEST_WAIT))
@@ -141,7 +141,7 @@ def _on_terminal(work: "Callable[[curses.window], None]") -> None:
         raise CommandError(f"This terminal cannot show it ({error}). Set TERM, or use --once S.") from error
 
 
-def _show(window: "curses.window", ear: Ear, view: View, stopping: Stopping) -> None:
+def _show(window: "curses.window", ear: Subscriber, view: View, stopping: Stopping) -> None:
     """Show the view; draw it twice a second and after each key."""
     import curses
 

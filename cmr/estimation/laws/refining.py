@@ -38,7 +38,7 @@ STRETCH, FURTHEST = 2.0, 64.0  # or a factor, for a constant without a reach; an
 
 
 @dataclass(frozen=True, eq=False)
-class Polished:
+class Refined:
     """A model fitted with laws: its `values`, the laws with their `coefficients`, and the remaining noise.
 
     `model` is the linearisation, `white` (n,) are its whitened errors, `columns` (n, p + k) the white slopes of
@@ -91,12 +91,12 @@ def loss(white: Floats) -> Floats:
     return np.where(size > LARGE, LARGE * (2.0 * size - LARGE), size * size)
 
 
-def polished(
+def refined(
     model: Linearised,
     laws: Sequence[Candidate],
     counted: Mask | None = None,
     fixed: Sequence[Sequence[float]] | None = None,
-) -> Polished | None:
+) -> Refined | None:
     """Fit laws with a model's parameters to the errors that are `counted` (n,), by default all.
 
     With `fixed` coefficients only the noise is estimated. Returns None if the data do not determine the parameters.
@@ -117,7 +117,7 @@ def polished(
         if not np.all(np.isfinite(step)):
             return None
         noise = model.problem.found(_combined(stacked, step)) if number < renewed else noise
-    return Polished(
+    return Refined(
         model,
         moved(model.values, model.names, step[: len(model.names)]),
         tuple(laws),
@@ -135,11 +135,11 @@ def _by_law(laws: Sequence[Candidate], coefficients: Floats) -> tuple[tuple[floa
     return tuple(tuple(part.tolist()) for part in np.split(coefficients, ends[:-1])) if laws else ()
 
 
-def polished_twice(
-    problem: Problem, names: Sequence[str], first: Polished, counted: Mask | None = None
-) -> Polished | None:
+def refined_twice(
+    problem: Problem, names: Sequence[str], first: Refined, counted: Mask | None = None
+) -> Refined | None:
     """Fit the laws of a model again, relinearised about the values found with them."""
-    return polished(Linearised.about(problem, first.values, names), first.laws, counted)
+    return refined(Linearised.about(problem, first.values, names), first.laws, counted)
 
 
 def with_best_constants(model: Linearised, law: Candidate, rest: Rest) -> Candidate:
@@ -232,7 +232,7 @@ def _sizes(model: Linearised, noise: Noise) -> Floats:
     )
 
 
-def score_of(before: Polished, after: Polished, inflation: float = 1.0) -> float:
+def score_of(before: Refined, after: Refined, inflation: float = 1.0) -> float:
     """Return the improvement by additional laws, minus the expected chance gain of a search of this size."""
     samples = int(np.count_nonzero(after.mask))
     more = sum(penalty(law, samples) for law in after.laws) - sum(penalty(law, samples) for law in before.laws)

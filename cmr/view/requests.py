@@ -13,7 +13,7 @@ OPEN, CLOSE = "open", "close"  # an uploaded log, for that visitor alone
 HARMLESS = (STOP, PAUSE, SPEED, JUMP, OPEN, CLOSE)  # need no token on the computer that serves the page
 
 
-class Wish(NamedTuple):
+class Request(NamedTuple):
     """A request: its kind, its visitor, and its object: a robot id, a speed, a time [us], an index, or a log."""
 
     what: str
@@ -21,7 +21,7 @@ class Wish(NamedTuple):
     value: Any = None
 
 
-Wishes = SimpleQueue[Wish]
+Requests = SimpleQueue[Request]
 
 
 class Permission:
