@@ -42,7 +42,7 @@ DIRECTIONS = {
     "left": Hands(0.0, 1.0),
     "right": Hands(0.0, -1.0),
 }
-WISHES = {SPACE: STOP, ESCAPE: STOP, INTERRUPT: END, "+": FASTER, "=": FASTER, "-": SLOWER}
+REQUESTS = {SPACE: STOP, ESCAPE: STOP, INTERRUPT: END, "+": FASTER, "=": FASTER, "-": SLOWER}
 HELP = "w a s d or arrows drive, q e z c arcs, + - speed, space or Esc EMERGENCY STOP, Ctrl-C end"
 
 
@@ -112,8 +112,8 @@ class Keyboard:
             self._let_go()
         elif event.key in DIRECTIONS:
             self._take_direction(event)
-        elif event.key in WISHES and event.kind in (PRESS, TYPED):
-            self._requests.append(WISHES[event.key])
+        elif event.key in REQUESTS and event.kind in (PRESS, TYPED):
+            self._requests.append(REQUESTS[event.key])
 
     def _take_direction(self, event: Event) -> None:
         if event.kind == RELEASE:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from cmr.teleop.hands import END, FASTER, SILENCE, SLOWER, STILL, STOP, Hands
 
-WISHES = (STOP, FASTER, SLOWER)
+REQUESTS = (STOP, FASTER, SLOWER)
 MOST_BEATS = 100  # kept, 4 s' worth
 LONGEST_LINE = 500  # bytes
 NUMBER = (int, float)
@@ -71,7 +71,7 @@ class Remote:
             return
         if not isinstance(said, dict):
             return
-        if said.get("request") in WISHES:
+        if said.get("request") in REQUESTS:
             self._requests.append(said["request"])
         beat, forward, turn = (said.get(name) for name in ("beat", "forward", "turn"))
         sent = self._sent.get(beat) if isinstance(beat, int) else None
