@@ -149,19 +149,17 @@ class Observer:
 
         Either all drives have commands or none has. Each has the same `seed` and `luck`; see `observe`.
         """
-        count, model = self._count, self._model
+        count = self._count
         candidates = self._rolling if len(drives.recorded.readings.given) else self._driven
         commands, profile, luck = self._commands(drives, seed, luck)
         at_rest, robots = candidates.rows.copy(), candidates.begun(np.zeros((len(START), count)), 0.0).arguments
-        lasting = np.array([LANES * model.row[name] for name in memories(model.effects, lasting=True)], np.int64)
-        compiled_model = Model(model.equations, model.layout, lasting, self._sensing.sensors)
         candidate_rows = CandidateRows(robots, at_rest, self._numbers, profile, luck)
-        result, compiled = _to_fill(drives, count), loops.observe
+        result, model, compiled = _to_fill(drives, count), self._compiled_model, loops.observe
 
         def observe_blocks(first: int, last: int) -> None:
             rows = candidate_rows._replace(robots=robots._replace(work=_aligned_copy(robots.work)))
             buffers, end = _buffers(len(self._numbers), _history(drives.dt), commands.ring), min(last * LANES, count)
-            compiled(compiled_model, rows, commands, drives.recorded, buffers, result, drives.dt, first, end)
+            compiled(model, rows, commands, drives.recorded, buffers, result, drives.dt, first, end)
 
         count_of_blocks = len(self._lanes) // LANES
         if getattr(compiled, "unloaded", False):  # one thread loads it, or compiles it
@@ -186,6 +184,12 @@ class Observer:
     @cached_property
     def _sensing(self) -> Sensing:
         return sensing(self._laws)
+
+    @cached_property
+    def _compiled_model(self) -> Model:
+        model = self._model
+        lasting = np.array([LANES * model.row[name] for name in memories(model.effects, lasting=True)], np.int64)
+        return Model(model.equations, model.layout, lasting, self._sensing.sensors)
 
     @cached_property
     def _driven(self) -> Candidates:
