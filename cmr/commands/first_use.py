@@ -186,9 +186,11 @@ def _load_emulator() -> None:
 
 def _load_observer() -> None:
     """Load what compares the model with recorded sensors."""
-    from cmr.model.observer.observer import load
+    from cmr.model.observer import loops
+    from cmr.model.observer.sensing import sensing
 
-    load()
+    sensing(())
+    _load_one(loops.observe)
 
 
 def _load_estimator() -> None:

@@ -14,7 +14,8 @@ from cmr.diagnosis.result import Path
 from cmr.estimation.free_runs import Indices, Values, free_runs, stacked
 from cmr.estimation.segments import Segment
 from cmr.estimation.smoothing import smoothed_poses
-from cmr.model.observer.observer import RESTART, Innovations, Observations
+from cmr.model.observer.observer import RESTART, Observations
+from cmr.model.observer.structures import Innovations
 from cmr.recordings.signal import Floats
 
 LONGEST = 30.0  # s of a piece

@@ -27,7 +27,8 @@ from cmr.estimation.segments import Segment
 from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.body import forward, wrap
 from cmr.model.catalogue import effects_on
-from cmr.model.observer.observer import MOTION, Innovations, Observations
+from cmr.model.observer.observer import MOTION, Observations
+from cmr.model.observer.structures import Innovations
 from cmr.model.parameters import RobotParameters
 from cmr.recordings.signal import Floats
 

@@ -20,7 +20,8 @@ from cmr.estimation.prediction import FREE, WHEELS
 from cmr.estimation.segments import Segment, continued
 from cmr.estimation.smoothing import smoothed_poses
 from cmr.model.catalogue import definition
-from cmr.model.observer.observer import RESTART, Innovations, Observations, Observer
+from cmr.model.observer.observer import RESTART, Observations, Observer
+from cmr.model.observer.structures import Innovations
 from cmr.recordings.signal import Floats
 
 WINDOW = 3.0  # s of a free run

@@ -202,15 +202,15 @@ class Batch:
 
     @cached_property
     def _restarts(self) -> Mask:
-        return np.asarray(self._drives.pose_use == RESTART)
+        return np.asarray(self._drives.recorded.readings.pose_use == RESTART)
 
     @cached_property
     def _cosine(self) -> Floats:
-        return np.cos(self._drives.pose[:, 2])[:, None]
+        return np.cos(self._drives.recorded.readings.pose[:, 2])[:, None]
 
     @cached_property
     def _sine(self) -> Floats:
-        return np.sin(self._drives.pose[:, 2])[:, None]
+        return np.sin(self._drives.recorded.readings.pose[:, 2])[:, None]
 
 
 def errors_of(predictors: Sequence[Predictor], values: Mapping[str, Quantity], gains: Gains) -> list[Errors]:

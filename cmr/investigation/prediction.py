@@ -24,7 +24,8 @@ from cmr.model.duty_ramp import Limits
 from cmr.model.effects.electronics import ENERGY_OF_A_DRIVE
 from cmr.model.effects.motors import HEATING_TIME
 from cmr.model.observer.drives import Drives, ends_of
-from cmr.model.observer.observer import FOLLOWED, MOTION, RESTART, Gains, Innovations, Observations, Observer
+from cmr.model.observer.observer import FOLLOWED, MOTION, RESTART, Gains, Observations, Observer
+from cmr.model.observer.structures import Innovations
 from cmr.recordings.signal import Floats
 
 STEP = 0.01  # s
@@ -125,7 +126,7 @@ def paths(situation: Situation, movements: Sequence[Movement], ensemble: Sequenc
     together = Drives.of(drives)
     innovations = Observer(lanes, FREE).observe_all(together)
     places = -innovations.pose.transpose(0, 2, 1)
-    return np.split(places, together.ends.pose[1:-1])
+    return np.split(places, together.recorded.ends.pose[1:-1])
 
 
 def times_of(path: Floats) -> Floats:

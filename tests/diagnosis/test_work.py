@@ -7,7 +7,8 @@ import pytest
 from cmr.diagnosis.diagnose import diagnose
 from cmr.model.extended.compose import LANES
 from cmr.model.observer.drives import Drives
-from cmr.model.observer.observer import Innovations, Observer
+from cmr.model.observer.observer import Observer
+from cmr.model.observer.structures import Innovations
 from tests.hidden_effects import hidden_recording
 
 pytestmark = pytest.mark.slow

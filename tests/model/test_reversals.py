@@ -5,7 +5,8 @@ import pytest
 
 from cmr.model.commands import Commands
 from cmr.model.observer import observer as observing
-from cmr.model.observer.observer import Gains, Innovations, Observations, observe
+from cmr.model.observer.observer import Gains, Observations, observe
+from cmr.model.observer.structures import Innovations
 
 ROBOT = {"wheel_radius": 0.04, "k2_over_k3": 118.0, "k1": 0.054, "base_width": 0.16}
 FREE = Gains(0.0, 0.0, 0.0, 0.0)

@@ -14,13 +14,16 @@ from cmr.model.observer.helpers import (
     BASE_WIDTH,
     CURVE,
     CURVE_BEFORE,
+    CURVING,
     GROWTH,
     GROWTH_BEFORE,
     K2_OVER_K3,
     MEAN,
     MEAN_BEFORE,
+    PART,
     RADIUS_LEFT,
     RADIUS_RIGHT,
+    SHARE,
     SLIP_TIME,
     SPLIT_AT,
     TWELFTH,
@@ -72,7 +75,7 @@ def command(here: Floats, commands: Floats, profile: Indices, step: int, lanes: 
 
 
 @inlined
-def command_first_part(here: Floats, shares: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> bool:
+def command_first_part(here: Floats, own: Floats, commands: Floats, profile: Indices, step: int, lanes: int) -> bool:
     """Set the commands of the first part of a split step; return whether its split equals the last one.
 
     Lanes without a command within the step take it in two halves.
@@ -81,8 +84,8 @@ def command_first_part(here: Floats, shares: Floats, commands: Floats, profile: 
     for i in range(LANES):
         duties = commands[profile[min(i, lanes - 1)], step]
         share = duties[SPLIT] if duties[SPLIT] > 0.0 else 0.5
-        same &= share == shares[i]
-        shares[i] = share
+        same &= share == own[SHARE + i]
+        own[SHARE + i] = share
         here[COMMAND_LEFT + i] = known(duties[FIRST], here[LEFT_BEFORE + i])
         here[COMMAND_RIGHT + i] = known(duties[FIRST + 1], here[RIGHT_BEFORE + i])
     return same
@@ -98,9 +101,7 @@ def command_last_part(here: Floats, commands: Floats, profile: Indices, step: in
 
 
 @inlined
-def bend(
-    newest: Floats, own: Floats, curving: Floats, commands: Floats, profile: Indices, step: int, lanes: int, dt: float
-) -> None:
+def bend(newest: Floats, own: Floats, commands: Floats, profile: Indices, step: int, lanes: int, dt: float) -> None:
     """Bend the stored yaw rate within a step in which a command was averaged.
 
     The mean command leads to the same end of the step.
@@ -112,33 +113,34 @@ def bend(
         right = own[RADIUS_RIGHT + i] * (duties[LAST + 1] - duties[FIRST + 1])
         change = own[K2_OVER_K3 + i] * (right - left) / own[BASE_WIDTH + i] if share > 0.0 else 0.0
         slips, change = own[SLIP_TIME + i] * change, dt * change * share * (1.0 - share)
-        mean, growth = newest[MEAN, i] - 0.5 * change, newest[GROWTH, i]
-        newest[SPLIT_AT, i] = share
-        newest[MEAN_BEFORE, i] = mean + (1.0 - share) * (slips - 0.5 * growth)
-        newest[GROWTH_BEFORE, i] = share * growth - change
-        newest[MEAN, i] = mean - share * (slips - 0.5 * growth)
-        newest[GROWTH, i] = (1.0 - share) * growth + change
-        curve, rest = curving[i], 1.0 - share
-        newest[MEAN_BEFORE, i] += (0.25 * rest * rest + TWELFTH * (share * share - 1.0)) * curve
-        newest[MEAN, i] += (0.25 * share * share + TWELFTH * (rest * rest - 1.0)) * curve
-        newest[GROWTH_BEFORE, i] -= share * rest * curve
-        newest[GROWTH, i] += share * rest * curve
-        newest[CURVE_BEFORE, i], newest[CURVE, i] = share * share * curve, rest * rest * curve
+        mean, growth = newest[MEAN + i] - 0.5 * change, newest[GROWTH + i]
+        newest[SPLIT_AT + i] = share
+        newest[MEAN_BEFORE + i] = mean + (1.0 - share) * (slips - 0.5 * growth)
+        newest[GROWTH_BEFORE + i] = share * growth - change
+        newest[MEAN + i] = mean - share * (slips - 0.5 * growth)
+        newest[GROWTH + i] = (1.0 - share) * growth + change
+        curve, rest = own[CURVING + i], 1.0 - share
+        newest[MEAN_BEFORE + i] += (0.25 * rest * rest + TWELFTH * (share * share - 1.0)) * curve
+        newest[MEAN + i] += (0.25 * share * share + TWELFTH * (rest * rest - 1.0)) * curve
+        newest[GROWTH_BEFORE + i] -= share * rest * curve
+        newest[GROWTH + i] += share * rest * curve
+        newest[CURVE_BEFORE + i], newest[CURVE + i] = share * share * curve, rest * rest * curve
 
 
 @inlined
-def prepare_parts(here: Floats, shares: Floats, dt: float, parts: Floats, before: Floats, behind: Floats) -> None:
-    """Compute the coefficients of a block for steps of these shares of dt, and of the rest; `parts` is overwritten.
+def prepare_parts(here: Floats, own: Floats, dt: float, before: Floats, behind: Floats) -> None:
+    """Compute the coefficients of a block for the first parts of steps of dt, up to SHARE, and for the rest.
 
     Numbers are copied individually here and below: slice assignment takes seconds to compile.
     """
+    parts = own[PART : PART + LANES]
     for i in range(LANES):
-        parts[i] = (1.0 - shares[i]) * dt
+        parts[i] = (1.0 - own[SHARE + i]) * dt
     prepare_each(here, parts)
     for i in range(len(behind)):
         behind[i] = here[DT + i]
     for i in range(LANES):
-        parts[i] = shares[i] * dt
+        parts[i] = own[SHARE + i] * dt
     prepare_each(here, parts)
     for i in range(len(before)):
         before[i] = here[DT + i]

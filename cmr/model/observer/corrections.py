@@ -13,6 +13,8 @@ from cmr.model.observer.helpers import (
     BEFORE_LEFT,
     BEFORE_RIGHT,
     EARLY,
+    EAST_X,
+    EAST_Y,
     ERROR_LEFT,
     ERROR_RIGHT,
     ERROR_THETA,
@@ -24,6 +26,9 @@ from cmr.model.observer.helpers import (
     GAIN_THETA,
     MIDDLE_LEFT,
     MIDDLE_RIGHT,
+    NEARBY,
+    NORTH_X,
+    NORTH_Y,
     OFFSET_LEFT,
     OFFSET_RIGHT,
     OFFSET_THETA,
@@ -33,11 +38,12 @@ from cmr.model.observer.helpers import (
     RADIUS_RIGHT,
     SCALE_LEFT,
     SCALE_RIGHT,
+    SEEN_THETA,
+    SEEN_X,
+    SEEN_Y,
     SLIP_TIME,
     Floats,
 )
-
-NEARBY = 1e-3  # m
 
 
 @inlined
@@ -79,23 +85,21 @@ def correct_by_encoders(own: Floats, here: Floats, i: int, left: bool, right: bo
 
 
 @inlined
-def correct_by_pose(
-    own: Floats, here: Floats, i: int, x: float, y: float, theta: float, east: tuple[float, float],
-    north: tuple[float, float], pose: Floats, restart: bool, dt: float,
-) -> None:  # fmt: skip
+def correct_by_pose(own: Floats, here: Floats, i: int, pose: Floats, restart: bool, dt: float) -> None:
     """Correct the robot of lane i towards a measured `pose` (3,) [m, m, rad]: completely on a `restart`.
 
-    `x`, `y`, `theta` are the expected readings, `east` and `north` those for a robot displaced by NEARBY:
-    if the sensor distorts or folds space, following the error directly may diverge.
+    Besides the expected readings, those for a robot displaced by NEARBY are used: if the sensor distorts or folds
+    space, following the error directly may diverge.
     """
+    x, y = own[SEEN_X + i], own[SEEN_Y + i]
     error_x, error_y = pose[0] - x, pose[1] - y
-    error_theta = pose[2] - theta
+    error_theta = pose[2] - own[SEEN_THETA + i]
     error_theta -= 2.0 * pi * np.floor(error_theta / (2.0 * pi) + 0.5)
     own[ERROR_X + i] = error_x
     own[ERROR_Y + i] = error_y
     own[ERROR_THETA + i] = error_theta
-    east_x, east_y = (east[0] - x) / NEARBY, (east[1] - y) / NEARBY
-    north_x, north_y = (north[0] - x) / NEARBY, (north[1] - y) / NEARBY
+    east_x, east_y = (own[EAST_X + i] - x) / NEARBY, (own[EAST_Y + i] - y) / NEARBY
+    north_x, north_y = (own[NORTH_X + i] - x) / NEARBY, (own[NORTH_Y + i] - y) / NEARBY
     stretched = 0.5 * (east_x * east_x + east_y * east_y + north_x * north_x + north_y * north_y)
     # The motion before the beginning is unknown: each earlier pose restarts.
     restarts = restart or (own[AT_TIME + i] < -EARLY * dt and own[GAIN_POSITION + i] > 0.0)

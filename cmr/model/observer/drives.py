@@ -8,54 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cmr.model.commands import PROFILE, fill_profiles
+from cmr.model.observer.structures import Ends, Floats, Indices, Readings, Recorded
 
 if TYPE_CHECKING:
     from cmr.model.observer.observer import Observations
 
 S = TypeVar("S", bound=np.generic)
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 MOST_PROFILES = 16  # cached: candidates mostly share a few delays
-
-
-@dataclass(frozen=True)
-class Ends:
-    """The ends of each of K drives in joined arrays, shape (K + 1,), starting with 0."""
-
-    steps: Indices
-    wheel: Indices
-    gyro: Indices
-    pose: Indices
-    given: Indices
-    commands: Indices
 
 
 @dataclass(frozen=True)
 class Drives:
     """Commands and sensor readings of K drives, one after another.
 
-    Times of readings and commands [s] count from the beginning of their own drive. `start` (K, 7) is x, y, theta,
-    psi_left, psi_right and the wheel rotations there [rad], `began` (K,) [s] the time since the robot set off; the
-    other arrays are those of `Observations`, and `ends` are the ends of each drive's rows. A `continued` (K,) drive
-    follows the previous one after a gap: lasting memory, such as the battery's charge, is kept.
+    Times of readings and commands [s] count from the beginning of their own drive. `command_ends` (K + 1,) are the
+    ends of each drive's commands.
     """
 
     dt: float
-    start: Floats
-    began: Floats
-    continued: NDArray[np.uint8]
-    ends: Ends
-    wheel_time: Floats
-    wheel: Floats
-    wheel_use: NDArray[np.uint8]
-    gyro_time: Floats
-    gyro: Floats
-    pose_time: Floats
-    pose: Floats
-    pose_use: NDArray[np.uint8]
-    given: Floats
+    recorded: Recorded
     command_time: Floats
     command_duty: Floats
+    command_ends: Indices
     _profiles: dict[float, Floats] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -67,37 +41,18 @@ class Drives:
         steps = {one.dt for one in observations}
         if len(steps) != 1:
             raise ValueError(f"drives observed together need one and the same step; these have {sorted(steps)}")
-
         return cls(
             dt=steps.pop(),
-            start=np.array([(*one.start, *one.turned) for one in observations], np.float64),
-            began=np.array([one.time for one in observations], np.float64),
-            continued=np.array(continued or [False] * len(observations), np.uint8),
-            ends=Ends(
-                steps=ends_of([one.steps for one in observations]),
-                wheel=ends_of([len(one.wheel_time) for one in observations]),
-                gyro=ends_of([len(one.gyro_time) for one in observations]),
-                pose=ends_of([len(one.pose_time) for one in observations]),
-                given=ends_of([len(one.given) for one in observations]),
-                commands=ends_of([len(one.commands.time) for one in observations]),
-            ),
-            wheel_time=_joined([one.wheel_time for one in observations]),
-            wheel=_joined([one.wheel for one in observations]),
-            wheel_use=_joined([one.wheel_use for one in observations]),
-            gyro_time=_joined([one.gyro_time for one in observations]),
-            gyro=_joined([one.gyro for one in observations]),
-            pose_time=_joined([one.pose_time for one in observations]),
-            pose=_joined([one.pose for one in observations]),
-            pose_use=_joined([one.pose_use for one in observations]),
-            given=_joined([one.given for one in observations]),
+            recorded=_recorded(observations, continued or [False] * len(observations)),
             command_time=_joined([one.commands.time for one in observations]),
             command_duty=_joined([one.commands.duty for one in observations]),
+            command_ends=ends_of([len(one.commands.time) for one in observations]),
         )
 
     @property
     def steps(self) -> int:
         """The number of steps of all drives."""
-        return int(self.ends.steps[-1])
+        return int(self.recorded.ends.steps[-1])
 
     def profile(self, delay: float) -> Floats:
         """Return the duties in each step of all drives, (steps, 5), with commands delayed by `delay` [s].
@@ -107,9 +62,8 @@ class Drives:
         known = self._profiles.get(delay)
         if known is None:
             known = np.zeros((self.steps, len(PROFILE)))
-            fill_profiles(
-                self.command_time, self.command_duty, self.ends.commands, self.dt, delay, self.ends.steps, known
-            )
+            ends = self.recorded.ends.steps
+            fill_profiles(self.command_time, self.command_duty, self.command_ends, self.dt, delay, ends, known)
             if len(self._profiles) >= MOST_PROFILES:
                 self._profiles.pop(next(iter(self._profiles)))
             self._profiles[delay] = known
@@ -119,6 +73,23 @@ class Drives:
 def ends_of(counts: Sequence[int] | Indices) -> Indices:
     """Return the ends of K parts, (K + 1,), starting with 0."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _recorded(observations: Sequence["Observations"], continued: Sequence[bool]) -> Recorded:
+    """Return the readings of these drives in joined arrays."""
+    return Recorded(
+        start=np.array([(*one.start, *one.turned) for one in observations], np.float64),
+        began=np.array([one.time for one in observations], np.float64),
+        continued=np.array(continued, np.uint8),
+        ends=Ends(
+            steps=ends_of([one.steps for one in observations]),
+            wheel=ends_of([len(one.wheel_time) for one in observations]),
+            gyro=ends_of([len(one.gyro_time) for one in observations]),
+            pose=ends_of([len(one.pose_time) for one in observations]),
+            given=ends_of([len(one.given) for one in observations]),
+        ),
+        readings=Readings(*(_joined([getattr(one, name) for one in observations]) for name in Readings._fields)),
+    )
 
 
 def _joined(arrays: Sequence[NDArray[S]]) -> NDArray[S]:

@@ -1,242 +1,329 @@
-"""The source of the compiled observer: the composed step, corrected by sensor readings; see `observer`.
+"""The loops of the compiled observer: the composed step, corrected by sensor readings; see `observer`.
 
-Only code with statements of effects is text; everything it calls is a compiled function (helpers, commanding,
-corrections).
+They are compiled once, whatever effects there are, and call the composed functions of `Equations` and `Sensors`.
 """
 
-IMPORTS = '''"""Composed by cmr.model.observer.observer: do not edit, it is written again whenever an effect changes."""
-
-from math import inf, pi, sqrt
-
-import numpy as np
-from numpy import floor
-
-from cmr.model.compiled import call, compiled, inlined
+from cmr.model.compiled import call, compiled, inlined, part
 from cmr.model.extended.compose import (
-    ABREAST, ANGLE_LEFT, ANGLE_RIGHT, COEFFICIENTS_END, COMMAND_LEFT, DT, LANES, PSI_LEFT, PSI_RIGHT, THETA, TIME, X, Y,
+    ABREAST,
+    ANGLE_LEFT,
+    ANGLE_RIGHT,
+    COMMAND_LEFT,
+    DT,
+    LANES,
+    PSI_LEFT,
+    PSI_RIGHT,
+    THETA,
+    TIME,
+    X,
+    Y,
 )
-from cmr.model.elementary import cos, exp, sin
-from cmr.model.extended.step_helpers import sign, where
-from cmr.model.extended.stepping import EQUATIONS, LAYOUT, ROBOTS, prepare, send
+from cmr.model.extended.stepping import prepare, send
 from cmr.model.observer.commanding import (
-    FIRST, LAST, SPLIT, bend, command, command_first_part, command_last_part, known, prepare_parts, put_coefficients,
+    FIRST,
+    LAST,
+    SPLIT,
+    bend,
+    command,
+    command_first_part,
+    command_last_part,
+    known,
+    prepare_parts,
+    put_coefficients,
 )
-from cmr.model.observer.corrections import NEARBY, correct_by_encoders, correct_by_pose
+from cmr.model.observer.corrections import correct_by_encoders, correct_by_pose
 from cmr.model.observer.helpers import (
-    AT_THETA, AT_TIME, AT_X, AT_Y, BEFORE_LEFT, BEFORE_RIGHT, BOW_BEFORE_LEFT, BOW_BEFORE_RIGHT, BOW_LEFT, BOW_RIGHT,
-    EARLY, ERROR_LEFT, ERROR_RIGHT, ERROR_X, GAIN_ANGLE, GYRO_AT, GYRO_READING, HALF, KEPT_OF_STEPS, MEAN, MIDDLE_LEFT,
-    MIDDLE_RIGHT, OFFSET_THETA, OFFSET_X, OFFSET_Y, OFFSET_YAW_RATE, SCALE_LEFT, SCALE_RIGHT, angle_within, begin_past,
-    begin_step, end_first_part, end_given_step, end_step, keep_step, not_split, place, read_gyro, read_pose,
+    EARLY,
+    ERROR_LEFT,
+    ERROR_RIGHT,
+    ERROR_X,
+    GAIN_ANGLE,
+    GYRO_READING,
+    MEAN,
+    MIDDLE_LEFT,
+    MIDDLE_RIGHT,
+    OFFSET_YAW_RATE,
+    READING_LEFT,
+    READING_RIGHT,
+    begin_past,
+    begin_step,
+    border_of,
+    end_first_part,
+    end_given_step,
+    end_step,
+    keep_step,
+    not_split,
+    turn_wheels,
 )
-'''
+from cmr.model.observer.reading import move_gyro, move_pose, read_encoders, read_gyro, read_pose
+from cmr.model.observer.structures import (
+    BUFFERS,
+    CANDIDATE_ROWS,
+    COMMAND_ROWS,
+    INNOVATIONS,
+    MODEL,
+    RECORDED,
+    Block,
+    Buffers,
+    CandidateRows,
+    CommandRows,
+    Floats,
+    Innovations,
+    Model,
+    Recorded,
+    Sensors,
+)
 
-# The motion and pose at a sensor's time: between the two borders of the step.
-_MOTION = (
-    "first = min(max(int(floor(position)), border - (history - 2)), border - 1)",
-    "one, other = past[place(first, mask)], past[place(first + 1, mask)]",
-    "theta = 0.5 * (one[2, i] + other[2, i])",
-    "speed = ((other[0, i] - one[0, i]) * cos(theta) + (other[1, i] - one[1, i]) * sin(theta)) / dt",
-)
-GYRO_MOTION = (
-    "position = own[GYRO_AT + i]",
-    *_MOTION,
-    "x = 0.5 * (one[0, i] + other[0, i]) + own[OFFSET_X + i]",
-    "y = 0.5 * (one[1, i] + other[1, i]) + own[OFFSET_Y + i]",
-    "theta = theta + own[OFFSET_THETA + i]",
-)
-POSE_MOTION = (
-    "position = border + (own[AT_TIME + i] - now) / dt",
-    *_MOTION,
-    "yaw_rate = (other[2, i] - one[2, i]) / dt",
-)
-LOOPS = '''
-@compiled(
-    EQUATIONS, LAYOUT, "i8[::1]", "i8", "f8[::1]", ROBOTS, "i8", "i8", "f8[:, :, ::1]", "u1[::1]", "i8[::1]",
-    "f8", "i8", "i8", "i8[::1]", "f8[:, ::1]", "f8[:, ::1]", "f8[::1]", "u1[::1]", *["i8[::1]"] * 5,
-    "f8[:, ::1]", "f8[::1]", "f8[:, ::1]", "u1[:, ::1]", "f8[::1]", "f8[::1]", "f8[::1]", "f8[:, ::1]", "u1[::1]",
-    "f8[:, :, ::1]", "f8[:, ::1]", "f8[:, :, ::1]", "f8[:, ::1]",
-)
+
+@compiled(MODEL, CANDIDATE_ROWS, COMMAND_ROWS, RECORDED, BUFFERS, INNOVATIONS, "f8", "i8", "i8", allocates=False)
 def observe(
-    equations, layout, lasting, history, at_rest, robots, first_block, count, commands, splitting, profile, dt,
-    ring, seed, luck, numbers, starts, begins, continued, step_ends, wheel_ends, gyro_ends, pose_ends, given_ends,
-    given, wheel_time, wheel, wheel_use, gyro_time, gyro, pose_time, pose, pose_use,
-    wheel_error, gyro_error, pose_error, motion,
-):
-    """Observe K drives, one after another; see `cmr.model.observer.observer.observe`, which prepares the arguments.
+    model: Model,
+    candidates: CandidateRows,
+    commands: CommandRows,
+    drives: Recorded,
+    buffers: Buffers,
+    result: Innovations,
+    dt: float,
+    first: int,
+    count: int,
+) -> None:
+    """Observe K drives, one after another, with steps of dt [s], and write their innovations to `result`.
 
-    Observed are the robots below number `count` from `first_block` on, by effects whose `equations` are compiled
-    elsewhere. Steps are split where `splitting` (steps,) says so. `at_rest` are the blocks with all rows, from which
-    each drive starts; rows of memory at `lasting` outlast the gap before a drive that continues another. The observer
-    looks back `history` steps, a power of two.
+    Observed are the candidates below number `count`, from block `first` on.
     """
-    rows, work, varying = robots.rows, robots.work, robots.varying
-    remembered, size, mask = layout.memory, layout.size, history - 1
-    yaw_rates = work[size : size + 3 * LANES]  # of the last step; `size + i` would be checked for being negative
-    stride = layout.own + len(varying) * LANES
-    packets = np.empty(ring * 3 * LANES)
-    duty = np.empty((2, LANES))
-    past = np.zeros((history, KEPT_OF_STEPS, LANES))
-    own = np.empty(OWN_ROWS * LANES)
-    for block in range(first_block, (count + LANES - 1) // LANES):
-        here = rows[block * stride : (block + 1) * stride]
-        profiles = profile[block * LANES : (block + 1) * LANES]
-        index = luck[block * LANES : (block + 1) * LANES]
-        lanes = min(LANES, count - block * LANES)
-        filled = (lanes + ABREAST - 1) // ABREAST * ABREAST
-        begun = at_rest[block * size : (block + 1) * size]
-        prepare(here, stride, dt)
-        whole = here[DT:COEFFICIENTS_END].copy()
-        before, behind = whole.copy(), whole.copy()
-        shares, parts, turning = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
-        growing, curving = np.empty(LANES), np.empty(LANES)
-        for i in range(LANES):
-            for row in range(len(numbers)):
-                own[GAIN_ANGLE + row * LANES + i] = numbers[row, block * LANES + i]
-        for drive in range(len(starts)):
-            for i in range(LANES):
-                begun[X + i], begun[Y + i], begun[THETA + i] = starts[drive, 0], starts[drive, 1], starts[drive, 2]
-                begun[PSI_LEFT + i], begun[PSI_RIGHT + i] = starts[drive, 3], starts[drive, 4]
-                begun[TIME + i] = begins[drive]
-            call(equations.begin, begun)
-            for i in range(LANES):
-                begun[ANGLE_LEFT + i], begun[ANGLE_RIGHT + i] = starts[drive, 5], starts[drive, 6]
-            if continued[drive] > 0:
-                for row in lasting:
-                    for i in range(row, row + LANES):
-                        begun[i] = here[i]
-            for i in range(COMMAND_LEFT, remembered):
-                here[i] = begun[i]
-            began, first_step = begins[drive], step_ends[drive]
-            steps = step_ends[drive + 1] - first_step
-            speeds = given[given_ends[drive] : given_ends[drive + 1]]
-            next_wheel, next_gyro, next_pose = wheel_ends[drive], gyro_ends[drive], pose_ends[drive]
-            last_wheel, last_gyro, last_pose = wheel_ends[drive + 1], gyro_ends[drive + 1], pose_ends[drive + 1]
-            for i in range(GAIN_ANGLE):
-                own[i] = 0.0
-            begin_past(past, own, here, dt)
-            for border in range(steps + 1):
-                newest = past[place(border, mask)]
-                if border > 0:
-                    passing = first_step + border - 1
-                    begin_step(own, here, filled)
-                    comes = command(here, commands, profiles, passing, filled)
-                    if len(speeds) > 0:
-                        for i in range(filled):
-                            here[PSI_LEFT + i] = speeds[border - 1, 0] * own[SCALE_LEFT + i]
-                            here[PSI_RIGHT + i] = speeds[border - 1, 1] * own[SCALE_RIGHT + i]
-                    if ring > 0:
-                        duties = commands[0, passing]
-                        for side in range(2):
-                            first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
-                            duty[side] = last + duties[SPLIT] * (first - last)
-                        late, step = equations.packet, border - 1
-                        send(late, here, stride, duty, index, seed, step, packets, ring, step, dt)
-                        comes = False
-                    if splitting[passing] > 0 and ring == 0:
-                        same = command_first_part(here, shares, commands, profiles, passing, filled)
-                        if not same:
-                            prepare_parts(here, shares, dt, parts, before, behind)
-                        put_coefficients(before, here)
-                        call(equations.step, here, work, varying, filled)
-                        end_first_part(newest, own, here, yaw_rates, shares, turning, dt)
-                        command_last_part(here, commands, profiles, passing, filled)
-                        put_coefficients(behind, here)
-                        call(equations.step, here, work, varying, filled)
-                        put_coefficients(whole, here)
-                    else:
-                        call(equations.step, here, work, varying, filled)
-                        not_split(newest, own)
-                    end_step(own, here, yaw_rates, turning, growing, curving, dt)
-                    if len(speeds) > 0:
-                        then = speeds[min(border, len(speeds) - 1)]
-                        end_given_step(own, speeds[border - 1], then, growing, curving)
-                    keep_step(newest, own, here, turning, growing, curving, filled)
-                    if comes and splitting[passing] == 0:
-                        bend(newest, own, curving, commands, profiles, passing, filled, dt)
-                else:
-                    begin_step(own, here, filled)
-                    for i in range(filled):
-                        own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
-                now = border * dt
-                # Within a step, or each part of it, the yaw rate changes along a parabola, with the right mean, slope
-                # and end. Between two it may jump, as commands do; a reading there shows the one before.
-                # One at the very beginning is taken with the first step, which begins there.
-                while border > 0 and next_gyro < last_gyro and gyro_time[next_gyro] <= now + EARLY * dt:
-                    time = began + gyro_time[next_gyro]
-                    earliest, latest = inf, -inf
-                    for i in range(filled):
-                        moment = time
-    GYRO_NUMBERS
-    GYRO_TIME
-                        position = border + (moment - began - now) / dt
-                        position = min(max(position, border - (history - 2.0), 0.0), border + EARLY)
-                        own[GYRO_AT + i] = position
-                        earliest, latest = min(earliest, position), max(latest, position)
-                    read_gyro(past, own, filled, earliest, latest, border)
-                    for i in range(filled):
-    GYRO_NUMBERS
-    GYRO_MOTION
-                        yaw_rate = own[GYRO_READING + i]
-                        reading = yaw_rate
-    GYRO
-                        own[GYRO_READING + i] = gyro[next_gyro] - reading
-                    for i in range(lanes):
-                        gyro_error[next_gyro, block * LANES + i] = own[GYRO_READING + i]
-                    next_gyro += 1
-                while next_wheel < last_wheel and wheel_time[next_wheel] <= now:
-                    time = began + wheel_time[next_wheel]
-                    share = max(1.0 - (now - wheel_time[next_wheel]) / dt, 0.0)  # at the border before, by rounding
-                    use_left, use_right = wheel_use[next_wheel, 0] > 0, wheel_use[next_wheel, 1] > 0
-                    for i in range(filled):
-                        half, bows = own[HALF + i], (own[BOW_BEFORE_LEFT + i], own[BOW_LEFT + i])
-                        begin, middle, end = own[BEFORE_LEFT + i], own[MIDDLE_LEFT + i], here[ANGLE_LEFT + i]
-                        reading_left = angle_within(share, half, begin, middle, end, bows)
-                        bows = own[BOW_BEFORE_RIGHT + i], own[BOW_RIGHT + i]
-                        begin, middle, end = own[BEFORE_RIGHT + i], own[MIDDLE_RIGHT + i], here[ANGLE_RIGHT + i]
-                        reading_right = angle_within(share, half, begin, middle, end, bows)
-                        # Readings count from the beginning of the drive.
-                        reading_left, reading_right = reading_left - starts[drive, 5], reading_right - starts[drive, 6]
-    ENCODER_NUMBERS
-    ENCODER
-                        own[ERROR_LEFT + i] = wheel[next_wheel, 0] - reading_left
-                        own[ERROR_RIGHT + i] = wheel[next_wheel, 1] - reading_right
-                        correct_by_encoders(own, here, i, use_left, use_right)
-                    for i in range(lanes):
-                        wheel_error[next_wheel, 0, block * LANES + i] = own[ERROR_LEFT + i]
-                        wheel_error[next_wheel, 1, block * LANES + i] = own[ERROR_RIGHT + i]
-                    next_wheel += 1
-                while next_pose < last_pose and pose_time[next_pose] <= now:
-                    time = began + pose_time[next_pose]
-                    for i in range(filled):
-                        moment, filtered = time, 0.0
-    POSE_TIME_NUMBERS
-    POSE_TIME
-                        read_pose(past, own, i, moment, filtered, border, began, dt)
-                    seen, restart = pose[next_pose], pose_use[next_pose] == 0
-                    for i in range(filled):
-    POSE_NUMBERS
-    POSE_MOTION
-                        at_x, at_y, at_theta = own[AT_X + i], own[AT_Y + i], own[AT_THETA + i]
-                        x, y, theta = at_x + NEARBY, at_y, at_theta
-    POSE
-                        east = x, y
-                        x, y, theta = at_x, at_y + NEARBY, at_theta
-    POSE
-                        north = x, y
-                        x, y, theta = at_x, at_y, at_theta
-    POSE
-                        correct_by_pose(own, here, i, x, y, theta, east, north, seen, restart, dt)
-                    for i in range(lanes):
-                        for row in range(3):
-                            pose_error[next_pose, row, block * LANES + i] = own[ERROR_X + row * LANES + i]
-                    next_pose += 1
-                if border == steps:
-                    for sample in range(next_gyro, last_gyro):
-                        for i in range(lanes):
-                            gyro_error[sample, block * LANES + i] = 0.0
-                if block == 0:
-                    for field in range(CHANGED_FIELDS):
-                        motion[first_step + drive + border, field] = here[X + field * LANES]
-                    yaw_rate = past[place(border, mask), MEAN, 0] + own[OFFSET_YAW_RATE]
-                    motion[first_step + drive + border, CHANGED_FIELDS] = yaw_rate
-'''
+    robots, size = candidates.robots, model.layout.size
+    stride = model.layout.own + len(robots.varying) * LANES
+    for number in range(first, (count + LANES - 1) // LANES):
+        begins, ends = number * LANES, (number + 1) * LANES
+        lanes = min(LANES, count - begins)
+        block = Block(
+            first=begins,
+            lanes=lanes,
+            filled=(lanes + ABREAST - 1) // ABREAST * ABREAST,
+            robots=robots,
+            here=robots.rows[number * stride : (number + 1) * stride],
+            yaw_rates=robots.work[size : size + 3 * LANES],  # with `size + i`, each index is checked for being negative
+            profile=candidates.profile[begins:ends],
+            luck=candidates.luck[begins:ends],
+            buffers=buffers,
+        )
+        _prepare(block, candidates.numbers, dt)
+        begun = candidates.at_rest[number * size : (number + 1) * size]
+        for drive in range(len(drives.start)):
+            _begin(block, model, begun, drives, drive, dt)
+            _observe(block, model, commands, drives, result, drive, dt)
+
+
+@inlined
+def _prepare(block: Block, numbers: Floats, dt: float) -> None:
+    """Prepare a block for steps of dt [s], and set its given rows to `numbers`."""
+    here, own, whole = block.here, block.buffers.own, block.buffers.whole
+    prepare(here, len(here), dt)
+    for i in range(len(whole)):
+        whole[i] = here[DT + i]
+    for i in range(LANES):
+        for row in range(len(numbers)):
+            own[GAIN_ANGLE + row * LANES + i] = numbers[row, block.first + i]
+
+
+@part
+def _begin(block: Block, model: Model, begun: Floats, drives: Recorded, drive: int, dt: float) -> None:
+    """Let a block begin a drive; `begun` are all its rows, which are overwritten."""
+    here, own, start = block.here, block.buffers.own, drives.start[drive]
+    for i in range(LANES):
+        begun[X + i], begun[Y + i], begun[THETA + i] = start[0], start[1], start[2]
+        begun[PSI_LEFT + i], begun[PSI_RIGHT + i], begun[TIME + i] = start[3], start[4], drives.began[drive]
+    call(model.equations.begin, begun)
+    for i in range(LANES):
+        begun[ANGLE_LEFT + i], begun[ANGLE_RIGHT + i] = start[5], start[6]
+    if drives.continued[drive] > 0:
+        for row in model.lasting:
+            for i in range(row, row + LANES):
+                begun[i] = here[i]
+    for i in range(COMMAND_LEFT, model.layout.memory):
+        here[i] = begun[i]
+    for i in range(GAIN_ANGLE):
+        own[i] = 0.0
+    begin_past(block.buffers.past, own, here, dt)
+    begin_step(own, here, block.filled)
+    for i in range(block.filled):
+        own[MIDDLE_LEFT + i], own[MIDDLE_RIGHT + i] = here[ANGLE_LEFT + i], here[ANGLE_RIGHT + i]
+
+
+@inlined
+def _observe(
+    block: Block, model: Model, commands: CommandRows, drives: Recorded, result: Innovations, drive: int, dt: float
+) -> None:
+    """Let a block take all steps of a drive; at the border after each, compare it with the readings until then."""
+    ends, sensors, first_step = drives.ends, model.sensors, drives.ends.steps[drive]
+    gyro, wheel, pose = ends.gyro[drive], ends.wheel[drive], ends.pose[drive]
+    for border in range(ends.steps[drive + 1] - first_step + 1):
+        if border > 0:
+            _take_step(block, model, commands, drives, drive, border, dt)
+            gyro = _compare_gyro(block, sensors, drives, result.gyro, drive, gyro, border, dt)
+        wheel = _compare_wheels(block, sensors, drives, result.wheel, drive, wheel, border, dt)
+        pose = _compare_poses(block, sensors, drives, result.pose, drive, pose, border, dt)
+        if block.first == 0:
+            _record(block, result.motion[first_step + drive + border], border)
+    for reading in range(gyro, ends.gyro[drive + 1]):
+        for i in range(block.lanes):
+            result.gyro[reading, block.first + i] = 0.0
+
+
+@part
+def _take_step(
+    block: Block, model: Model, commands: CommandRows, drives: Recorded, drive: int, border: int, dt: float
+) -> None:
+    """Take the step before a border, with commands or given wheel speeds, and add it to the history."""
+    here, own, filled, robots = block.here, block.buffers.own, block.filled, block.robots
+    newest = border_of(block.buffers.past, border)
+    given = drives.readings.given[drives.ends.given[drive] : drives.ends.given[drive + 1]]
+    step = drives.ends.steps[drive] + border - 1
+    begin_step(own, here, filled)
+    comes, split = command(here, commands.profiles, block.profile, step, filled), commands.splitting[step] > 0
+    if len(given) > 0:
+        turn_wheels(own, here, given[border - 1], filled)
+    if commands.ring > 0:
+        _send(block, model, commands, step, border - 1, dt)
+        comes, split = False, False
+    if split:
+        _take_first_part(block, model, commands, newest, step, dt)
+        call(model.equations.step, here, robots.work, robots.varying, filled)
+        put_coefficients(block.buffers.whole, here)
+    else:
+        call(model.equations.step, here, robots.work, robots.varying, filled)
+        not_split(newest, own, filled)
+    end_step(own, here, block.yaw_rates, filled, dt)
+    if len(given) > 0:
+        end_given_step(own, given[border - 1], given[min(border, len(given) - 1)], filled)
+    keep_step(newest, own, here, filled)
+    if comes and not split:
+        bend(newest, own, commands.profiles, block.profile, step, filled, dt)
+
+
+@inlined
+def _take_first_part(block: Block, model: Model, commands: CommandRows, newest: Floats, step: int, dt: float) -> None:
+    """Take the first part of a step that is split at a command, and prepare the last one."""
+    here, filled, robots, buffers = block.here, block.filled, block.robots, block.buffers
+    same = command_first_part(here, buffers.own, commands.profiles, block.profile, step, filled)
+    if not same:
+        prepare_parts(here, buffers.own, dt, buffers.before, buffers.behind)
+    put_coefficients(buffers.before, here)
+    call(model.equations.step, here, robots.work, robots.varying, filled)
+    end_first_part(newest, buffers.own, here, block.yaw_rates, filled, dt)
+    command_last_part(here, commands.profiles, block.profile, step, filled)
+    put_coefficients(buffers.behind, here)
+
+
+@inlined
+def _send(block: Block, model: Model, commands: CommandRows, step: int, number: int, dt: float) -> None:
+    """Send the mean command of a step, the `number`-th of its drive; by chance it arrives late, or is lost."""
+    here, duty, packets = block.here, block.buffers.duty, block.buffers.packets
+    duties, seed, ring = commands.profiles[0, step], commands.seed, commands.ring
+    for side in range(2):
+        first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
+        duty[side] = last + duties[SPLIT] * (first - last)
+    send(model.equations.packet, here, len(here), duty, block.luck, seed, number, packets, ring, number, dt)
+
+
+@part
+def _compare_gyro(
+    block: Block,
+    sensors: Sensors,
+    drives: Recorded,
+    errors: Floats,
+    drive: int,
+    reading: int,
+    border: int,
+    dt: float,
+) -> int:
+    """Write the errors of a drive's gyro readings up to a border, from number `reading` on; return the next number.
+
+    Within a step, or each part of it, the yaw rate changes along a parabola, with the right mean, slope and end.
+    Between two it may jump, as commands do; a reading there shows the one before. One at the very beginning is taken
+    with the first step, which begins there.
+    """
+    own, filled, began, readings = block.buffers.own, block.filled, drives.began[drive], drives.readings
+    while reading < drives.ends.gyro[drive + 1] and readings.gyro_time[reading] <= border * dt + EARLY * dt:
+        time = began + readings.gyro_time[reading]
+        call(sensors.gyro_time, own, time, filled)
+        read_gyro(block.buffers.past, own, filled, border, began, dt)
+        if sensors.gyro_moves:
+            move_gyro(block.buffers.past, own, filled, border, dt)
+        call(sensors.gyro, own, time, filled)
+        for i in range(block.lanes):
+            errors[reading, block.first + i] = readings.gyro[reading] - own[GYRO_READING + i]
+        reading += 1
+    return reading
+
+
+@part
+def _compare_wheels(
+    block: Block,
+    sensors: Sensors,
+    drives: Recorded,
+    errors: Floats,
+    drive: int,
+    reading: int,
+    border: int,
+    dt: float,
+) -> int:
+    """Write the errors of encoders up to a border, and correct the block by them; see `_compare_gyro`."""
+    own, here, filled, now = block.buffers.own, block.here, block.filled, border * dt
+    readings, start = drives.readings, drives.start[drive]
+    while reading < drives.ends.wheel[drive + 1] and readings.wheel_time[reading] <= now:
+        share = max(1.0 - (now - readings.wheel_time[reading]) / dt, 0.0)  # at the border before, by rounding
+        read_encoders(own, here, filled, share, start[5], start[6])
+        call(sensors.encoder, own, drives.began[drive] + readings.wheel_time[reading], filled)
+        use_left, use_right = readings.wheel_use[reading, 0] > 0, readings.wheel_use[reading, 1] > 0
+        for i in range(filled):
+            own[ERROR_LEFT + i] = readings.wheel[reading, 0] - own[READING_LEFT + i]
+            own[ERROR_RIGHT + i] = readings.wheel[reading, 1] - own[READING_RIGHT + i]
+            correct_by_encoders(own, here, i, use_left, use_right)
+        for i in range(block.lanes):
+            errors[reading, 0, block.first + i] = own[ERROR_LEFT + i]
+            errors[reading, 1, block.first + i] = own[ERROR_RIGHT + i]
+        reading += 1
+    return reading
+
+
+@part
+def _compare_poses(
+    block: Block,
+    sensors: Sensors,
+    drives: Recorded,
+    errors: Floats,
+    drive: int,
+    reading: int,
+    border: int,
+    dt: float,
+) -> int:
+    """Write the errors of poses up to a border, and correct the block by them; see `_compare_gyro`."""
+    own, here, filled, began = block.buffers.own, block.here, block.filled, drives.began[drive]
+    past, readings = block.buffers.past, drives.readings
+    while reading < drives.ends.pose[drive + 1] and readings.pose_time[reading] <= border * dt:
+        time = began + readings.pose_time[reading]
+        call(sensors.pose_time, own, time, filled)
+        for i in range(filled):
+            read_pose(past, own, i, border, began, dt)
+        if sensors.pose_moves:
+            move_pose(past, own, filled, border, dt)
+        call(sensors.pose, own, time, filled)
+        pose, restart = readings.pose[reading], readings.pose_use[reading] == 0
+        for i in range(filled):
+            correct_by_pose(own, here, i, pose, restart, dt)
+        for i in range(block.lanes):
+            for row in range(3):
+                errors[reading, row, block.first + i] = own[ERROR_X + row * LANES + i]
+        reading += 1
+    return reading
+
+
+@inlined
+def _record(block: Block, motion: Floats, border: int) -> None:
+    """Record the motion of the first candidate at a border: columns `observer.MOTION`."""
+    yaw_rate = len(motion) - 1
+    for field in range(yaw_rate):
+        motion[field] = block.here[X + field * LANES]
+    newest = border_of(block.buffers.past, border)
+    motion[yaw_rate] = newest[MEAN] + block.buffers.own[OFFSET_YAW_RATE]

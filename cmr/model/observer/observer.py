@@ -14,26 +14,25 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby, pairwise
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cmr.model.catalogue import CATALOGUE, DEFINITIONS, LAWS, needed, remembered
+from cmr.model.catalogue import CATALOGUE, DEFINITIONS, needed
 from cmr.model.command_kinds import DUTY
 from cmr.model.commands import Commands, fixed_delays
-from cmr.model.effect import Effect
-from cmr.model.extended.compose import LANES
+from cmr.model.extended.compose import COEFFICIENTS_END, DT, LANES
 from cmr.model.extended.evaluating import mean_radii, slip_time
-from cmr.model.extended.model import START, Candidates, aligned, composed_module, model_of
-from cmr.model.extended.statements import OF_MOTION, SIDES, Statements, memories, read_by
+from cmr.model.extended.model import START, Candidates, aligned, model_of
+from cmr.model.extended.statements import SIDES, memories
 from cmr.model.extended.step_statements import CHANGED
 from cmr.model.observer import loops
 from cmr.model.observer.commanding import split_steps
 from cmr.model.observer.drives import Drives
-from cmr.model.observer.helpers import SENSORS
-from cmr.model.parameters import DEFINITIONS as PAPER
+from cmr.model.observer.helpers import GAIN_ANGLE, PAST_ROWS
+from cmr.model.observer.sensing import Sensing, parameters_read, sensing, sensor_laws
+from cmr.model.observer.structures import Buffers, CandidateRows, CommandRows, Indices, Innovations, Model
 from cmr.model.parameters import Quantity
 
 Floats = NDArray[np.float64]
@@ -95,18 +94,6 @@ class Gains(NamedTuple):
     theta: Quantity
 
 
-class Innovations(NamedTuple):
-    """Prediction errors of C candidates: wheel (W, 2, C) [rad], gyro (G, C) [rad/s], pose (P, 3, C) [m, m, rad; world].
-
-    `motion`, shape (T + 1, 10), is the motion of the first candidate: columns MOTION.
-    """
-
-    wheel: Floats
-    gyro: Floats
-    pose: Floats
-    motion: Floats
-
-
 def observe(
     observations: Observations,
     values: Mapping[str, Quantity],
@@ -135,9 +122,8 @@ class Observer:
         self._model = model_of(values)
         lanes = np.minimum(np.arange(-(-self._count // LANES) * LANES), self._count - 1)  # leftovers repeat the last
         self._lanes = lanes
-        used = needed(CATALOGUE, values)
-        self._laws = tuple(effect.name for effect in used if effect.is_sensor and effect.name in LAWS)
-        neutral = {name: DEFINITIONS[name].neutral or 0.0 for name in _sensor_parameters(self._laws)}
+        self._laws = sensor_laws(needed(CATALOGUE, values))
+        neutral = {name: DEFINITIONS[name].neutral or 0.0 for name in parameters_read(self._laws)}
         sensors = (self._values.get(name, usual) for name, usual in neutral.items())
         wheels = (*_encoder_scales(self._values, self._count), *mean_radii(self._values), slip_time(self._values))
         given = (*gains, *wheels, *sensors)  # as the rows from GAIN_ANGLE on
@@ -164,32 +150,16 @@ class Observer:
         Either all drives have commands or none has. Each has the same `seed` and `luck`; see `observe`.
         """
         count = self._count
-        candidates = self._rolling if len(drives.given) else self._driven
-        blocks = candidates.begun(np.zeros((len(START), count)), 0.0)
-        delays = fixed_delays(self._values)
-        ring, chosen = 0, np.zeros(len(self._lanes), np.int64)
-        if delays is None:
-            longest = int(np.max(np.diff(drives.ends.steps)))
-            ring = self._model.packets_under_way(self._values, np.full(longest, drives.dt))
-            chosen = chosen if luck is None else np.asarray(luck, np.int64)[self._lanes]
-            delays = np.zeros(1)
-        delays, which = np.unique(np.broadcast_to(delays, count), return_inverse=True)
-        profiles = np.stack([drives.profile(float(delay)) for delay in delays])
-        splitting, profile = split_steps(profiles, drives.dt), np.ascontiguousarray(which.ravel()[self._lanes])
-        result = _to_fill(drives, count)
-        ends, compiled, model = drives.ends, _module(self._laws).observe, self._model
-        at_rest, robots = candidates.rows.copy(), blocks.arguments
-        lasting = np.array([LANES * model.row[name] for name in memories(model.effects, lasting=True)], np.int64)
+        candidates = self._rolling if len(drives.recorded.readings.given) else self._driven
+        commands, profile, luck = self._commands(drives, seed, luck)
+        at_rest, robots = candidates.rows.copy(), candidates.begun(np.zeros((len(START), count)), 0.0).arguments
+        candidate_rows = CandidateRows(robots, at_rest, self._numbers, profile, luck)
+        result, model, compiled = _to_fill(drives, count), self._compiled_model, loops.observe
 
         def observe_blocks(first: int, last: int) -> None:
-            compiled(
-                model.equations, model.layout, lasting, _history(drives.dt),
-                at_rest, robots._replace(work=_aligned_copy(robots.work)), first, min(last * LANES, count),
-                profiles, splitting, profile, drives.dt, ring, seed, chosen, self._numbers,
-                drives.start, drives.began, drives.continued, ends.steps, ends.wheel, ends.gyro, ends.pose, ends.given,
-                drives.given, drives.wheel_time, drives.wheel, drives.wheel_use,
-                drives.gyro_time, drives.gyro, drives.pose_time, drives.pose, drives.pose_use, *result,
-            )  # fmt: skip
+            rows = candidate_rows._replace(robots=robots._replace(work=_aligned_copy(robots.work)))
+            buffers, end = _buffers(len(self._numbers), _history(drives.dt), commands.ring), min(last * LANES, count)
+            compiled(model, rows, commands, drives.recorded, buffers, result, drives.dt, first, end)
 
         count_of_blocks = len(self._lanes) // LANES
         if getattr(compiled, "unloaded", False):  # one thread loads it, or compiles it
@@ -197,6 +167,29 @@ class Observer:
         else:
             in_two_threads(observe_blocks, count_of_blocks)
         return result
+
+    def _commands(self, drives: Drives, seed: int, luck: Indices | None) -> tuple[CommandRows, Indices, Indices]:
+        """Return the commands of the drives, and for each lane the number of its profile, and its luck."""
+        delays, chosen, ring = fixed_delays(self._values), np.zeros(len(self._lanes), np.int64), 0
+        if delays is None:
+            longest = int(np.max(np.diff(drives.recorded.ends.steps)))
+            ring = self._model.packets_under_way(self._values, np.full(longest, drives.dt))
+            chosen = chosen if luck is None else np.asarray(luck, np.int64)[self._lanes]
+            delays = np.zeros(1)
+        delays, which = np.unique(np.broadcast_to(delays, self._count), return_inverse=True)
+        profiles = np.stack([drives.profile(float(delay)) for delay in delays])
+        commands = CommandRows(profiles, split_steps(profiles, drives.dt), ring, seed)
+        return commands, np.ascontiguousarray(which.ravel()[self._lanes]), chosen
+
+    @cached_property
+    def _sensing(self) -> Sensing:
+        return sensing(self._laws)
+
+    @cached_property
+    def _compiled_model(self) -> Model:
+        model = self._model
+        lasting = np.array([LANES * model.row[name] for name in memories(model.effects, lasting=True)], np.int64)
+        return Model(model.equations, model.layout, lasting, self._sensing.sensors)
 
     @cached_property
     def _driven(self) -> Candidates:
@@ -217,11 +210,6 @@ class Observer:
         return np.broadcast_to(np.asarray(value, np.float64), self._count)
 
 
-def load() -> None:
-    """Load the observer of all effects but laws, or compile it."""
-    _module(()).observe.loaded()
-
-
 def in_two_threads(work: Callable[[int, int], None], count: int) -> None:
     """Do `work` on the numbers below `count`, from a first to a last one, which is not included: by halves at once.
 
@@ -239,11 +227,26 @@ def in_two_threads(work: Callable[[int, int], None], count: int) -> None:
 
 def _to_fill(drives: Drives, count: int) -> Innovations:
     """Return arrays for the innovations of `count` candidates on these drives."""
+    readings = drives.recorded.readings
     return Innovations(
-        np.empty((len(drives.wheel_time), 2, count)),
-        np.empty((len(drives.gyro_time), count)),
-        np.empty((len(drives.pose_time), 3, count)),
-        np.empty((drives.steps + len(drives.start), len(MOTION))),
+        np.empty((len(readings.wheel_time), 2, count)),
+        np.empty((len(readings.gyro_time), count)),
+        np.empty((len(readings.pose_time), 3, count)),
+        np.empty((drives.steps + len(drives.recorded.start), len(MOTION))),
+    )
+
+
+def _buffers(given_rows: int, history: int, ring: int) -> Buffers:
+    """Return buffers for one thread, which looks back `history` steps and has so many `given_rows` of candidates."""
+    whole, before, behind = np.empty((3, COEFFICIENTS_END - DT))
+    return Buffers(
+        own=aligned(GAIN_ANGLE + LANES * given_rows),
+        past=aligned(history * PAST_ROWS).reshape(history, PAST_ROWS),
+        whole=whole,
+        before=before,
+        behind=behind,
+        duty=np.empty((2, LANES)),
+        packets=np.empty(ring * 3 * LANES),
     )
 
 
@@ -256,7 +259,7 @@ def _aligned_copy(numbers: Floats) -> Floats:
 
 def _split(innovations: Innovations, drives: Drives) -> list[Innovations]:
     """Return the innovations of each drive."""
-    ends = drives.ends
+    ends = drives.recorded.ends
     borders = ends.steps + np.arange(len(ends.steps))
     spans = [pairwise(rows.tolist()) for rows in (ends.wheel, ends.gyro, ends.pose, borders)]
     return [
@@ -265,22 +268,11 @@ def _split(innovations: Innovations, drives: Drives) -> list[Innovations]:
     ]
 
 
-def _sensing(laws: tuple[str, ...]) -> list[Effect]:
-    """Return the effects of sensors: those of the catalogue, of laws these."""
-    return [one for name, one in CATALOGUE.items() if one.is_sensor and (name not in LAWS or name in laws)]
-
-
-@remembered
-def _sensor_parameters(laws: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the parameters that sensors have, with these laws, and the paper's, which their effects may read."""
-    return (*PAPER, *(parameter.name for effect in _sensing(laws) for parameter in effect.all_parameters))
-
-
 def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
     """Return how many radians a wheel turns for one that its encoder tells, shape (2, count): left, right."""
     from cmr.model.sensors import encoder_reading
 
-    known = {name: value for name, value in values.items() if name in _sensor_parameters(())}
+    known = {name: value for name, value in values.items() if name in parameters_read(())}
     known.pop("encoder_quantisation", None)
     return np.stack([1.0 / encoder_reading(known, side, np.ones(count)) for side in SIDES])
 
@@ -288,56 +280,3 @@ def _encoder_scales(values: Mapping[str, Floats], count: int) -> Floats:
 def _history(dt: float) -> int:
     """Return how many steps of `dt` [s] the observer looks back, a power of two, for LONGEST_LATENCY."""
     return 1 << int(np.ceil(np.log2(LONGEST_LATENCY / dt + 3.0)))
-
-
-@remembered
-def _module(laws: tuple[str, ...]) -> ModuleType:
-    """Return the compiled observer, with all effects of sensors; those on the motion are compiled apart."""
-    return composed_module(lambda: _source(laws), _sensing(laws))
-
-
-def _source(laws: tuple[str, ...]) -> str:
-    """Return the source of the observer with all effects of sensors of the catalogue, of laws these."""
-    text = loops.LOOPS
-    for place, lines in _sensor_lines(laws).items():
-        text = text.replace(f"    {place}\n", "".join(f"{' ' * 24}{line}\n" for line in lines))
-    rows = _sensor_parameters(laws)
-    constants = {
-        "CHANGED_FIELDS": len(MOTION) - 1,
-        **{name.upper(): SENSORS + LANES * i for i, name in enumerate(rows)},
-        "OWN_ROWS": SENSORS // LANES + len(rows),
-    }
-    return "\n".join(
-        [
-            loops.IMPORTS,
-            *(f"{name} = {value}" for name, value in constants.items()),
-            text,
-        ]
-    )
-
-
-def _sensor_lines(laws: tuple[str, ...]) -> dict[str, Sequence[str]]:
-    """Return what sensors make of the motion, and the parameters that they read first: lines, by place in the loops."""
-    statements = Statements(_sensing(laws), DEFINITIONS)
-    stages: dict[str, Sequence[str]] = {
-        "GYRO_TIME": statements.of("gyro_time"),
-        "GYRO": statements.of("gyro"),
-        "ENCODER": statements.both("encoder"),
-        "POSE_TIME": statements.of("pose_time"),
-        "POSE": statements.of("pose"),
-    }
-    # Few effects ask how a robot moved and where it was when a sensor looked: for others that is not computed.
-    for stage, motion in (("gyro", loops.GYRO_MOTION), ("pose", loops.POSE_MOTION)):
-        asked = any(read_by(effect, stage) & {*OF_MOTION[stage]} for effect in _sensing(laws))
-        stages[f"{stage.upper()}_MOTION"] = motion if asked else ()
-    row = {name: f"own[{name.upper()} + i]" for name in _sensor_parameters(laws)}
-    reads = {
-        "GYRO_NUMBERS": (*stages["GYRO_TIME"], *stages["GYRO"]),
-        "ENCODER_NUMBERS": stages["ENCODER"],
-        "POSE_TIME_NUMBERS": stages["POSE_TIME"],
-        "POSE_NUMBERS": stages["POSE"],
-    }
-    for place, lines in reads.items():
-        text = "\n".join(lines)
-        stages[place] = [f"{name} = {number}" for name, number in row.items() if name in text]
-    return stages
