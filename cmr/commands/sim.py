@@ -106,7 +106,7 @@ def main(arguments: list[str]) -> int:
             # A turn shortly after a late one makes no step; each state is published once.
             if world.utime != reported and publish.due():
                 reported = world.utime
-                world.others.sent(reported)
+                world.remote_robots.sent(reported)
                 process.publish_all(_state_messages(world, PACKET if options.split else None))
                 process.publish_all(telling.messages(reported))
             process.publish_all(_scans(world, scanner))
@@ -288,7 +288,7 @@ def _announce(world: World, loader: Loader, process: Process, lateness: Lateness
     reported = [CROWDED] if world.crowded else []
     reported += [*_first(follower.message for follower in followers), loader.message]
     reported += refusals(world, world.gate.now)
-    reported += [*world.others.problems(world.utime), owners.problem()]
+    reported += [*world.remote_robots.problems(world.utime), owners.problem()]
     late = lateness.problem(world.utime, world.late_steps)
     reported += ["" if loader.is_starting else late, world.noise_problem]  # compiling makes steps late
     reported += _first(_by_default(world, robot_id) for robot_id in world.real_robots)

@@ -46,7 +46,7 @@ BLOCKS, PARTS = 60, 5  # blocks of time, and the folds they are assigned to
 
 @dataclass(frozen=True)
 class Spans:
-    """Spans of time from `begin` to `end` [s], (n,), on a raster of `dt` [s] with T steps and T + 1 borders."""
+    """Spans of time from `begin` to `end` [s], (n,), on a grid of `dt` [s] with T steps and T + 1 borders."""
 
     dt: float
     begin: Floats

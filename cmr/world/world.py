@@ -29,10 +29,10 @@ from cmr.world.deciding import Deciding
 from cmr.world.estimator import Reset
 from cmr.world.fleet import STEP, Fleet, Key
 from cmr.world.interaction.body import Bodies, body_radius
-from cmr.world.others import Others
 from cmr.world.process_noise import ProcessNoise
 from cmr.world.reaction import Reaction
 from cmr.world.real_robot import RealRobot
+from cmr.world.remote_robots import RemoteRobots
 from cmr.world.view import REAL, TWIN, VIRTUAL, Robot, Robots, WorldView
 
 MEASURED = (motor_feedback_t, pose_xyt_t, gyro_t)  # sent only by real robots
@@ -95,7 +95,7 @@ class World:
         self.estop = EmergencyStop()
         self.gate = Gate(world_state_t)  # whose stamps `others` checks
         self.parameters: dict[int, ParameterFollower] = {}
-        self.others = Others(robot.robot_id for robot in virtual)
+        self.remote_robots = RemoteRobots(robot.robot_id for robot in virtual)
         self.begun = True  # while false, simulated robots stand
         self.crowded = False  # whether messages named more robots than are followed
         self._time = 0  # time of the last turn [us]
@@ -215,7 +215,7 @@ class World:
 
     def bodies(self) -> Bodies:
         """Return all robots but twins as discs, those of other simulators included."""
-        own, others, simulated = self.everybody(), self.others.robots(self._time), self._fleet.radius
+        own, others, simulated = self.everybody(), self.remote_robots.robots(self._time), self._fleet.radius
         everybody, count, real = own.with_others(others), len(own.robot_id), self._bodies_of_real()[2]
         radius = np.full(len(everybody.robot_id), body_radius(USUAL_BASE_WIDTH))
         radius[: len(real)] = real
@@ -257,7 +257,7 @@ class World:
 
     def _take_others(self, message: world_state_t) -> None:
         """Show another simulator's robots; before the first turn the time is unknown."""
-        news = self.others.handle(self._time, message) if self._time else None
+        news = self.remote_robots.handle(self._time, message) if self._time else None
         if news is not None:
             self.view.take(message.utime, news)
 
@@ -280,13 +280,13 @@ class World:
         for robot_id in unknown.difference(self._needed, (robot.robot_id for robot in self.real())):
             del self.parameters[robot_id]
             self._real.pop(robot_id, None)
-            self.others.leave(robot_id)
+            self.remote_robots.leave(robot_id)
             self.crowded = False
 
     def _real_robot(self, robot_id: int) -> RealRobot:
         if robot_id not in self._real:
             self._real[robot_id] = RealRobot(robot_id)
-            self.others.claim(robot_id)
+            self.remote_robots.claim(robot_id)
             self._parameters_of(robot_id)
             self._take_over(robot_id)
         return self._real[robot_id]

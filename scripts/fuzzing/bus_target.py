@@ -36,7 +36,7 @@ INSTRUMENTED = (
         "cmr.view.data",
         "cmr_tools.spy",
     ),
-    *("cmr.world.world", "cmr.world.gate", "cmr.world.estimator", "cmr.world.real_robot", "cmr.world.others"),
+    *("cmr.world.world", "cmr.world.gate", "cmr.world.estimator", "cmr.world.real_robot", "cmr.world.remote_robots"),
     *("cmr.world.pilot", "cmr.world.behaviours.waypoints", "cmr.calibration.calibrator", "cmr.diagnosis.live"),
     *("cmr.recordings", "cmr.camera.tracks", "robot_driver"),
 )

@@ -21,7 +21,7 @@ from cmr.parameters.following import ParameterFollower
 from cmr.world.behaviours import Behaviour, FigureEight, Follow
 from cmr.world.behaviours.following import SPEED_PER_DISTANCE
 from cmr.world.lateness import Lateness
-from cmr.world.others import LOST, Others
+from cmr.world.remote_robots import LOST, RemoteRobots
 from cmr.world.view import REAL, VIRTUAL, Robot, WorldView, world_messages
 from cmr.world.world import VirtualRobot, World
 
@@ -88,7 +88,7 @@ class Shards:
                     self.paths.setdefault(robot.robot_id, {})[robot.utime] = robot.state
                     self.now[robot.robot_id] = robot.state
                 if self.utime // STEP % PUBLISH == 0:
-                    world.others.sent(world.utime)
+                    world.remote_robots.sent(world.utime)
                     for message in world_messages(world.utime, world.everybody(), self.largest):
                         self.network.send(self.utime, number, message.encode())
             yield self.utime
@@ -158,7 +158,7 @@ def test_over_a_lossy_network_no_robot_is_lost_or_doubled_and_all_are_where_thei
         if utime > EPOCH + 200_000:
             assert all(set(known(world)) == ALL for world in both.worlds)
             oldest = max(oldest, *(utime - robot.utime for world in both.worlds for robot in known(world).values()))
-        assert not any(world.others.problems(utime) for world in both.worlds)
+        assert not any(world.remote_robots.problems(utime) for world in both.worlds)
     # A period, the delay, and as many messages lost in a row as happens once in 3,000.
     assert oldest <= 4 * PUBLISH * STEP + DELAY + JITTER
     for follower, followed in ((12, 20), (22, 10)):
@@ -175,12 +175,12 @@ def test_when_the_network_is_cut_each_keeps_its_own_and_all_is_as_before_when_it
     for utime in both.run(5.0):
         assert_as_their_owners_say(both, utime)
     assert [set(known(world)) for world in both.worlds] == [{10, 11, 12}, {20, 21, 22}]
-    assert not any(len(world.others.robots(both.utime).robot_id) for world in both.worlds)
+    assert not any(len(world.remote_robots.robots(both.utime).robot_id) for world in both.worlds)
     both.network.joined = True
     began = both.utime
     for utime in both.run(5.0):
         assert_as_their_owners_say(both, utime)
-        assert not any(world.others.problems(utime) for world in both.worlds)
+        assert not any(world.remote_robots.problems(utime) for world in both.worlds)
         if utime > began + 200_000:
             assert all(set(known(world)) == ALL for world in both.worlds)
 
@@ -190,7 +190,7 @@ def test_two_simulators_with_the_same_robot_both_say_so_and_keep_to_their_own() 
     for _ in both.run(1.0):
         pass
     for world, x in zip(both.worlds, (0.0, 3.0), strict=True):
-        (sentence,) = world.others.problems(both.utime)
+        (sentence,) = world.remote_robots.problems(both.utime)
         assert "publishes robot 10, too" in sentence
         robot = world.view.robot(10)
         assert robot is not None
@@ -198,15 +198,15 @@ def test_two_simulators_with_the_same_robot_both_say_so_and_keep_to_their_own() 
     both.network.joined = False
     for _ in both.run(3.0):
         pass
-    assert not any(world.others.problems(both.utime) for world in both.worlds)
+    assert not any(world.remote_robots.problems(both.utime) for world in both.worlds)
 
 
 def test_a_simulator_alone_takes_its_own_messages_for_nobody_elses() -> None:
     both = Shards((world_of(standing(10), standing(11)), world_of()))
     for utime in both.run(2.0):
-        assert not both.worlds[0].others.problems(utime)
-    assert both.worlds[0].others.robots(both.utime).robot_id == ()
-    assert both.worlds[1].others.robots(both.utime).robot_id == (10, 11)
+        assert not both.worlds[0].remote_robots.problems(utime)
+    assert both.worlds[0].remote_robots.robots(both.utime).robot_id == ()
+    assert both.worlds[1].remote_robots.robots(both.utime).robot_id == (10, 11)
 
 
 def test_a_real_robot_is_estimated_by_the_simulator_that_was_told_to_and_shown_by_all() -> None:
@@ -220,7 +220,7 @@ def test_a_real_robot_is_estimated_by_the_simulator_that_was_told_to_and_shown_b
         robot = world.view.robot(0)
         assert robot is not None
         assert (robot.origin, robot.state.x, robot.state.y) == (REAL, 1.0, 2.0)
-        assert not world.others.problems(both.utime)
+        assert not world.remote_robots.problems(both.utime)
 
 
 # One message after another
@@ -234,7 +234,7 @@ def message(robot: Robot) -> Any:
 
 
 def test_a_message_that_was_overtaken_changes_nothing() -> None:
-    others = Others(())
+    others = RemoteRobots(())
     newest = others.handle(EPOCH, message(HERE._replace(utime=EPOCH + 1)))
     assert newest is not None
     assert others.handle(EPOCH, message(HERE._replace(state=RobotState.at_rest(7.0)))) is None
@@ -243,7 +243,7 @@ def test_a_message_that_was_overtaken_changes_nothing() -> None:
 
 
 def test_a_robot_not_heard_of_for_a_second_is_shown_no_more() -> None:
-    others = Others(())
+    others = RemoteRobots(())
     others.handle(EPOCH, message(HERE))
     assert others.robots(EPOCH + LOST).robot_id == (10,)
     assert others.robots(EPOCH + LOST + 1).robot_id == ()
@@ -251,7 +251,7 @@ def test_a_robot_not_heard_of_for_a_second_is_shown_no_more() -> None:
 
 @pytest.mark.parametrize(("ahead", "said"), [(3_000_000, "1 s ahead of"), (-3_000_000, "1 s behind")])
 def test_another_clock_is_told_and_its_robots_are_not_shown(ahead: int, said: str) -> None:
-    others = Others(())
+    others = RemoteRobots(())
     assert others.handle(EPOCH, message(HERE._replace(utime=EPOCH + ahead))) is None
     assert others.robots(EPOCH).robot_id == ()
     (sentence,) = others.problems(EPOCH)
@@ -261,7 +261,7 @@ def test_another_clock_is_told_and_its_robots_are_not_shown(ahead: int, said: st
 
 
 def test_robots_in_one_message_with_ones_own_are_shown_and_ones_own_are_not() -> None:
-    others = Others((10,))
+    others = RemoteRobots((10,))
     (both,) = world_messages(EPOCH, [HERE, HERE._replace(robot_id=11)])
     news = others.handle(EPOCH, both)
     assert news is not None

@@ -25,7 +25,7 @@ from cmr.recordings.signal import Floats
 VECTORS = 24  # random sign vectors: a gain is predicted to 30 %
 SURELY = 3.0  # times the predicted gain: exceeded in one case of ten thousand
 MOST = 128  # laws for which the observer runs
-ABREAST = 64  # formulas multiplied in one batch
+SIMD_WIDTH = 64  # formulas multiplied in one batch
 Formula = tuple[tuple[str, ...], tuple[tuple[str, float], ...]]  # its factors, and the constants in them
 Kind = tuple[tuple[str, ...], bool]  # of formulas: the places that use them, and whether they are of wheels
 
@@ -107,9 +107,9 @@ class Foreseen:
         result = np.zeros((len(formulas), len(sides), len(places) * (VECTORS + 1)))
         for number, side in enumerate(sides):
             for k, weights in enumerate(self._weights(places, number)):
-                courses = np.empty((ABREAST, len(weights)), np.float32)
-                for first in range(0, len(formulas), ABREAST):
-                    some = formulas[first : first + ABREAST]
+                courses = np.empty((SIMD_WIDTH, len(weights)), np.float32)
+                for first in range(0, len(formulas), SIMD_WIDTH):
+                    some = formulas[first : first + SIMD_WIDTH]
                     for row, (factors, constants) in enumerate(some):
                         courses[row] = self.model.course(k, side, factors, dict(constants))
                     result[first : first + len(some), number] += courses[: len(some)] @ weights

@@ -110,10 +110,10 @@ def _lines(rest: Rest, signal: int) -> Sequence[float]:
     if step <= 0.0:
         return []
     number = np.round((time - time[0]) / step).astype(np.int64)
-    raster: Floats = np.zeros(int(number.max()) + 1)
-    raster[np.clip(number, 0, len(raster) - 1)] = white
-    power = np.abs(np.fft.rfft(raster)) ** 2
-    frequency = np.fft.rfftfreq(len(raster), step)
+    grid: Floats = np.zeros(int(number.max()) + 1)
+    grid[np.clip(number, 0, len(grid) - 1)] = white
+    power = np.abs(np.fft.rfft(grid)) ** 2
+    frequency = np.fft.rfftfreq(len(grid), step)
     power[(frequency < SLOWEST) | (frequency > FASTEST)] = 0.0
     usual = float(np.mean(power[power > 0.0])) if np.any(power > 0.0) else 0.0
     lines: list[float] = []

@@ -23,7 +23,7 @@ from cmr.estimation.laws.linearised import SIDES, Linearised, is_of_wheels, seen
 from cmr.estimation.laws.rest import Indices, Rest
 from cmr.recordings.signal import Floats
 
-ABREAST = 32  # traces observed in one batch
+SIMD_WIDTH = 32  # traces observed in one batch
 LEAST_OWN = 3e-4  # share of a trace's square orthogonal to the model's parameters; with less, they can imitate it
 NOTHING = 1e-9  # white errors squared: a smaller change means that a law has no effect
 
@@ -75,7 +75,7 @@ def _chunks(laws: Sequence[Candidate]) -> Iterator[list[Candidate]]:
     count = 0
     for one in laws:
         width = one.count * (2 if is_of_wheels(one.place) else 1)
-        if chunk and count + width > ABREAST:
+        if chunk and count + width > SIMD_WIDTH:
             yield chunk
             chunk, count = [], 0
         chunk.append(one)

@@ -24,7 +24,7 @@ from cmr.processes.children import Children
 from cmr.processes.job import EMULATOR, PILOT, RECORDER, SIM, Job
 from cmr.processes.requests import requests_of
 from cmr.processes.supervisor import Supervisor
-from cmr.world.others import named
+from cmr.world.remote_robots import named
 
 RATE = 20.0  # Hz
 START_UP = 240.0  # s for all robots and processes to be ready, on a slow computer that compiles the robot model

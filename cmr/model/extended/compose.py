@@ -28,7 +28,7 @@ from cmr.model.parameters import ParameterDefinition
 # Robots side by side; the distance between rows is a compile-time constant, so the compiler knows that they do not
 # overlap.
 LANES = 16
-ABREAST = 8  # robots per widest SIMD register
+SIMD_WIDTH = 8  # robots per widest SIMD register
 COMMANDS = ("command_left", "command_right", "left_before", "right_before")
 # The rows common to all robots, before memory: see `Layout`.
 ALWAYS = ("dt", *COEFFICIENTS, *_PAPER, *COMMANDS, *CHANGED)
@@ -54,7 +54,7 @@ FUNCTIONS = '''
 
 @compiled("void(f8[::1], f8[::1], i8[::1], i8)")
 def step(rows, work, varying, lanes):
-    """Let a step pass for the first `lanes` robots of each block: all, or as many as ABREAST goes into.
+    """Let a step pass for the first `lanes` robots of each block: all, or as many as SIMD_WIDTH goes into.
 
     How long it is, each robot has in its row DT, with the coefficients that go with it.
     """

@@ -5,7 +5,6 @@ They are compiled once, whatever effects there are, and call the composed functi
 
 from cmr.model.compiled import call, compiled, inlined, part
 from cmr.model.extended.compose import (
-    ABREAST,
     ANGLE_LEFT,
     ANGLE_RIGHT,
     COMMAND_LEFT,
@@ -13,6 +12,7 @@ from cmr.model.extended.compose import (
     LANES,
     PSI_LEFT,
     PSI_RIGHT,
+    SIMD_WIDTH,
     THETA,
     TIME,
     X,
@@ -99,12 +99,12 @@ def observe(
         block = Block(
             first=begins,
             lanes=lanes,
-            filled=(lanes + ABREAST - 1) // ABREAST * ABREAST,
+            filled=(lanes + SIMD_WIDTH - 1) // SIMD_WIDTH * SIMD_WIDTH,
             robots=robots,
             here=robots.rows[number * stride : (number + 1) * stride],
             yaw_rates=robots.work[size : size + 3 * LANES],  # with `size + i`, each index is checked for being negative
             profile=candidates.profile[begins:ends],
-            luck=candidates.luck[begins:ends],
+            streams=candidates.streams[begins:ends],
             buffers=buffers,
         )
         _prepare(block, candidates.numbers, dt)
@@ -223,7 +223,7 @@ def _send(block: Block, model: Model, commands: CommandRows, step: int, number: 
     for side in range(2):
         first, last = known(duties[FIRST + side], 0.0), known(duties[LAST + side], 0.0)
         duty[side] = last + duties[SPLIT] * (first - last)
-    send(model.equations.packet, here, len(here), duty, block.luck, seed, number, packets, ring, number, dt)
+    send(model.equations.packet, here, len(here), duty, block.streams, seed, number, packets, ring, number, dt)
 
 
 @part

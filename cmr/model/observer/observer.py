@@ -100,14 +100,14 @@ def observe(
     gains: Gains,
     *,
     seed: int = 0,
-    luck: NDArray[np.int64] | None = None,
+    streams: NDArray[np.int64] | None = None,
 ) -> Innovations:
     """Observe a drive with C candidates.
 
-    `values` maps names of parameters, the paper's and those of effects, to numbers or arrays (C,). `seed` and `luck`
+    `values` maps names of parameters, the paper's and those of effects, to numbers or arrays (C,). `seed` and `streams`
     (C,) determine random numbers. Raises KeyError for an unknown parameter.
     """
-    return Observer(values, gains).observe(observations, seed=seed, luck=luck)
+    return Observer(values, gains).observe(observations, seed=seed, streams=streams)
 
 
 class Observer:
@@ -130,10 +130,10 @@ class Observer:
         self._numbers = np.stack([self._each(row)[lanes] for row in given])
 
     def observe(
-        self, observations: Observations, *, seed: int = 0, luck: NDArray[np.int64] | None = None
+        self, observations: Observations, *, seed: int = 0, streams: NDArray[np.int64] | None = None
     ) -> Innovations:
         """Observe a drive; see `observe`."""
-        return self.observe_all(Drives.of([observations]), seed=seed, luck=luck)
+        return self.observe_all(Drives.of([observations]), seed=seed, streams=streams)
 
     def observe_each(self, observations: Sequence[Observations], continued: Sequence[bool]) -> list[Innovations]:
         """Observe several drives, with or without commands; `continued` is that of `Drives`."""
@@ -144,16 +144,16 @@ class Observer:
             result += _split(self.observe_all(drives), drives)
         return result
 
-    def observe_all(self, drives: Drives, *, seed: int = 0, luck: NDArray[np.int64] | None = None) -> Innovations:
+    def observe_all(self, drives: Drives, *, seed: int = 0, streams: NDArray[np.int64] | None = None) -> Innovations:
         """Observe several drives; what comes back has the rows of each, one drive after another.
 
-        Either all drives have commands or none has. Each has the same `seed` and `luck`; see `observe`.
+        Either all drives have commands or none has. Each has the same `seed` and `streams`; see `observe`.
         """
         count = self._count
         candidates = self._rolling if len(drives.recorded.readings.given) else self._driven
-        commands, profile, luck = self._commands(drives, seed, luck)
+        commands, profile, streams = self._commands(drives, seed, streams)
         at_rest, robots = candidates.rows.copy(), candidates.begun(np.zeros((len(START), count)), 0.0).arguments
-        candidate_rows = CandidateRows(robots, at_rest, self._numbers, profile, luck)
+        candidate_rows = CandidateRows(robots, at_rest, self._numbers, profile, streams)
         result, model, compiled = _to_fill(drives, count), self._compiled_model, loops.observe
 
         def observe_blocks(first: int, last: int) -> None:
@@ -168,13 +168,13 @@ class Observer:
             in_two_threads(observe_blocks, count_of_blocks)
         return result
 
-    def _commands(self, drives: Drives, seed: int, luck: Indices | None) -> tuple[CommandRows, Indices, Indices]:
-        """Return the commands of the drives, and for each lane the number of its profile, and its luck."""
+    def _commands(self, drives: Drives, seed: int, streams: Indices | None) -> tuple[CommandRows, Indices, Indices]:
+        """Return the commands of the drives, and for each lane the number of its profile, and its random stream."""
         delays, chosen, ring = fixed_delays(self._values), np.zeros(len(self._lanes), np.int64), 0
         if delays is None:
             longest = int(np.max(np.diff(drives.recorded.ends.steps)))
             ring = self._model.packets_under_way(self._values, np.full(longest, drives.dt))
-            chosen = chosen if luck is None else np.asarray(luck, np.int64)[self._lanes]
+            chosen = chosen if streams is None else np.asarray(streams, np.int64)[self._lanes]
             delays = np.zeros(1)
         delays, which = np.unique(np.broadcast_to(delays, self._count), return_inverse=True)
         profiles = np.stack([drives.profile(float(delay)) for delay in delays])

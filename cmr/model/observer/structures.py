@@ -46,7 +46,7 @@ class Model(NamedTuple):
 class CandidateRows(NamedTuple):
     """Candidates in blocks; `at_rest` are the blocks with all rows, from which each drive starts.
 
-    `numbers`, (rows, lanes), are the rows of `own` from GAIN_ANGLE on; `profile` and `luck`, (lanes,), the number of
+    `numbers`, (rows, lanes), are the rows of `own` from GAIN_ANGLE on; `profile` and `streams`, (lanes,), the number of
     the candidate's profile of commands, and the one that determines its random numbers.
     """
 
@@ -54,7 +54,7 @@ class CandidateRows(NamedTuple):
     at_rest: Floats
     numbers: Floats
     profile: Indices
-    luck: Indices
+    streams: Indices
 
 
 class CommandRows(NamedTuple):
@@ -139,7 +139,7 @@ class Buffers(NamedTuple):
 class Block(NamedTuple):
     """A block of candidates: `lanes` ones from number `first` on, for which the first `filled` lanes are computed.
 
-    `here` are its rows of `robots`, `yaw_rates` those of its last step; `profile` and `luck` are those of its lanes.
+    `here` are its rows of `robots`, `yaw_rates` those of its last step; `profile` and `streams` are those of its lanes.
     """
 
     first: int
@@ -149,7 +149,7 @@ class Block(NamedTuple):
     here: Floats
     yaw_rates: Floats
     profile: Indices
-    luck: Indices
+    streams: Indices
     buffers: Buffers
 
 

@@ -23,7 +23,7 @@ MOST_GROUPS = 1_000  # different sets of robots in a message; only senders that 
 MOST_NAMED = 5  # robots in a sentence
 
 
-class Others:
+class RemoteRobots:
     """The robots of other simulators; `own` are the ids of this simulator's, to which `claim` adds.
 
     Call `sent` for each message that this simulator publishes; `handle` receives WORLD_STATE, including its own
