@@ -6,12 +6,18 @@ from tests.investigation.investigated import InvestigatedCase, investigated
 
 pytestmark = pytest.mark.slow
 
+SEED = 1000
+HIDDEN = (
+    *("battery_sag", "coulomb_friction", "motor_gain_asymmetry", "slew_limit", "command_delay", "backlash"),
+    *("wheel_radius_asymmetry", "turn_slip", "gyro_bias", "gyro_scale", "gyro_latency", "pose_offset"),
+)
 
-@pytest.mark.further  # through the command: test_command.py
-def test_a_hidden_effect_is_named_and_nothing_else() -> None:
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_a_hidden_effect_is_named_and_nothing_else(effect: str) -> None:
     """The right name and no other, and the robot never left the floor."""
-    outcome = investigated(InvestigatedCase(("battery_sag",), seed=1000), until_named="battery_sag")
-    assert list(outcome.named) == ["battery_sag"]
+    outcome = investigated(InvestigatedCase((effect,), seed=SEED), until_named=effect)
+    assert list(outcome.named) == [effect]
     assert outcome.within > 0.0
 
 

@@ -30,7 +30,7 @@ def test_the_parameters_of_the_emulators_own_robot_are_within_their_intervals(ha
         assert estimate.std < 0.01 * true
 
 
-@pytest.mark.parametrize("effect", further("motor_heating", "wheel_wobble", "gyro_bias", "command_loss"))
+@pytest.mark.parametrize("effect", ["command_loss", *further("motor_heating", "wheel_wobble", "gyro_bias")])
 def test_lost_replies_slow_adapters_and_a_busy_computer_hide_nothing(effect: str, tmp_path: Path) -> None:
     """Stamps of a gyro that numbers no readings, gaps in the log, small effects beside this one, and commands as far
     apart as readings of the wheels each hid one.
