@@ -72,7 +72,6 @@ def steer(
             _confirm(pilot, confirmed)
             waiting_for = _command(process, pilot, claim, utime)
             process.publish_all((stream, pilot.robot_id, message) for stream, message in pilot.tell(utime))
-            process.parameters_sha256 = pilot.parameters_sha256
             _report(process, pilot, waiting_for, tell())
             if behaviour.finished:
                 break
@@ -135,7 +134,8 @@ def _command(process: Process, pilot: Pilot, claim: Claim, utime: int) -> str:
 
 
 def _report(process: Process, pilot: Pilot, waiting_for: str, told: str) -> None:
-    """Report what the robot waits for, refusals, waiting parameters, and `told`."""
+    """Report the parameters in use, what the robot waits for, refusals, waiting parameters, and `told`."""
+    process.parameters_sha256 = pilot.parameters_sha256
     new = f"{pilot.new_parameters} {CONFIRMING.format(pid=os.getpid())}" if pilot.new_parameters else ""
     waiting = f"Waiting for {waiting_for}." if waiting_for else pilot.parameters.message
     sentences = [pilot.left_fence or waiting, pilot.gate.problem(), new]
