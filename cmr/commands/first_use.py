@@ -187,7 +187,7 @@ def _load_emulator() -> None:
 def _load_observer() -> None:
     """Load what compares the model with recorded sensors."""
     from cmr.model.observer import loops
-    from cmr.model.observer.sensing import sensing
+    from cmr.model.observer.sensor_effects import sensing
 
     sensing(())
     _load_one(loops.observe)

@@ -13,7 +13,7 @@ from cmr.estimation.prediction import POSE_SIGNALS, WHEELS, Batch, Errors, Predi
 from cmr.model.observer.observer import Gains, Observer
 from cmr.recordings.signal import Floats
 
-USUAL_ANGLE, USUAL_POSE = 0.2, 0.15  # gains while the other one is chosen
+USUAL_ANGLE, USUAL_POSE = 0.2, 0.15  # gain of each sensor while that of the other is chosen
 ANGLES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)  # gains for a wheel's angle error
 POSES = (0.05, 0.1, 0.15, 0.25, 0.4, 0.6, 1.0)  # gains for a pose's error
 COARSE = 2.0 * np.pi / 100.0  # rad; ticks that are larger are coarse

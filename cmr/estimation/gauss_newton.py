@@ -24,7 +24,7 @@ SETTLED = 0.1  # of the sum of squares: steps with a smaller predicted reduction
 KEPT, LEAST_KEPT = 0.5, 0.05
 WORTH_A_DETOUR = 5.0  # of the sum of squares: if a smaller predicted reduction fails, the sum is merely rough
 DAMPINGS, SHARES = (1e-9, 1e-3, 3e-2, 0.5), (1.0, 0.6, 0.25, 0.06)  # of the steps tested at once
-LONG_STRIDE = 6.0  # times the usual stride of the slopes, after a step that did not help
+LONG_STRIDE = 6.0  # times the usual stride of the slopes, after a step without improvement
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ SPANS = {
 }
 LARGEST_PAST = 1.0 / 6.0  # of the usual segment: errors are predicted from at most so long a past
 RIDGE = 1e-6  # of the variance: keeps the model of an error-free signal solvable
-LEAST_SIZE = 1e-9  # of an error-free signal
+LEAST_SIZE = 1e-9  # smallest noise, also of an error-free signal
 LONGEST_GAP = 10  # readings; beyond this, the error of a wheel does not grow further
 RARE = 0.01  # of errors: too few to estimate their size
 ROUNDS = 3  # of reweighted least squares

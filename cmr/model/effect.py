@@ -45,12 +45,12 @@ class Effect:
     "gyro", has one parameter: the additional age of readings [s]. `rarity` is how much more it must reduce the sum of
     squares to be preferred to another effect; to be named at all, twice that. One that is `in_data_sheets` is hardly
     ever wrong: it must explain clearly more than the effect it replaces. An effect `by_chance` is visible in the spread
-    of readings, not in their mean, and has on average the effect of the parameters in `on_average`, each times its own
-    size. One `read_off` the data is not fitted either. One `of_one_frame` depends on positions or headings in one world
-    frame: it is not detectable if each piece of a recording has its own frame. `same_without` maps the names of other
-    effects, or of the paper's parameters, to readings ("commands", "wheels", "gyro"): where none of these was recorded,
-    nothing distinguishes it from the other. `seems_like` lists latencies: with an effect of some seconds, robots move
-    nearly as if each of these were so much longer.
+    of readings, not in their mean, and is not fitted; on average it adds its size, times the number in `on_average`, to
+    each parameter named there. The size of one that is `read_off` the data is not fitted either. One `of_one_frame`
+    depends on positions or headings in one world frame: it is not detectable if each piece of a recording has its own
+    frame. `same_without` maps the names of other effects, or of the paper's parameters, to the readings that
+    distinguish the two ("commands", "wheels", "gyro"). An effect of t seconds moves a robot nearly as if each latency
+    in `seems_like` were t longer.
     """
 
     name: str

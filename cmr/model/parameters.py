@@ -13,19 +13,19 @@ Quantity: TypeAlias = "float | NDArray[np.float64]"  # a number, or one for each
 Numeric: TypeAlias = Any  # either of them; a union would need type checks in every caller
 Number = TypeVar("Number", float, "NDArray[np.float64]")  # the same, with the result of the same kind as the argument
 
-# What a parameter of an effect is, on which the diagnosis decides how to look for it.
+# The kinds of parameters of effects; they determine how the diagnosis searches for an effect.
 KINDS: Mapping[str, str] = {
-    "size": "what the effect does is nearly proportional to it",
-    "threshold": "the effect is there on one side of it only",
-    "delay": "time [s] by which commands or readings are late; hardly any are early",
-    "angle": "an angle [rad] that may have any value",
-    "stretch": "share by which positions are stretched, per squared distance [1/m^2]",
-    "acceleration": "a limit of the wheels' acceleration, in duty/s, or in duty if it is one of currents",
-    "yaw_rate": "a limit of the yaw rate [rad/s]: the robot was never seen to turn faster",
-    "time": "when the effect begins [s]",
-    "x": "centre of the disc within which the effect is there [m]",
-    "y": "centre of the disc [m]",
-    "radius": "radius of the disc [m]",
+    "size": "the consequences of the effect are nearly proportional to it",
+    "threshold": "the effect acts on one side of this value only",
+    "delay": "delay [s] of commands or readings; it is hardly ever negative",
+    "angle": "an angle [rad] of any value",
+    "stretch": "relative stretch of positions per squared distance [1/m^2]",
+    "acceleration": "a limit of the wheels' acceleration [duty/s], or of the motor current [duty]",
+    "yaw_rate": "a limit of the yaw rate [rad/s], above the fastest measured turn",
+    "time": "start time of the effect [s]",
+    "x": "x of the centre of the disc in which the effect acts [m]",
+    "y": "y of the same centre [m]",
+    "radius": "radius of that disc [m]",
 }
 
 

@@ -145,7 +145,7 @@ AGAINST_THE_ORDER = {
     ("cmr.model.motion", "cmr.model.fleet"): "drive() imports Numba, for which who never simulates does not wait",
     ("cmr.world.behaviours.paths", "cmr.world.behaviours.path_following"): "compiled loops, which import Numba",
 }
-# Modules that import by a name that is not written in the call, and where the name comes from.
+# Modules that import a module by a computed name, and the source of that name.
 BY_COMPUTED_NAME = {
     "cmr": "the table of what `import cmr` offers",
     "cmr.cli.start": "the command's own entry, which names a module",

@@ -19,11 +19,11 @@ from cmr.model.observer.observer import MOTION
 from cmr.recordings.signal import Floats, Mask
 
 MOST_NUMBERS = 4_000_000  # white errors times columns that are held at once
-FEWEST_COLUMNS, MOST_COLUMNS = 12, 64  # that are made white at once
+FEWEST_COLUMNS, MOST_COLUMNS = 12, 64  # whitened at once
 OWN = 0.03  # share of a disturbance's traces that must be orthogonal to the model
 ALIKE = 1e-2  # of the largest: directions of a term that hardly differ from its others do not count
-NOTHING = 1e-6  # white errors squared below which a term shows nothing
-FEW_BLOCKS = 3  # of time that a term must not depend on
+NOTHING = 1e-6  # least sum of squared white errors that a term must cause
+FEW_BLOCKS = 3  # blocks of time without which a term must still hold
 JERKY = 2.0  # standard deviations by which a yaw rate may jump between two steps
 DROP_PER_COEFFICIENT, LEAST_DROP = 1.0, 12.0  # a smaller drop may be chance, whatever else supports the term
 

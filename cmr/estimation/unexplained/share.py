@@ -12,7 +12,7 @@ from cmr.estimation.noise import Noise, SignalNoise
 from cmr.estimation.prediction import Predictor
 from cmr.recordings.signal import Floats
 
-NOTHING = 1e-300  # keeps a share of nothing finite
+NOTHING = 1e-300  # smallest denominator: the share of an empty sum stays finite
 
 
 def share_predicted(

@@ -55,7 +55,7 @@ from cmr.model.observer.helpers import (
     not_split,
     turn_wheels,
 )
-from cmr.model.observer.reading import move_gyro, move_pose, read_encoders, read_gyro, read_pose
+from cmr.model.observer.ideal_sensors import move_gyro, move_pose, read_encoders, read_gyro, read_pose
 from cmr.model.observer.structures import (
     BUFFERS,
     CANDIDATE_ROWS,

@@ -31,7 +31,7 @@ from cmr.model.observer import loops
 from cmr.model.observer.commanding import split_steps
 from cmr.model.observer.drives import Drives
 from cmr.model.observer.helpers import GAIN_ANGLE, PAST_ROWS
-from cmr.model.observer.sensing import Sensing, parameters_read, sensing, sensor_laws
+from cmr.model.observer.sensor_effects import Sensing, parameters_read, sensing, sensor_laws
 from cmr.model.observer.structures import Buffers, CandidateRows, CommandRows, Indices, Innovations, Model
 from cmr.model.parameters import Quantity
 

@@ -19,10 +19,10 @@ Flags = NDArray[np.uint8]
 
 
 class Sensors(NamedTuple):
-    """The effects of sensors, as addresses of functions composed by `sensing`.
+    """The effects of sensors, as addresses of functions composed by `sensor_effects`.
 
     Each function changes rows of a block's `own` at a stamped `time` [s], in the first `lanes` lanes. `gyro_moves` and
-    `pose_moves` are whether readings depend on further motion of the robot, which is computed only then.
+    `pose_moves` say whether readings depend on the robot's speed or place as well, which are computed only then.
     """
 
     gyro_time: Callable[[Floats, float, int], None]

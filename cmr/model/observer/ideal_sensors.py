@@ -1,4 +1,4 @@
-"""What ideal sensors read of the history of steps; compiled into the observer's loops."""
+"""Readings of ideal sensors, from the history of steps; compiled into the observer's loops."""
 
 from math import inf
 

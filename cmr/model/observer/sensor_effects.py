@@ -1,7 +1,7 @@
 """Compose the effects of sensors: functions that turn the motion in a block's `own` into readings.
 
-Only the statements of effects are composed. The loops around them (`loops`, `reading`) are compiled once, whatever
-effects and laws there are, and call these functions by their addresses.
+Only the statements of effects are composed. The loops around them (`loops`, `ideal_sensors`) are compiled once, for all
+effects and laws, and call these functions by their addresses.
 """
 
 import ast
@@ -20,7 +20,7 @@ from cmr.model.observer.helpers import SENSORS
 from cmr.model.observer.structures import Sensors
 from cmr.model.parameters import DEFINITIONS as PAPER
 
-SOURCE = '''"""Composed by cmr.model.observer.sensing: do not edit, it is written again whenever an effect changes."""
+SOURCE = '''"""Composed by cmr.model.observer.sensor_effects. Do not edit: it is rewritten when an effect changes."""
 
 from math import inf, pi, sqrt
 
@@ -97,7 +97,7 @@ def sensor_laws(effects: Sequence[Effect]) -> tuple[str, ...]:
 
 @remembered
 def parameters_read(laws: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the parameters that effects of sensors, of laws these, may read: the paper's, then theirs.
+    """Return the parameters that effects of sensors and these laws may read: the paper's, then their own.
 
     They are the rows of `own` from SENSORS on.
     """
@@ -113,7 +113,7 @@ class Sensing(NamedTuple):
 
 @remembered
 def sensing(laws: tuple[str, ...]) -> Sensing:
-    """Return the effects of sensors: all those of the catalogue, of laws these."""
+    """Return the compiled effects of sensors: those of the catalogue, and these laws."""
     effects = _effects(laws)
     module = composed_module(lambda: _source(laws), effects)
     sensors = Sensors(
